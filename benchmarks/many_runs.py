@@ -56,13 +56,13 @@ def timed(plant: Path) -> Timing:
     from sysid.fitting.compiled import jax_module
     from sysid.mission.monte_carlo.agreement import agreement
     from sysid.mission.monte_carlo.chunks import Runner, chunks
-    from sysid.mission.monte_carlo.draws import run_seeds
+    from sysid.mission.monte_carlo.sampler import run_seeds
     from sysid.mission.monte_carlo.workers import threaded
 
     setup = _setup(plant)
     jax_module().config.update("jax_enable_compilation_cache", False)
     runner, seeds = Runner.of(setup), run_seeds(0, RUNS)
-    parts = chunks(setup, seeds, runner.compiled[0].lanes)
+    parts = chunks(setup, seeds, runner.compiled[0].batch_size)
     start = process_time()
     runner.run(parts[0])
     first = process_time() - start

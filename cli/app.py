@@ -15,7 +15,7 @@ from . import compare, diagnose, excite, fit, inspect, models, structures
 from .cosim import plant
 from .exporting import export, verify
 from .field_options import Command, every_command
-from .missions import estimate, plan, simulate, tune
+from .missions import localize, plan, simulate, tune
 from .testbench import motor, pendulum, power
 from .testbench.group import bench
 from .vehicles import fit_vehicle, soil, vehicle
@@ -41,7 +41,7 @@ for _command in (
     simulate.simulate,
     plant.plant,
     tune.tune,
-    estimate.estimate,
+    localize.localize,
     diagnose.diagnose,
     vehicle.vehicle,
     fit_vehicle.fit_vehicle,
@@ -65,7 +65,7 @@ def root(
     context: typer.Context,
     workspace: Annotated[
         Path | None,
-        typer.Option("--workspace", metavar="DIR", help="As of the command that follows."),
+        typer.Option("--workspace", metavar="DIR", help="Workspace folder."),
     ] = None,
     debug: Annotated[bool, typer.Option("--debug", help="Show where an error arose.")] = False,
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
@@ -88,8 +88,8 @@ def root(
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit code.
 
-    0 done, 1 the data or the model cannot serve, 2 wrong use, 130 interrupted. Whatever goes
-    wrong is one sentence on stderr; ``--debug`` anywhere on the line shows the traceback instead.
+    0 done, 1 data or model not usable, 2 wrong use, 130 interrupted. Every failure is one sentence
+    on stderr; ``--debug`` anywhere on the line shows the traceback instead.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     options = arguments[: arguments.index("--")] if "--" in arguments else arguments
@@ -138,33 +138,33 @@ def _command_of(whole: Any, arguments: list[str]) -> tuple[Any, str, list[str]]:
 
 
 def _sentence(error: Exception) -> tuple[str, int]:
-    """What to tell the user about an exception, and the exit code."""
+    """The sentence for an exception, and the exit code."""
     if isinstance(error, SysidError):
         return str(error), error.exit_code
     if isinstance(error, _WRONG_USE):
         return _wrong_use(error), 2
     if isinstance(error, MemoryError):
-        return "the memory is not enough for this; use less data or lower orders", 1
+        return "out of memory; use less data or lower orders", 1
     detail = " ".join(str(error).split())
     what = f"{type(error).__name__}: {detail}" if detail else type(error).__name__
-    advice = "run the same command with --debug to see where, and report it"
-    return f"something unexpected went wrong ({what}); {advice}", 1
+    advice = "run the command again with --debug and report the traceback"
+    return f"unexpected error ({what}); {advice}", 1
 
 
 def _wrong_use(error: Any) -> str:
-    """What click has to say, as one sentence that names the command."""
+    """The message of click as one sentence that names the command."""
     command = error.ctx.command_path if error.ctx is not None else "sysid"
-    said = " ".join(error.format_message().split()).rstrip(".")
-    said = said.replace("Value error, ", "").partition(", unable to parse")[0]
-    said = said.replace("Input should", f"{_wrong_value(error)} should")
-    return f"{said}; see `{command} --help`"
+    message = " ".join(error.format_message().split()).rstrip(".")
+    message = message.replace("Value error, ", "").partition(", unable to parse")[0]
+    message = message.replace("Input should", f"{_wrong_value(error)} should")
+    return f"{message}; see `{command} --help`"
 
 
 def _wrong_value(error: Any) -> str:
-    """What was given, where the check of a number says only what was expected."""
+    """The value given, where the check of a number states only the value expected."""
     checks = getattr(error.__cause__, "errors", None)
-    found = checks() if callable(checks) else []
-    return repr(found[0]["input"]) if found and "input" in found[0] else "the value"
+    details = checks() if callable(checks) else []
+    return repr(details[0]["input"]) if details and "input" in details[0] else "the value"
 
 
 def _failed(sentence: str, code: int) -> int:
@@ -178,7 +178,7 @@ def _failed(sentence: str, code: int) -> int:
 
 
 def _pipe_closed() -> int:
-    """Whoever read our output has gone (``| head``): end without a word, as others do."""
+    """The reader of the output has gone (``| head``): end silently, as other tools do."""
     nothing = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         os.dup2(nothing, stream.fileno())

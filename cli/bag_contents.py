@@ -1,4 +1,4 @@
-"""What ``sysid inspect`` shows of a bag without a mapping: topics, and a line to paste."""
+"""Topics of a bag without a mapping, and a command to paste, for ``sysid inspect``."""
 
 import shlex
 from pathlib import Path
@@ -20,22 +20,22 @@ def show_bag(path: Path, json: bool) -> None:
     from sysid.data.bags.proposal import propose
 
     with render.progress(f"Looking into {path.name}"):
-        found = read_contents(path)
-        likely = propose(found)
-    command = None if likely is None else command_of(path, likely)
+        contents = read_contents(path)
+        proposed = propose(contents)
+    command = None if proposed is None else command_of(path, proposed)
     if json:
-        proposal = None if likely is None else likely.summary() | {"command": command}
-        render.document(found.summary() | {"proposal": proposal})
+        proposal = None if proposed is None else proposed.summary() | {"command": command}
+        render.document(contents.summary() | {"proposal": proposal})
         return
     render.table(
-        ("topic", "type", "messages", "Hz", "numbers that move"),
-        [(t.name, t.kind, t.count, t.rate, _moving(t)) for t in found.topics],
-        title=f"{found.where}: {len(found.topics)} topics, {found.length:.6g} s",
+        ("topic", "type", "messages", "Hz", "varying fields"),
+        [(t.name, t.kind, t.count, t.rate, _moving(t)) for t in contents.topics],
+        title=f"{contents.where}: {len(contents.topics)} topics, {contents.length:.6g} s",
     )
-    if likely is None or command is None:
-        render.say("No topic looks like a reading that answers a command: name fields with --map.")
+    if proposed is None or command is None:
+        render.say("No measurement follows a command; map fields with --map.")
         return
-    render.say(f"{likely.why}. A fit of it:")
+    render.say(f"{proposed.why}. To fit it:")
     render.say(command)
 
 

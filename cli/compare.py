@@ -1,4 +1,4 @@
-"""``sysid compare``: the workspace's models side by side, ranked by one criterion."""
+"""``sysid compare``: rank the models of the workspace by one criterion."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -28,20 +28,19 @@ if TYPE_CHECKING:
 def compare(
     models: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[MODEL]...", help="Ids; all of the workspace unless given."),
+        typer.Argument(metavar="[MODEL]...", help="Model ids [all of the workspace]."),
     ] = None,
     criterion: Annotated[
         str,
         typer.Option(
             "--criteria",
             metavar="NAME",
-            help=f"What ranks: {', '.join(BUILT_IN)}, or one of another package; a name that "
-            "nobody knows lists all.",
+            help=f"Ranking criterion: {', '.join(BUILT_IN)}, or one of another package.",
         ),
     ] = "fit",
     validation: Annotated[
         list[Path] | None,
-        typer.Option("--val", metavar="LOG", help="Log to judge on. Again for more."),
+        typer.Option("--val", metavar="LOG", help="Validation log; repeatable."),
     ] = None,
     folds: Annotated[
         int | None,
@@ -49,7 +48,7 @@ def compare(
             "--folds",
             metavar="K",
             min=2,
-            help="Also cross-validate: refit on all blocks of the data but one, K times.",
+            help="Also cross-validate with K folds: each model is refitted without one block.",
         ),
     ] = None,
     plot: Annotated[
@@ -68,16 +67,16 @@ def compare(
 
     criterion = known_name(criterion)
     targets.check_picture(plot)
-    place = Workspace(workspace)
-    stored = [place.load(i) for i in dict.fromkeys(models)] if models else place.all()
+    store = Workspace(workspace)
+    stored = [store.load(i) for i in dict.fromkeys(models)] if models else store.all()
     with render.progress("Comparing"):
         data = StoredData()
         contenders = [data.contender(s) for s in stored]
-        held, findings = _validation(stored, validation, read)
-        ranking = rank(contenders, criterion, held, policy)
+        judged_on, findings = _validation(stored, validation, read)
+        ranking = rank(contenders, criterion, judged_on, policy)
     ranking = replace(ranking, notes=(*ranking.notes, *warned(findings)))
     crossed = _cross_validated(ranking, folds)
-    place.remember("best", ranking.best.contender.id)
+    store.remember("best", ranking.best.contender.id)
     if plot is not None:
         from .pictures import draw_ranking
 
@@ -92,7 +91,7 @@ def compare(
 def _validation(
     stored: list[StoredModel], val: list[Path] | None, read: "ReadOptions"
 ) -> "tuple[tuple[tuple[Record, ...], str] | None, tuple[Finding, ...]]":
-    """The validation logs and what there is to say about their reading.
+    """The validation logs and the findings of reading them.
 
     They are read as the newest model's data were unless the line says how.
     """
@@ -100,7 +99,7 @@ def _validation(
 
     if not val:
         if read != ReadOptions():
-            raise UsageError("options of reading a log are for that of --val; name it")
+            raise UsageError("options for reading a log apply to --val only; give --val LOG")
         return None, ()
     from sysid.data.preparation import Preparation, read_prepared
 
@@ -137,20 +136,20 @@ def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path
     shown = "" if about.of_free_run else ranking.criterion
     heads = ["free run %", *(f"{k} step %" for k in ks), "one step %"]
     heads += [f"{next(iter(folds.values())).folds} folds %"] if folds else []
-    told = _told(ranking)
-    cost = ["µs a step"] if told else []
+    kinds = _kinds(ranking)
+    cost = ["µs a step"] if kinds else []
     value = shown.upper() if shown else "RMSE"
     render.table(
         ["model", "orders", "n", *cost, *heads, value, "residuals"],
-        [_row(line, names, folds, shown, bool(told)) for line in ranking.lines],
-        title=f"Ranked by {ranking.criterion}, judged on {ranking.data}",
+        [_row(line, names, folds, shown, bool(kinds)) for line in ranking.lines],
+        title=f"Ranked by {ranking.criterion}, validated on {ranking.data}",
         caption=f"fits of {', '.join(names)}; n: estimated parameters, with initial states; "
         f"initial state: {first.figures['initial_state']}",
     )
     render.say(about.sentence)
-    if told:
-        parts = (f"{', '.join(structures)}: {tells}" for tells, structures in told.items())
-        render.say(f"What can be read off: {'; '.join(parts)}.")
+    if kinds:
+        parts = (f"{', '.join(structures)}: {tells}" for tells, structures in kinds.items())
+        render.say(f"What the models reveal: {'; '.join(parts)}.")
     for sentence in (*ranking.notes, *ranking.excluded.values()):
         render.warn(f"! {sentence}")
     if plot is not None:
@@ -158,15 +157,15 @@ def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path
     render.say(f"Best: {first.contender.id}. Next: sysid export.", "bold")
 
 
-def _told(ranking: "Ranking") -> dict[str, list[str]]:
-    """What can be read off models → the structures it holds for; empty where all tell the same."""
-    found: dict[str, list[str]] = {}
+def _kinds(ranking: "Ranking") -> dict[str, list[str]]:
+    """What models reveal → the structures of that kind; empty where all are of one kind."""
+    kinds: dict[str, list[str]] = {}
     for line in ranking.lines:
         structure = line.contender.model.structure
-        names = found.setdefault(structure.tells, [])
+        names = kinds.setdefault(structure.tells, [])
         if structure.name not in names:
             names.append(structure.name)
-    return found if len(found) > 1 else {}
+    return kinds if len(kinds) > 1 else {}
 
 
 def _row(
@@ -200,11 +199,11 @@ def _cross_validated(ranking: "Ranking", folds: int | None) -> "dict[str, CrossV
         return {}
     from sysid.estimation.selection.cross_validation import cross_validate
 
-    found = {}
+    by_model = {}
     with render.progress("Cross-validating", total=len(ranking.lines)) as tick:
         for line in ranking.lines:
             c = line.contender
             if c.records is not None:
-                found[c.id] = cross_validate(c.model, c.records, folds)
+                by_model[c.id] = cross_validate(c.model, c.records, folds)
             tick(1)
-    return found
+    return by_model

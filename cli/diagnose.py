@@ -1,4 +1,4 @@
-"""``sysid diagnose``: where model and log disagree, what is missing, and the proof once added."""
+"""``sysid diagnose``: localise model errors, select missing effects, validate the new model."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,75 +33,75 @@ def diagnose(
         typer.Option(
             "--model",
             metavar="ID",
-            help="Model to doubt [the workspace's best for these channels, else the plainest].",
+            help="Model to diagnose [the workspace's best for these channels, else a baseline].",
         ),
     ] = None,
     validation: Annotated[
         list[Path] | None,
         fit_options.judging_option(
-            "--val", "LOG", "Log to prove it on; the logs are split unless given. Again for more."
+            "--val", "LOG", "Validation log; without it the logs are split. Again for more."
         ),
     ] = None,
     bench: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="What `sysid bench power -o FILE` measured: effects of battery and bridge are "
-            "looked for near it.",
+            help="Written by `sysid bench power -o FILE`: effects of battery and bridge are sought "
+            "near its values.",
         ),
     ] = None,
     *,
     drive: Driven,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="DIR", help="Where to write [WORKSPACE/diagnosis]."),
+        typer.Option("-o", "--out", metavar="DIR", help="Output folder [WORKSPACE/diagnosis]."),
     ] = None,
     steps: "Preparation",
     read: "ReadOptions",
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
-    """Find where a model and a log disagree, name the missing effect, add it, prove the gap shrank.
+    """Localise the errors of a model on a log, select the missing effects, add and validate them.
 
-    Both models stay in the workspace; diagnosis.json, a page (index.html) and schedules of the
-    experiments that would tell more (next_*.csv) are written to a folder.
+    Both models are kept in the workspace. diagnosis.json, a page (index.html) and schedules of the
+    next experiments (next_*.csv) are written to a folder.
     """
     place = Workspace(workspace)
     if output is not None:
         targets.check(output, "-o")
     folder = _folder(output or place.diagnosis_dir, logs, validation or [])
     if drive.package is not None and model is not None:
-        raise UsageError("--model and --plant both name the model to doubt; give one of them")
+        raise UsageError("--model and --plant both give the model to diagnose; give one of them")
     given = place.load(model) if model is not None else None
     read, steps = as_fitted(given, read, steps)
     data = _estimation_data(logs, read, steps, place, given, drive)
-    held, held_as = _records(validation, data.read, steps) if validation else (None, ())
+    holdout, holdout_findings = _records(validation, data.read, steps) if validation else (None, ())
     files = [str(p.resolve()) for p in logs]
     origin = {"files": files, "read": data.read.to_json(), "prepare": steps.to_json()}
-    judged = judged_on(held or (), validation or ())
-    found = _run(data, held, drive, (*data.findings, *held_as), bench)
-    before, after = keep_models(place, found, data.base, origin, judged)
-    document = write_results(folder, found, before, after)
-    render.document(document) if json else show(found, before, after, folder, validation or ())
+    judged = judged_on(holdout or (), validation or ())
+    result = _run(data, holdout, drive, (*data.findings, *holdout_findings), bench)
+    before, after = keep_models(place, result, data.base, origin, judged)
+    document = write_results(folder, result, before, after)
+    render.document(document) if json else show(result, before, after, folder, validation or ())
 
 
 @dataclass(frozen=True, eq=False)
 class _EstimationData:
-    """The logs as read, and the model that is doubted on them.
+    """The logs as read, and the model to diagnose on them.
 
     Attributes:
         records: one or several a log.
         findings: what there is to say about the reading.
         read: how they were read.
-        base: the stored model that is doubted, if any.
-        doubted: the model, the base's or the plant's; None for the plainest.
+        base: the stored model to diagnose, if any.
+        model: the model to diagnose, the base's or the plant's; None for the baseline.
     """
 
     records: "list[Record]"
     findings: "tuple[Finding, ...]"
     read: "ReadOptions"
     base: StoredModel | None
-    doubted: "Model | None"
+    model: "Model | None"
 
 
 def _estimation_data(
@@ -112,18 +112,18 @@ def _estimation_data(
     given: StoredModel | None,
     drive: Driven,
 ) -> _EstimationData:
-    """The logs, read such that the model to doubt can run on them."""
+    """The logs, read such that the model to diagnose can run on them."""
     if read.resample == "auto":  # an empty reading is one of the things to be found: a dropout
         read = replace(read, resample="hold")
     records, findings = _records(logs, read, steps)
     base = given or (place.best_for(records[0]) if drive.package is None else None)
-    doubted = base.model if base else drive.package.model() if drive.package else None
+    given_model = base.model if base else drive.package.model() if drive.package else None
     slow = read.held == "auto" and any(f.code == "held-telemetry" for f in findings)
-    if slow and not (doubted and doubted.fits_clock(records[0])):
+    if slow and not (given_model and given_model.fits_clock(records[0])):
         # no model at the sensor's rate: repeats are masked, and commands keep their instants
         read = replace(read, held="keep")
         records, findings = _records(logs, read, steps)
-    return _EstimationData(records, findings, read, base, doubted)
+    return _EstimationData(records, findings, read, base, given_model)
 
 
 def _folder(folder: Path, logs: list[Path], val: list[Path]) -> Path:
@@ -151,7 +151,7 @@ def _records(
 
 def _run(
     data: _EstimationData,
-    held: "list[Record] | None",
+    holdout: "list[Record] | None",
     drive: Driven,
     read_as: "tuple[Finding, ...]",
     bench: Path | None,
@@ -160,7 +160,7 @@ def _run(
 
     Args:
         data: what effects are searched on.
-        held: what judges.
+        holdout: validation records.
         drive: the mission and the vehicle.
         read_as: what there is to say about the reading.
         bench: what a bench measured.
@@ -173,22 +173,22 @@ def _run(
     measured = None if bench is None else read_measured(bench)
     for note in drive.package.notes if drive.package else ():
         render.warn(f"! {note}")
-    for record in (*data.records, *(held or ())):
-        if data.doubted is not None:
-            data.doubted.check(record)
+    for record in (*data.records, *(holdout or ())):
+        if data.model is not None:
+            data.model.check(record)
     with render.stages("Diagnosing") as shown:
-        found = diagnose(
+        result = diagnose(
             data.records,
-            held,
-            model=data.doubted,
+            holdout,
+            model=data.model,
             mission=drive.mission,
             geometry=drive.geometry,
             measured=measured,
             progress=shown,
         )
-    said = (*warned(read_as), *found.warnings)
+    said = (*warned(read_as), *result.warnings)
     read = tuple(map(with_options, notes(read_as)))
     if measured:
         keys = [key for key in measured_keys(chain_effects()) if key in measured]
-        read = (*read, f"Looked for near what {bench} measured: {', '.join(keys) or 'nothing'}.")
-    return replace(found, reading=read, warnings=tuple(map(with_options, said)))
+        read = (*read, f"Searched near the values of {bench}: {', '.join(keys) or 'nothing'}.")
+    return replace(result, reading=read, warnings=tuple(map(with_options, said)))

@@ -1,4 +1,4 @@
-"""What ``sysid diagnose`` leaves behind: two models, a document, a page and schedules."""
+"""Results of ``sysid diagnose``: two models, a document, a page and schedules."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,34 +15,34 @@ if TYPE_CHECKING:
 
 def keep_models(
     place: Workspace,
-    found: "Diagnosis",
+    result: "Diagnosis",
     base: StoredModel | None,
     origin: Mapping[str, Any],
     judged: Mapping[str, Any] | None = None,
 ) -> tuple[str, str]:
-    """Keep the models before and after; return their ids.
+    """Keep the original and the augmented model; return their ids.
 
     Args:
         place: the workspace.
-        found: the diagnosis.
-        base: the stored model that was doubted, whose id is then that of the model before.
+        result: the diagnosis.
+        base: the stored model that was diagnosed, whose id is then that of the original model.
         origin: how the data were read, so that they can be read again.
         judged: the logs that judged, as ``judged_on`` of a report holds them.
     """
-    if base is not None and (found.before is base.model or _same(found.before, base.model)):
+    if base is not None and (result.before is base.model or _same(result.before, base.model)):
         before = base.id
     else:
-        before = _keep(place, found.before, found, origin, judged)
-    same = found.after is found.before or _same(found.after, found.before)
-    return before, before if same else _keep(place, found.after, found, origin, judged)
+        before = _keep(place, result.before, result, origin, judged)
+    same = result.after is result.before or _same(result.after, result.before)
+    return before, before if same else _keep(place, result.after, result, origin, judged)
 
 
-def write_results(folder: Path, found: "Diagnosis", before: str, after: str) -> dict[str, Any]:
+def write_results(folder: Path, result: "Diagnosis", before: str, after: str) -> dict[str, Any]:
     """Write schedules, page and document; return the document.
 
     Args:
         folder: where to.
-        found: the diagnosis.
+        result: the diagnosis.
         before, after: ids of the models in the workspace.
 
     Raises:
@@ -51,10 +51,10 @@ def write_results(folder: Path, found: "Diagnosis", before: str, after: str) -> 
     from sysid.data.files import write_atomic
     from sysid.report.html import diagnosis_page
 
-    found = replace(found, next_experiments=_named(found.next_experiments))
-    document: dict[str, Any] = documents.plain(found.to_json(before, after))
-    files = {e.file: schedule_text(e) for e in found.next_experiments if e.file}
-    files["index.html"] = diagnosis_page(found, before, after)
+    result = replace(result, next_experiments=_named(result.next_experiments))
+    document: dict[str, Any] = documents.plain(result.to_json(before, after))
+    files = {e.file: schedule_text(e) for e in result.next_experiments if e.file}
+    files["index.html"] = diagnosis_page(result, before, after)
     files["diagnosis.json"] = documents.text(document)
     for name, content in files.items():
         write_atomic(folder / name, content)
@@ -70,47 +70,47 @@ def schedule_text(experiment: "Experiment") -> str:
 def _named(experiments: "tuple[Experiment, ...]") -> "tuple[Experiment, ...]":
     """Every schedule with a file name of its own, ``next_*.csv``."""
     taken: set[str] = set()
-    found = []
+    named = []
     for k, e in enumerate(experiments, start=1):
         name = Path(e.file).name if e.rows else ""
         if e.rows and (not name or name in taken):
             name = f"next_{k}_{e.effects[0]}.csv" if e.effects else f"next_{k}.csv"
         taken.add(name)
-        found.append(replace(e, file=name))
-    return tuple(found)
+        named.append(replace(e, file=name))
+    return tuple(named)
 
 
 def _keep(
     place: Workspace,
     model: "Model",
-    found: "Diagnosis",
+    result: "Diagnosis",
     origin: Mapping[str, Any],
     judged: Mapping[str, Any] | None,
 ) -> str:
-    report = _report(model, found) | {"judged_on": judged}
+    report = _report(model, result) | {"judged_on": judged}
     options = {"made_by": "diagnose", **origin, **model.provenance.options}
     model = replace(model, provenance=replace(model.provenance, options=options))
     return place.save(model, report).id
 
 
-def _report(model: "Model", found: "Diagnosis") -> dict[str, Any]:
+def _report(model: "Model", result: "Diagnosis") -> dict[str, Any]:
     """The figures that a fit would report, so that the model is listed and compared like one."""
 
     from sysid.estimation.assessment.findings import DataFigures
     from sysid.report.diagnosis_words import free_run_figures
 
     def figures(role: str) -> dict[str, Any] | None:
-        traces = [t for t in found.traces if t.role == role]
+        traces = [t for t in result.traces if t.role == role]
         if not traces:
             return None
-        free = free_run_figures(traces, after=model is not found.before)
+        free = free_run_figures(traces, after=model is not result.before)
         return DataFigures(free, replace(free, horizon=1)).to_json()
 
     return {
         "estimation": figures("estimation") or figures("held-out"),
         "validation": figures("held-out"),
         "criteria": dict(model.criteria),
-        "seconds": found.seconds,
+        "seconds": result.seconds,
         "warnings": list(model.warnings),
     }
 

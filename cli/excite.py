@@ -1,4 +1,4 @@
-"""``sysid excite``: PWM schedules that make a log worth identifying from."""
+"""``sysid excite``: PWM schedules for informative logs."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -39,7 +39,7 @@ def shape(
         float | None, typer.Option(metavar="US", help="Largest PWM, up to 20000 [µs].")
     ] = None,
     clock: Annotated[
-        int | None, typer.Option(metavar="N", help="prbs: samples a level is held at least.")
+        int | None, typer.Option(metavar="N", help="prbs: shortest time at a level, in samples.")
     ] = None,
     offset: Annotated[
         float | None, typer.Option(metavar="US", help="prbs: mean of the levels [µs].")
@@ -83,14 +83,14 @@ def excite(
     *,
     options: dict[str, Any],
     tracks: Annotated[
-        Tracks | None, typer.Option(help="One against the other [independent; pulses: equal].")
+        Tracks | None, typer.Option(help="Commands of the two tracks [independent; pulses: equal].")
     ] = None,
     names: Annotated[
         list[str] | None, typer.Option("--input", metavar="NAME", help="Names of the inputs.")
     ] = None,
     json: reading.Json = False,
 ) -> None:
-    """Write a PWM schedule that makes a log worth identifying from."""
+    """Write a PWM schedule that excites the plant well."""
     from sysid.data.excitation import write_schedule
 
     path = output or Path(f"schedule_{design.value}.csv")
@@ -134,8 +134,8 @@ def _schedule(
         schedule: Schedule = make(names=names, **options)
         return schedule
     if tracks is Tracks.INDEPENDENT or len(names) != 2:
-        why = "has no independent tracks" if len(names) == 2 else "needs two inputs for that"
-        raise UsageError(f"sysid excite {design.value} --tracks {tracks} is impossible: it {why}")
+        why = "has no independent tracks" if len(names) == 2 else "needs exactly two inputs"
+        raise UsageError(f"sysid excite {design.value} --tracks {tracks} is impossible; it {why}")
     single = make(names=names[1:], **options)
     sense = np.array([-1.0 if tracks is Tracks.OPPOSITE else 1.0, 1.0])
     # + 0.0 turns −0 into 0

@@ -1,4 +1,4 @@
-"""Messages of the library name fields; on the command line these are options of the command.
+"""Fields named in messages of the library, shown as options of the running command.
 
 In a message fields stand in backticks as a script would give them: `` `ts` ``,
 `` `stable=True` ``, `` `inputs='u', outputs=['a', 'b']` ``, `` `units={'t': 'ms'}` ``,
@@ -52,12 +52,15 @@ def options_of(command: Any) -> dict[str, str]:
 
 def every_command(group: Any) -> dict[str, Any]:
     """The commands of a group by what is typed; those of a group within it behind its name."""
-    found: dict[str, Any] = {}
+    commands: dict[str, Any] = {}
     for name, command in group.commands.items():
-        found[name] = command
+        commands[name] = command
         if hasattr(command, "commands"):
-            found |= {f"{name} {own}": one for own, one in every_command(command).items()}
-    return found
+            commands |= {
+                f"{name} {inner}": inner_command
+                for inner, inner_command in every_command(command).items()
+            }
+    return commands
 
 
 def fields_in(marked: str) -> list[Given]:
@@ -69,13 +72,15 @@ def fields_in(marked: str) -> list[Given]:
         return []
 
 
-def _options(found: re.Match[str]) -> str:
-    fields = fields_in(found[1])
+def _options(match: re.Match[str]) -> str:
+    fields = fields_in(match[1])
     command, options = _declared({name for name, _ in fields})
     if not (fields and options):
-        return found[0]
-    said = " ".join(f"{options[name]} {word}".rstrip() for name, words in fields for word in words)
-    return f"`sysid {command} {said}`" if command else said
+        return match[0]
+    options_text = " ".join(
+        f"{options[name]} {word}".rstrip() for name, words in fields for word in words
+    )
+    return f"`sysid {command} {options_text}`" if command else options_text
 
 
 def _declared(fields: set[str]) -> tuple[str, dict[str, str]]:
@@ -88,7 +93,7 @@ def _declared(fields: set[str]) -> tuple[str, dict[str, str]]:
     root = context.obj  # of every line that ``main`` runs
     commands = {"": context.command, **(every_command(root) if root is not None else {})}
     every = ((name, options_of(command)) for name, command in commands.items())
-    return next(((name, found) for name, found in every if fields <= found.keys()), ("", {}))
+    return next(((name, options) for name, options in every if fields <= options.keys()), ("", {}))
 
 
 def _given(part: Any) -> Given:
@@ -116,7 +121,7 @@ def _plain(value: Any) -> str:
         return value.id
     if isinstance(value, ast.Tuple | ast.List):
         return ",".join(map(_plain, value.elts))
-    found = ast.literal_eval(value)
-    if found is None:
+    literal = ast.literal_eval(value)
+    if literal is None:
         return "none"
-    return f"{found:.15g}" if isinstance(found, float) else str(found)
+    return f"{literal:.15g}" if isinstance(literal, float) else str(literal)

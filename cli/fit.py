@@ -1,4 +1,4 @@
-"""``sysid fit``: models of a log, judged, ranked and kept in the workspace."""
+"""``sysid fit``: fit, validate and rank models of a log, and store them in the workspace."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +36,7 @@ def fit(
         fit_options.fitting_option(
             "--structure",
             "NAME",
-            "oe, narx-wavelet …; several as a,b. The four linear ones unless given.",
+            "Structures such as oe,narx-wavelet [the four linear ones].",
         ),
     ] = None,
     orders: Annotated[
@@ -45,25 +45,25 @@ def fit(
             "--orders",
             "TEXT",
             '"na=2 nb=2 nk=1", matrices "na=1,0;0,1", ranges "na=1:4"; '
-            '"arx: na=2 nb=2; oe: nb=2 nf=2". Searched unless given.',
+            '"arx: na=2 nb=2; oe: nb=2 nf=2" [searched].',
         ),
     ] = None,
     validation: Annotated[
         list[Path] | None,
         fit_options.judging_option(
-            "--val", "LOG", "Log to judge on; never used to choose anything. Again for more."
+            "--val", "LOG", "Validation log, never used to choose a model; repeatable."
         ),
     ] = None,
     split: Annotated[
         float | None,
         fit_options.judging_option(
-            "--split", "SHARE", "Fit on this share of each log, judge on the rest, e.g. 0.7."
+            "--split", "SHARE", "Fit on this share of each log, validate on the rest, e.g. 0.7."
         ),
     ] = None,
     criterion: Annotated[
         str,
         fit_options.fitting_option(
-            "--criteria", "NAME", "What ranks orders and structures: fit, aic, bic, fpe …"
+            "--criteria", "NAME", "Criterion that ranks orders and structures: fit, aic, bic, fpe …"
         ),
     ] = "fit",
     detrend: Annotated[
@@ -71,7 +71,7 @@ def fit(
         fit_options.fitting_option(
             "--detrend",
             "HOW",
-            "Levels: auto, none, level (estimated with the model), mean or linear (removed).",
+            "Offsets: auto, none, level (estimated with the model), mean or linear (removed).",
         ),
     ] = "auto",
     plot: Annotated[
@@ -90,13 +90,13 @@ def fit(
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
-    """Fit models to a log, judge them, and keep them in the workspace.
+    """Fit models to a log, validate them, and store them in the workspace.
 
-    With --follow the log is one that is still being written: gain, time constant and dead zone are
-    shown as they settle, and the model is kept when Ctrl-C ends it.
+    With --follow the log is still being written: gain, time constant and dead zone are shown as
+    they converge, and Ctrl-C stores the model.
 
-    Without --structure every linear structure is fitted with a small order search. The one that is
-    ahead in free run on a held-out part of the estimation data comes first.
+    Without --structure every linear structure is fitted with a small order search. The best in free
+    run on held-out estimation data comes first.
     """
     with stopping(how.on) as stop:  # Ctrl-C is how following ends
         from sysid.estimation.identify import Request
@@ -114,31 +114,35 @@ def fit(
             policy=policy,
             jobs=jobs,
         )
-        place = Workspace(workspace)
+        store = Workspace(workspace)
         followed: Followed | None = None
         notes: tuple[str, ...] = ()
         if how.on:
             check_alone(validation, steps)
-            followed = follow(logs, how, request, read, place, stop, quiet=json)
-            found = followed.found
+            followed = follow(logs, how, request, read, store, stop, quiet=json)
+            identification = followed.found
         else:
-            found, notes = _identify(logs, validation or [], read, steps, request)
-        stored = _stored(place, found, validation or logs)
+            identification, notes = _identify(logs, validation or [], read, steps, request)
+        stored = _stored(store, identification, validation or logs)
     if plot is not None:
         from .pictures import draw_fit
 
-        draw_fit(plot, stored[0].id, found)
+        draw_fit(plot, stored[0].id, identification)
     if json:
-        _document(stored, found, followed)
+        _document(stored, identification, followed)
     else:
-        show(stored, found, plot, notes)
+        show(stored, identification, plot, notes)
 
 
-def _stored(place: Workspace, found: "Identification", judges: list[Path]) -> list[StoredModel]:
+def _stored(
+    store: Workspace, identification: "Identification", judges: list[Path]
+) -> list[StoredModel]:
     """The models of a fit, kept in the workspace, the winner first."""
-    held = {"judged_on": judged_on(found.validation, judges)}
-    stored = [place.save(a.model, a.to_json() | held) for a in reversed(found.assessments)][::-1]
-    place.remember("latest", [s.id for s in stored])
+    judged = {"judged_on": judged_on(identification.validation, judges)}
+    stored = [
+        store.save(a.model, a.to_json() | judged) for a in reversed(identification.assessments)
+    ][::-1]
+    store.remember("latest", [s.id for s in stored])
     return stored
 
 
@@ -149,9 +153,9 @@ def _identify(
     steps: "Preparation",
     request: "Request",
 ) -> "tuple[Identification, tuple[str, ...]]":
-    """What was found, and what the reader did to the numbers of the logs.
+    """The fitted models, and notes on how the logs were read.
 
-    A note of reading is for the eyes: what needs an action is a warning, which the models keep.
+    Notes are only shown; a finding that needs an action is a warning, which the models store.
     """
     from sysid.data.checks.quality import require_usable
     from sysid.data.facts import LogFacts
@@ -159,8 +163,8 @@ def _identify(
     from sysid.data.preparation import read_prepared
     from sysid.estimation.identify import identify
 
-    records, read_as = read_prepared(logs, read, steps)
-    held, held_as = read_prepared(val, read, steps) if val else ((), ())
+    records, findings = read_prepared(logs, read, steps)
+    validation, validation_findings = read_prepared(val, read, steps) if val else ((), ())
     require_usable(records)
     with render.progress("Fitting", total=1000) as tick:
         done = 0
@@ -170,17 +174,19 @@ def _identify(
             tick(round(1000 * share) - done)
             done = round(1000 * share)
 
-        found = identify(LogFacts(records, read_as), held, request, progress, inspect=True)
-    return found, notes((*read_as, *held_as))
+        identification = identify(
+            LogFacts(records, findings), validation, request, progress, inspect=True
+        )
+    return identification, notes((*findings, *validation_findings))
 
 
 def _document(
-    stored: list[StoredModel], found: "Identification", followed: Followed | None
+    stored: list[StoredModel], identification: "Identification", followed: Followed | None
 ) -> None:
     models = [{"model": s.id, "path": str(s.path), **s.report} for s in stored]
     document: dict[str, Any] = dict(models[0])
-    document["reason"] = found.reason
-    document["failed"] = dict(found.failed)
+    document["reason"] = identification.reason
+    document["failed"] = dict(identification.failed)
     document["models"] = models
     if followed is not None:
         document["live"] = followed.state.to_json() | {"log": str(followed.log)}

@@ -1,4 +1,4 @@
-"""The options that say how to fit and how to judge, declared once, as the library takes them."""
+"""Options of fitting and validation, declared once, as the library takes them."""
 
 import math
 from typing import TYPE_CHECKING, Annotated
@@ -22,7 +22,7 @@ def names(text: str | None) -> tuple[str, ...]:
 def estimation(
     focus: Annotated[
         str,
-        fitting_option("--focus", "WHAT", "Minimise errors of prediction or of simulation."),
+        fitting_option("--focus", "WHAT", "Minimise prediction or simulation errors."),
     ] = "prediction",
     initial: Annotated[
         str,
@@ -32,7 +32,7 @@ def estimation(
     ] = "auto",
     fixed: Annotated[
         list[str] | None,
-        fitting_option("--fix", "NAME=VALUE", "Hold a parameter at a value, e.g. a1=-0.9."),
+        fitting_option("--fix", "NAME=VALUE", "Fix a parameter at a value, e.g. a1=-0.9."),
     ] = None,
     bounds: Annotated[
         list[str] | None,
@@ -48,18 +48,18 @@ def estimation(
     ] = None,
     robust: Annotated[
         bool,
-        fitting_option("--robust", None, "Find outliers, leave them out."),
+        fitting_option("--robust", None, "Detect outliers and leave them out."),
     ] = False,
     stable: Annotated[
         bool,
-        fitting_option("--stable", None, "Admit only stable models."),
+        fitting_option("--stable", None, "Restrict the search to stable models."),
     ] = False,
     method: Annotated[
         str,
         fitting_option(
             "--method",
             "NAME",
-            "Iterations of the search: levenberg-marquardt, gauss-newton or gradient.",
+            "Search direction: levenberg-marquardt, gauss-newton or gradient.",
         ),
     ] = "levenberg-marquardt",
     max_evaluations: Annotated[
@@ -67,7 +67,7 @@ def estimation(
         fitting_option(
             "--max-iterations",
             "N",
-            "Longest search from one start; 200 for most structures.",
+            "Most iterations from one start; 200 for most structures.",
             min=1,
         ),
     ] = None,
@@ -76,7 +76,7 @@ def estimation(
         fitting_option(
             "--tolerance",
             "X",
-            "Relative change of error and step at which a search has converged, e.g. 1e-9.",
+            "Relative change of cost and step at convergence, e.g. 1e-9.",
         ),
     ] = None,
 ) -> "FitOptions":
@@ -113,7 +113,7 @@ def judging(
         judging_option(
             "--initial-state",
             "HOW",
-            "Start of the free run in the figures: estimated, measured or zero.",
+            "Initial state of the free run: estimated, measured or zero.",
         ),
     ] = "estimated",
     skip: Annotated[
@@ -122,7 +122,7 @@ def judging(
     ] = 0,
     horizons: Annotated[
         list[int] | None,
-        judging_option("--horizon", "K", "Also show the K-step prediction. Again for more.", min=2),
+        judging_option("--horizon", "K", "Also show the K-step prediction; repeatable.", min=2),
     ] = None,
 ) -> "Policy":
     """How figures are made.
@@ -141,7 +141,7 @@ def _fixed(item: str) -> tuple[str, float]:
     name, text = _pair(item, "--fix", "a1=-0.9")
     value = _number(text, item, "--fix")
     if math.isinf(value):
-        raise UsageError(f"--fix cannot hold {name} at {text!r}; give a finite number")
+        raise UsageError(f"--fix cannot fix {name} at {text!r}; give a finite number")
     return name, value
 
 

@@ -1,4 +1,4 @@
-"""What ``sysid fit`` shows a person."""
+"""Text output of ``sysid fit``."""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -19,7 +19,7 @@ MANY = 24
 
 def show(
     stored: "Sequence[StoredModel]",
-    found: "Identification",
+    identification: "Identification",
     plot: Path | None,
     reading: Sequence[str] = (),
 ) -> None:
@@ -29,10 +29,10 @@ def show(
     from sysid.structures.orders import orders_text
 
     render.reading(reading)
-    best = found.assessments[0]
+    best = identification.assessments[0]
     names = list(best.estimation.free_run.fit_percent)
     judged = "validation" if best.validation else "estimation"
-    if len(found.assessments) > 1:
+    if len(identification.assessments) > 1:
         rows = [
             [
                 s.id,
@@ -43,24 +43,24 @@ def show(
                 render.number(a.model.criteria["aic"], 6),
                 residual_words(a.residuals.as_dict()),
             ]
-            for s, a in zip(stored, found.assessments, strict=True)
+            for s, a in zip(stored, identification.assessments, strict=True)
         ]
         render.table(
             ["model", "orders", "n", "free run %", "one step %", "AIC", "residuals"],
             rows,
-            title=f"Models, judged on {judged} data: {best.judged.free_run.data}",
+            title=f"Models on {judged} data: {best.judged.free_run.data}",
             caption=f"fits of {', '.join(names)}; n: estimated parameters, with initial states",
         )
-    render.say(found.reason, "bold")
-    for name, reason in found.failed.items():
+    render.say(identification.reason, "bold")
+    for name, reason in identification.failed.items():
         render.warn(f"{name} could not be fitted: {reason}")
-    own = mode_sentences(own_modes(best.model))
-    for line in (*step_sentences(best.steps), *own):
+    modes = mode_sentences(own_modes(best.model))
+    for line in (*step_sentences(best.steps), *modes):
         render.say(f"  {line}")
     _parameters(best)
     _figures(best)
-    left = residual_words(best.residuals.as_dict(), [c.name for c in best.model.inputs])
-    render.say(f"Residuals (measured less predicted): {left}.")
+    residuals = residual_words(best.residuals.as_dict(), [c.name for c in best.model.inputs])
+    render.say(f"Residuals (measured less predicted): {residuals}.")
     level = best.model.level_sentence()
     if level:
         render.say(level)
@@ -73,16 +73,16 @@ def show(
         render.warn(f"! {sentence}")
     if plot is not None:
         render.say(f"Picture: {plot}")
-    render.say(f"Kept as {stored[0].id} in {stored[0].path}. Next: {_next(best)}.")
+    render.say(f"Stored as {stored[0].id} in {stored[0].path}. Next: {_next(best)}.")
 
 
 def _next(best: "Assessment") -> str:
-    """What can be done with the model; no plant is made of a signal on its own."""
+    """The next commands for the model; a time series without inputs makes no plant."""
     return "sysid compare, sysid export" if best.model.inputs else "sysid compare"
 
 
 def residual_words(residuals: Mapping[str, Any], inputs: Sequence[str] = ()) -> str:
-    """What the residual tests found, as a fit and a comparison both say it; inputs by name."""
+    """Results of the residual tests in words, for a fit and a comparison; inputs by name."""
     if not residuals:
         return "–"
     words = []
@@ -91,18 +91,18 @@ def residual_words(residuals: Mapping[str, Any], inputs: Sequence[str] = ()) -> 
         if inputs:
             of, named = f" of {', '.join(inputs)}", ", ".join(inputs)
         free = residuals["independence"]["passed"]
-        words.append(f"no linear effect{of} left" if free else f"still follow {named}")
+        words.append(f"no linear effect{of} left" if free else f"correlated with {named}")
     if residuals["whiteness"]["judged"]:
         words.append("white" if residuals["whiteness"]["passed"] else "not white")
-    for kind, found in (residuals.get("nonlinear") or {}).items():
-        if found["judged"] and not found["passed"]:
+    for kind, test in (residuals.get("nonlinear") or {}).items():
+        if test["judged"] and not test["passed"]:
             words.append(_NONLINEAR[kind])
-    bent = [f for f in (residuals.get("nonlinear") or {}).values() if f["judged"]]
-    if residuals.get("nonlinear") and all(f["passed"] for f in bent):
+    nonlinear = [f for f in (residuals.get("nonlinear") or {}).values() if f["judged"]]
+    if residuals.get("nonlinear") and all(f["passed"] for f in nonlinear):
         words.append("nothing nonlinear left")
-    held = [t["output"] for t in residuals.get("held_parameters") or () if not t["passed"]]
-    if held:
-        words.append(f"held {', '.join(held)} contradicted")
+    contradicted = [t["output"] for t in residuals.get("held_parameters") or () if not t["passed"]]
+    if contradicted:
+        words.append(f"fixed {', '.join(contradicted)} contradicted")
     return ", ".join(words) or "not tested"
 
 
@@ -111,7 +111,7 @@ _NONLINEAR = {
     "input squares": "squares of inputs left",
     "error size": "larger errors at large inputs",
 }
-"""Words for what Billings & Voon's tests found in the residuals of a nonlinear model."""
+"""Results of Billings & Voon's tests of a nonlinear model's residuals, in words."""
 
 
 def _parameters(a: "Assessment") -> None:

@@ -1,4 +1,4 @@
-"""``sysid inspect``: what is in a log, and whether it can teach a model anything."""
+"""``sysid inspect``: the contents of a log, and whether a model can be fitted to it."""
 
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,9 +25,9 @@ def inspect(
     read: "ReadOptions",
     json: reading.Json = False,
 ) -> None:
-    """Say what is in a log, what is wrong with it and what to do about it.
+    """Show what is in a log, what is wrong with it and what to do about it.
 
-    Of a bag without --map it lists the topics and proposes a mapping.
+    For a bag without --map it lists the topics and proposes a mapping.
     """
     from sysid.data.bags.opening import is_bag
     from sysid.data.checks.quality import Severity, inspect_records, worst
@@ -46,10 +46,10 @@ def inspect(
 
 
 _VERDICTS = {
-    "ok": "The data can serve: nothing to complain about.",
-    "note": "The data can serve.",
-    "warning": "The data can serve, with the warnings above.",
-    "fatal": "The data cannot serve: see what is marked fatal above.",
+    "ok": "Data usable: no problems found.",
+    "note": "Data usable.",
+    "warning": "Data usable, with the warnings above.",
+    "fatal": "Data not usable: see the fatal findings above.",
 }
 
 
@@ -66,7 +66,7 @@ def _document(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", ve
 def _show(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", verdict: str) -> None:
     for record in map(_facts, records):
         render.table(
-            ("channel", "is", "unit", "lowest", "highest", "mean"),
+            ("channel", "role", "unit", "lowest", "highest", "mean"),
             [
                 (c["name"], c["role"], c["unit"], c["min"], c["max"], c["mean"])
                 for c in record["channels"]

@@ -1,4 +1,4 @@
-"""The options of a log that was driven on a mission, declared once, as the library takes them."""
+"""Options of a log that was driven on a mission, declared once, as the library takes them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,7 +42,7 @@ def driven(
             "--mission",
             metavar="M.yaml",
             rich_help_panel=_PANEL,
-            help="Mission that the log was driven on; also names effects of the vehicle.",
+            help="Mission that the log was driven on; needed to name effects of the vehicle.",
         ),
     ] = None,
     plant: Annotated[
@@ -51,7 +51,7 @@ def driven(
             "--plant",
             metavar="PATH",
             rich_help_panel=_PANEL,
-            help="Plant package the mission was planned with: the model to doubt.",
+            help="Plant package the mission was planned with: the model to diagnose.",
         ),
     ] = None,
     geometry: Annotated[
@@ -60,9 +60,9 @@ def driven(
             "--geometry",
             metavar="r=M,B=M",
             rich_help_panel=_PANEL,
-            help="Wheel or sprocket radius and distance of the tracks or wheels in metres, "
+            help="Wheel or sprocket radius r and distance B of tracks or wheels in metres, "
             "r=0.30,B=1.08 [the mission's, else the bundled robot's; estimated where the pose "
-            "contradicts that].",
+            "contradicts these].",
         ),
     ] = None,
     accept_changes: AcceptChanges = False,
@@ -76,10 +76,10 @@ def driven(
     from sysid.plant.package import read_package
 
     if plant is not None and mission is None:
-        raise UsageError("--plant is of use only with --mission; name the mission of the log")
+        raise UsageError("--plant needs --mission; give the mission of the log")
     for path, option in ((mission, "--mission"), (plant, "--plant")):
         if path is not None and not path.exists():
-            raise UsageError(f"there is no {path}; check the path after {option}")
+            raise UsageError(f"file not found: {path}; check the path after {option}")
     lengths = None if geometry is None else given_lengths(geometry)
     if lengths is not None and mission is not None:
         _agree(lengths, mission)
@@ -98,7 +98,7 @@ def given_lengths(text: str) -> "Geometry":
     if Path(text).suffix in (".yaml", ".yml"):
         return _lengths_in(Path(text))
 
-    found: dict[str, float] = {}
+    lengths: dict[str, float] = {}
     for part in text.split(","):
         name, sign, value = (p.strip() for p in part.partition("="))
         key = {"r": "r", "b": "B"}.get(name.lower(), "")
@@ -106,19 +106,19 @@ def given_lengths(text: str) -> "Geometry":
             number = float(value)
         except ValueError:
             key = ""
-        if not (key and sign) or key in found:
+        if not (key and sign) or key in lengths:
             raise UsageError(
                 f"--geometry cannot read {part.strip()!r}; write both lengths once, in metres, "
                 "such as r=0.30,B=1.08"
             )
-        found[key] = number
-    if len(found) < 2:
+        lengths[key] = number
+    if len(lengths) < 2:
         raise UsageError(
-            f"--geometry gives no {'B' if 'r' in found else 'r'}; write both lengths in metres, "
+            f"--geometry gives no {'B' if 'r' in lengths else 'r'}; write both lengths in metres, "
             "such as r=0.30,B=1.08"
         )
     try:
-        return Geometry(found["r"], found["B"])
+        return Geometry(lengths["r"], lengths["B"])
     except ModelError as error:
         raise UsageError(f"--geometry: {error}") from None
 
@@ -129,12 +129,12 @@ def _lengths_in(path: Path) -> "Geometry":
     from sysid.vehicle.kinematics import Geometry
 
     vehicle = read_yaml(path).values.get("vehicle")
-    found = vehicle if isinstance(vehicle, dict) else {}
-    lacking = [n for n in ("r", "B") if not isinstance(found.get(n), int | float)]
+    section = vehicle if isinstance(vehicle, dict) else {}
+    lacking = [n for n in ("r", "B") if not isinstance(section.get(n), int | float)]
     if lacking:
         raise UsageError(f"--geometry {path}: its section vehicle gives no {lacking[0]} in metres")
     try:
-        return Geometry(float(found["r"]), float(found["B"]))
+        return Geometry(float(section["r"]), float(section["B"]))
     except ModelError as error:
         raise UsageError(f"--geometry {path}: {error}") from None
 
@@ -143,9 +143,9 @@ def _agree(lengths: "Geometry", mission: Path) -> None:
     """Refuse lengths that the mission gives otherwise."""
     from sysid.mission.spec import load_mission
 
-    theirs = load_mission(mission).vehicle.given_geometry
-    if theirs is not None and theirs != lengths:
+    of_mission = load_mission(mission).vehicle.given_geometry
+    if of_mission is not None and of_mission != lengths:
         raise UsageError(
-            f"{mission} gives r = {theirs.r:g} m and B = {theirs.B:g} m, --geometry something "
-            "else; leave --geometry away or mend the mission"
+            f"{mission} gives r = {of_mission.r:g} m and B = {of_mission.B:g} m, but --geometry "
+            "differs; omit --geometry or correct the mission"
         )

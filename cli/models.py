@@ -1,4 +1,4 @@
-"""``sysid models``: what the workspace holds."""
+"""``sysid models``: list, show or remove the models of the workspace."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 BEST = "best"
-"""Stands for the model that a command takes when none is named."""
+"""Name of the model that a command takes by default."""
 
 
 class Action(StrEnum):
@@ -32,7 +32,7 @@ def models(
     id: Annotated[
         str | None,
         typer.Argument(
-            metavar="[ID]", help="The model, how its id begins, or best (as export takes it)."
+            metavar="[ID]", help="Id of the model, its beginning, or best (the default of export)."
         ),
     ] = None,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
@@ -42,17 +42,17 @@ def models(
     if (id is None) != (action is Action.LIST):
         complaint = "takes no ID" if id else "needs the ID of a model"
         raise UsageError(f"sysid models {action.value} {complaint}; `sysid models` lists them")
-    place = Workspace(workspace)
+    store = Workspace(workspace)
     if action is Action.LIST or id is None:
-        (_list_document if json else _list)(place.all(), place.root)
+        (_list_document if json else _list)(store.all(), store.root)
     elif action is Action.SHOW:
-        (_document if json else _show)(place.chosen(None if id == BEST else id))
+        (_document if json else _show)(store.chosen(None if id == BEST else id))
     else:
-        gone = place.remove(id)
+        removed = store.remove(id)
         if json:
-            render.document({"removed": gone})
+            render.document({"removed": removed})
         else:
-            render.say(f"Removed {gone}.")
+            render.say(f"Removed {removed}.")
 
 
 def _summary(stored: "StoredModel") -> dict[str, Any]:
@@ -149,7 +149,7 @@ def _show(stored: "StoredModel") -> None:
 
 
 def _steps(stored: "StoredModel") -> "tuple[str, ...]":
-    """What the model does to a step; of a model of an older version worked out anew."""
+    """Step responses of the model in words; computed again for models of older versions."""
     from sysid.estimation.assessment.own_motion import own_modes
     from sysid.estimation.assessment.step_response import StepResponse, step_responses
     from sysid.report.step_words import mode_sentences, step_sentences

@@ -1,4 +1,4 @@
-"""From results of the library to the pictures of the report layer."""
+"""Pictures of fits, rankings, missions and replays from results of the library."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
     from sysid.report.correlation_panels import LagTest
     from sysid.report.fit_picture import FitSegment
     from sysid.report.mission_drawing import MissionPicture
-    from sysid.report.missions.estimate_drawing import Estimate
+    from sysid.report.missions.localization_drawing import PoseEstimate
 
 
-def draw_fit(path: Path, title: str, found: "Identification") -> None:
+def draw_fit(path: Path, title: str, identification: "Identification") -> None:
     """Draw measured, simulated and residual of the winner with what decides its residual tests."""
     from sysid.report.fit_picture import FitPicture
     from sysid.report.plots import write_picture
     from sysid.structures.orders import orders_text
 
-    best = found.assessments[0]
+    best = identification.assessments[0]
     model = best.model
     named = f"{title}: {orders_text(model.structure.order_values())}"
     write_picture(
@@ -34,7 +34,7 @@ def draw_fit(path: Path, title: str, found: "Identification") -> None:
             title=named if len(named) < TITLE else title,
             outputs=model.outputs,
             inputs=model.inputs,
-            segments=_segments(best, found),
+            segments=_segments(best, identification),
             initial_state=best.judged.free_run.initial_state,
             estimation_fit=tuple(best.estimation.free_run.fit_percent.values()),
             validation_fit=(
@@ -42,7 +42,7 @@ def draw_fit(path: Path, title: str, found: "Identification") -> None:
             ),
             whiteness=_drawn(best.residuals.whiteness, "white", "not white"),
             independence=_drawn(
-                best.residuals.independence, "no linear effect left", "an effect is left"
+                best.residuals.independence, "no linear effect left", "correlated with the inputs"
             ),
             feedback=_drawn(best.residuals.feedback, "", ""),
         ),
@@ -147,17 +147,17 @@ def mission_scene(
     )
 
 
-def _estimate(log: "Mapping[str, Array]") -> "Estimate | None":
+def _estimate(log: "Mapping[str, Array]") -> "PoseEstimate | None":
     """What navigation believed, where it is in the log."""
     import numpy as np
 
-    from sysid.report.missions.estimate_drawing import Estimate
+    from sysid.report.missions.localization_drawing import PoseEstimate
 
     shown = ("x_est", "y_est", "P_xx", "P_xy", "P_yy")
     if not all(name in log for name in shown):
         return None
     columns = np.column_stack([log[name] for name in shown])
-    return Estimate(columns[:, :2], columns[:, 2:])
+    return PoseEstimate(columns[:, :2], columns[:, 2:])
 
 
 def draw_replay(path: Path, result: "Replay") -> None:
@@ -200,7 +200,7 @@ def _drawn(tests: "Sequence[ResidualTest]", right: str, wrong: str) -> "tuple[La
     )
 
 
-def _segments(best: "Assessment", found: "Identification") -> "tuple[FitSegment, ...]":
+def _segments(best: "Assessment", identification: "Identification") -> "tuple[FitSegment, ...]":
     from sysid.estimation.assessment.figures import Start, outputs
     from sysid.report.fit_picture import FitSegment
 
@@ -215,8 +215,8 @@ def _segments(best: "Assessment", found: "Identification") -> "tuple[FitSegment,
             label=record.name,
         )
 
-    inside = [segment(r, "estimation") for r in found.estimation]
-    outside = [segment(r, "validation") for r in found.validation]
+    inside = [segment(r, "estimation") for r in identification.estimation]
+    outside = [segment(r, "validation") for r in identification.validation]
     if len(inside) == len(outside):  # a split record continues in its validation part
         return tuple(s for pair in zip(inside, outside, strict=True) for s in pair)
     return (*inside, *outside)

@@ -1,4 +1,4 @@
-"""The options that every command with a LOG shares, and the option every command has."""
+"""Options that commands with a LOG share, and --json, which every command has."""
 
 import inspect
 import math
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def in_panel(panel: str) -> Callable[..., Any]:
-    """What declares an option in a panel of the help: name, what its value is called, a sentence.
+    """A function that declares options in a panel of the help: name, metavar, sentence.
 
-    What else is given goes to typer, such as ``min``.
+    Further arguments, such as ``min``, go to typer.
     """
 
     def option(name: str, metavar: str | None, help: str, **more: Any) -> Any:
@@ -38,15 +38,12 @@ Inputs = Annotated[
     _reading(
         "--input",
         "NAME",
-        "Input column; again (or a,b) for more; none where there is none. Found by name "
-        "unless given.",
+        "Input columns, a,b or repeated; none for a log without inputs [found by name].",
     ),
 ]
 Outputs = Annotated[
     list[str] | None,
-    _reading(
-        "--output", "NAME", "Output column; again (or a,b) for more. Found by name unless given."
-    ),
+    _reading("--output", "NAME", "Output columns, a,b or repeated [found by name]."),
 ]
 Time = Annotated[
     str | None,
@@ -54,34 +51,34 @@ Time = Annotated[
 ]
 SampleTime = Annotated[
     float | None,
-    _reading("--ts", "SECONDS", "Sample time, where the log does not tell it."),
+    _reading("--ts", "SECONDS", "Sample time, for a log without a time column."),
 ]
 Units = Annotated[
     list[str] | None,
     _reading(
         "--unit",
         "NAME=UNIT",
-        "Unit of a column in the file: omega_l=rpm, psi=deg, time=ms; converted to SI.",
+        "Unit of a column in the file, converted to SI: omega_l=rpm, psi=deg, time=ms.",
     ),
 ]
 PwmMax = Annotated[
     float | None,
-    _reading("--pwm-max", "VALUE", "Command of full drive in the file, e.g. 255."),
+    _reading("--pwm-max", "VALUE", "Command at full drive in the file, e.g. 255."),
 ]
 Delimiter = Annotated[
     str | None,
-    _reading("--delimiter", "SIGN", "Found unless given; or tab."),
+    _reading("--delimiter", "SIGN", "Delimiter, or tab [detected]."),
 ]
 Decimal = Annotated[
     str | None,
-    _reading("--decimal", "SIGN", "'.' or ','; found unless given."),
+    _reading("--decimal", "SIGN", "'.' or ',' [detected]."),
 ]
 Resample = Annotated[
     str,
     _reading(
         "--resample",
         "POLICY",
-        "What to do about jitter, gaps and empty cells: auto, hold, refuse, fill or split.",
+        "Treatment of jitter, gaps and empty cells: auto, hold, refuse, fill or split.",
     ),
 ]
 Unwrap = Annotated[
@@ -89,23 +86,21 @@ Unwrap = Annotated[
     _reading(
         "--unwrap",
         "PERIOD",
-        "A counter starts over after so many, e.g. 65536 or NAME=4096; NAME=none leaves it. "
-        "Seen from the readings unless given.",
+        "Period of a counter that starts over, e.g. 65536 or NAME=4096; NAME=none keeps its "
+        "jumps [detected].",
     ),
 ]
 SpeedOf = Annotated[
     list[str] | None,
-    _reading(
-        "--speed-of", "NAME", "Output that is a position or counter: model its speed instead."
-    ),
+    _reading("--speed-of", "NAME", "Output that is a position or counter; its speed is modelled."),
 ]
 Held = Annotated[
     str,
     _reading(
         "--held",
         "HOW",
-        "Sensors slower than the log: auto reads it at their rate, keep every row, N one "
-        "sample every N rows.",
+        "Sensors slower than the log: auto reads the log at their rate, keep takes every row, N "
+        "takes one sample every N rows.",
     ),
 ]
 Join = Annotated[
@@ -113,8 +108,8 @@ Join = Annotated[
     _reading(
         "--join",
         "FILE",
-        "More columns of the same drive, such as a camera's pose, brought onto the log's rows "
-        "and clock; LOG=FILE where there are several logs.",
+        "File with more columns of the same drive, such as a camera's pose, joined by time; "
+        "LOG=FILE for one of several logs.",
     ),
 ]
 JoinOffset = Annotated[
@@ -122,8 +117,7 @@ JoinOffset = Annotated[
     _reading(
         "--join-offset",
         "SECONDS",
-        "Time of the log less time of the joined file. Estimated from wheels and pose unless "
-        "given.",
+        "Time of the log minus time of the joined file [estimated from wheels and pose].",
     ),
 ]
 Map = Annotated[
@@ -131,8 +125,8 @@ Map = Annotated[
     _reading(
         "--map",
         "NAME=/TOPIC.FIELD",
-        "Column of a bag: omega_l=/joint_states.velocity[left], pose=/odom; again for more, or a "
-        "YAML file of them. `sysid inspect BAG` proposes some.",
+        "Column of a bag: omega_l=/joint_states.velocity[left], pose=/odom; repeatable, or a YAML "
+        "file. `sysid inspect BAG` proposes a mapping.",
     ),
 ]
 Stamps = Annotated[
@@ -140,7 +134,7 @@ Stamps = Annotated[
     _reading(
         "--stamps",
         "WHICH",
-        "Clock of a bag's topics: auto (the sender's where it serves), header or received.",
+        "Clock of a bag's topics: auto (the sender's if usable), header or received.",
     ),
 ]
 Latency = Annotated[
@@ -148,23 +142,23 @@ Latency = Annotated[
     _reading(
         "--latency",
         "HOW",
-        "Topics of a bag that come late: remove what is estimated, or /topic=SECONDS.",
+        "Latency of a bag's topics: remove (as estimated), or /topic=SECONDS.",
     ),
 ]
 
 Trim = Annotated[
     str | None,
     _preparing(
-        "--trim", "HEAD:TAIL", "Seconds to cut at the head and the tail of each record, e.g. 2:1.5."
+        "--trim", "HEAD:TAIL", "Seconds to cut from the start and end of each record, e.g. 2:1.5."
     ),
 ]
 LowPass = Annotated[
     float | None,
-    _preparing("--low-pass", "HZ", "Filter inputs and outputs alike (zero phase) at this cut-off."),
+    _preparing("--low-pass", "HZ", "Cut-off of a zero-phase filter on inputs and outputs."),
 ]
 Decimate = Annotated[
     int,
-    _preparing("--decimate", "N", "Keep every N-th sample, behind an anti-alias filter."),
+    _preparing("--decimate", "N", "Keep every N-th sample after an anti-alias filter."),
 ]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
@@ -173,7 +167,7 @@ WorkspaceRoot = Annotated[
     typer.Option(
         "--workspace",
         metavar="DIR",
-        help="Folder that holds models between commands.",
+        help="Workspace folder with the stored models.",
     ),
 ]
 DEFAULT_WORKSPACE = Path(".sysid")
@@ -267,16 +261,16 @@ def composed(
     """
 
     def compose(command: Callable[..., None]) -> Callable[..., None]:
-        places = inspect.signature(command).parameters
+        declared = inspect.signature(command).parameters
         # what is built here names types that exist for the type checker only
-        own = {n: a for n, a in command.__annotations__.items() if n not in builders}
+        annotations = {n: a for n, a in command.__annotations__.items() if n not in builders}
         parameters: list[inspect.Parameter] = []
-        for name, place in places.items():
+        for name, place in declared.items():
             if name in builders:
                 parameters += _declared(builders[name])
             else:
                 parameters.append(
-                    place.replace(annotation=own[name], kind=inspect.Parameter.KEYWORD_ONLY)
+                    place.replace(annotation=annotations[name], kind=inspect.Parameter.KEYWORD_ONLY)
                 )
 
         def run(**given: Any) -> None:
@@ -318,7 +312,7 @@ def units_of(given: list[str]) -> dict[str, str]:
     Raises:
         UsageError: a text cannot be read.
     """
-    found: dict[str, str] = {}
+    by_column: dict[str, str] = {}
     for item in given:
         for pair in item.split(","):
             name, sign, unit = (part.strip() for part in pair.partition("="))
@@ -326,10 +320,10 @@ def units_of(given: list[str]) -> dict[str, str]:
                 raise UsageError(
                     f"--unit cannot read {pair!r}; write NAME=UNIT such as omega_l=rpm"
                 )
-            if name in found:
+            if name in by_column:
                 raise UsageError(f"--unit names {name} twice; give each unit once")
-            found[name] = unit
-    return found
+            by_column[name] = unit
+    return by_column
 
 
 def periods(given: list[str]) -> dict[str, float]:
@@ -338,7 +332,7 @@ def periods(given: list[str]) -> dict[str, float]:
     Raises:
         UsageError: a text cannot be read.
     """
-    found: dict[str, float] = {}
+    by_column: dict[str, float] = {}
     for pair in (p for item in given for p in item.split(",")):
         name, sign, number = (part.strip() for part in pair.rpartition("="))
         try:
@@ -350,8 +344,8 @@ def periods(given: list[str]) -> dict[str, float]:
                 f"--unwrap cannot read {pair!r}; write the number after which a counter starts "
                 "over, such as 65536, NAME=65536, or NAME=none"
             )
-        found[name] = period
-    return found
+        by_column[name] = period
+    return by_column
 
 
 def seconds_to_trim(text: str) -> tuple[float, float]:

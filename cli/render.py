@@ -1,4 +1,4 @@
-"""What a person sees: tables, sentences and progress. Nothing else in the workbench prints.
+"""Tables, sentences and progress on the terminal; nothing else in the workbench prints.
 
 Results go to stdout, everything about them (warnings, progress, errors) to stderr, so that
 ``--json`` leaves exactly one document on stdout. rich is imported when something is drawn.
@@ -48,7 +48,7 @@ def warn(sentence: str) -> None:
 
 
 def error(sentence: str) -> None:
-    """Print the one sentence a failed command leaves, in red on stderr."""
+    """Print the sentence of a failed command, in red on stderr."""
     _print(sentence, sys.stderr, "bold red")
 
 
@@ -99,12 +99,12 @@ def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:
     _console(sys.stdout).print(grid)
 
 
-def findings(found: "Sequence[Finding]") -> None:
-    """Print verdicts on stdout, the severity in front of each and the advice below it."""
+def findings(verdicts: "Sequence[Finding]") -> None:
+    """Print findings on stdout, the severity in front of each and the advice below it."""
     from rich.text import Text
 
     console = _console(sys.stdout)
-    for finding in found:
+    for finding in verdicts:
         word = finding.severity.word
         line = Text(f"{word:>8}  ", style=_STYLES[word])
         line.append(with_options(finding.sentence), style="not bold default")
@@ -120,7 +120,7 @@ READING_LINES = 8
 
 
 def reading(lines: Sequence[str]) -> None:
-    """Print what the reader did to the numbers, one dim line each; sysid inspect shows the rest."""
+    """Print notes on how logs were read, one dim line each; sysid inspect shows the rest."""
     for line in lines[:READING_LINES]:
         say(line, "dim")
     if len(lines) > READING_LINES:
@@ -142,11 +142,11 @@ def standard_error(
 ) -> str:
     """A parameter's standard error, or in words why it has none."""
     if not visited:
-        return "not visited"
+        return "not excited"
     if fixed:
         return "fixed"
     if at_bound:
-        return "on its bound"
+        return "at its bound"
     if value is None or not math.isfinite(value):
         return "not determined"
     return number(value, 3)
@@ -158,7 +158,7 @@ def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], N
 
     Args:
         label: what is going on.
-        total: how many steps there are; None when nobody knows.
+        total: number of steps; None when unknown.
 
     Yields:
         A function that takes how many more steps are done.
@@ -166,12 +166,12 @@ def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], N
     if not sys.stderr.isatty():
         done = 0
 
-        with _spoken(label) as tell:
+        with _spoken(label) as show_line:
 
             def count(steps: int) -> None:
                 nonlocal done
                 done += steps
-                tell(label, done / total if total else None)
+                show_line(label, done / total if total else None)
 
             yield count
         return
@@ -194,8 +194,8 @@ def stages(label: str) -> Iterator[Callable[[str, float], None]]:
         A function that takes what is being done and which share is over, 0 to 1.
     """
     if not sys.stderr.isatty():
-        with _spoken(label) as tell:
-            yield tell
+        with _spoken(label) as show_line:
+            yield show_line
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -234,11 +234,11 @@ def _spoken(label: str) -> Iterator[Callable[[str, float | None], None]]:
     now: tuple[str, float | None] = (label, None)
     over = Event()
 
-    def tell(what: str, share: float | None) -> None:
+    def update(what: str, share: float | None) -> None:
         nonlocal now
         now = (what, share)
 
-    def speak() -> None:
+    def write_lines() -> None:
         started = monotonic()
         while not over.wait(SPOKEN_EVERY):
             what, share = now
@@ -247,13 +247,13 @@ def _spoken(label: str) -> Iterator[Callable[[str, float | None], None]]:
                 sys.stderr.write(f"{what}: {monotonic() - started:.0f} s{far}\n")
                 sys.stderr.flush()
 
-    speaker = Thread(target=speak, daemon=True)
-    speaker.start()
+    thread = Thread(target=write_lines, daemon=True)
+    thread.start()
     try:
-        yield tell
+        yield update
     finally:
         over.set()
-        speaker.join()
+        thread.join()
 
 
 def _with_options(value: Any) -> Any:

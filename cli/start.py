@@ -1,4 +1,4 @@
-"""Where the installed command begins: what ends it early ends it quietly, while it loads, too."""
+"""Entry point of the installed command: an interrupt ends it quietly, even while it loads."""
 
 import signal
 import sys

@@ -1,4 +1,4 @@
-"""``sysid structures``: which models there are and when to take which."""
+"""``sysid structures``: the model structures, and when to use which."""
 
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,12 +14,12 @@ _TABLES = {
     "options": ("name", "meaning"),
     "constants": ("name", "meaning", "unit", "estimated"),
 }
-"""What is shown below each other, and its columns."""
+"""Tables of a structure's description, and their columns."""
 
 
 def structures(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="Everything about this one.")
+        str | None, typer.Argument(metavar="[NAME]", help="Describe this structure.")
     ] = None,
     json: reading.Json = False,
 ) -> None:
@@ -27,12 +27,14 @@ def structures(
     from sysid.structures.registry import structure_class, structure_classes
 
     if name is None:
-        known = [_facts(c) for c in structure_classes().values()]
+        summaries = [_facts(c) for c in structure_classes().values()]
         if json:
-            render.document({"structures": known})
+            render.document({"structures": summaries})
             return
         keys = ("name", "when", "equation")
-        render.table(keys, [[s[k] for k in keys] for s in known], caption="sysid structures NAME")
+        render.table(
+            keys, [[s[k] for k in keys] for s in summaries], caption="sysid structures NAME"
+        )
         return
     facts = _facts(structure_class(name))
     if json:
@@ -48,7 +50,7 @@ def structures(
 
 
 def _facts(cls: "type[NamedStructure]") -> dict[str, Any]:
-    """What a user needs to know about a structure."""
+    """Description of a structure for users."""
     description = " ".join((cls.__doc__ or "").split("Attributes:")[0].split()).replace("``", "")
     orders = " ".join(f"{n}={1 if n == 'nk' else 2}" for n in cls.order_names)
     return {
@@ -57,12 +59,12 @@ def _facts(cls: "type[NamedStructure]") -> dict[str, Any]:
         "when": cls.when,
         "equation": cls.equation,
         "description": description,
-        "noise_model": "its own" if cls.has_noise_model else "none: errors are the output's own",
+        "noise_model": "its own" if cls.has_noise_model else "none (output error)",
         "orders": [
             {
                 "name": n,
                 "meaning": cls.order_words.get(n, ""),
-                "default": "1" if n == "nk" else "searched unless --orders gives it",
+                "default": "1" if n == "nk" else "searched without --orders",
             }
             for n in cls.order_names
         ],

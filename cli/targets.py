@@ -1,4 +1,4 @@
-"""Files and folders that a person asks to be written: refused before the work, not after it."""
+"""Checks of output paths, made before the work starts."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from sysid.errors import DataError, UsageError
 
 
 def check(path: Path, option: str, new_folder: bool = True) -> None:
-    """Refuse a place whose folder is not there: a slip of the pen must not make a tree of them.
+    """Refuse a path whose folder does not exist: a typing error must not create folders.
 
     Args:
         path: the file or folder to write.
@@ -19,7 +19,7 @@ def check(path: Path, option: str, new_folder: bool = True) -> None:
     folder = path.parent.parent if new_folder else path.parent
     if not folder.is_dir():
         what = "is not a folder" if folder.exists() else "does not exist"
-        raise UsageError(f"{option} {path}: the folder {folder} {what}; make it or name another")
+        raise UsageError(f"{option} {path}: the folder {folder} {what}; create it or name another")
 
 
 def make_folder(path: Path, option: str) -> None:
@@ -32,7 +32,7 @@ def make_folder(path: Path, option: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(
-            f"{path.parent} cannot be made ({error.strerror}); choose another {option}"
+            f"{path.parent} cannot be created ({error.strerror}); choose another {option}"
         ) from None
 
 

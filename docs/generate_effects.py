@@ -15,12 +15,12 @@ HEAD = """# The catalogue of effects
 
 Written by `python docs/generate_effects.py` from the catalogue itself: do not edit.
 
-What `sysid diagnose` can name and add. Each track obeys τ ω̇ = T − ω with T = K d; d is the
+What `sysid diagnose` can select and add. Each track obeys τ ω̇ = T − ω with T = K d; d is the
 command in units of full drive, so that torques count in units of the speed they hold. An effect
 changes one place of that chain and does nothing at its null value. Units: `drive` is a share of
 full drive, `speed` the unit of the output, `1` a pure number. *Ties*: effects that many logs
-cannot tell from it. *Undone*: a mission can make up for it (`control.compensate`, see
-[control.md](control.md#making-up-for-identified-effects)).
+cannot distinguish from it. *Undone*: a mission can compensate it (`control.compensate`, see
+[control.md](control.md#compensating-identified-effects)).
 """
 
 HEADER = ["effect", "equation", "parameters", "what it is, what it looks like", "ties", "undone"]
@@ -35,9 +35,9 @@ STAGES = {
 
 SAMPLES = """## In the samples themselves
 
-`quantisation` (readings on a grid), `held-telemetry` (a sensor slower than the log, whose readings
-repeat until the next one) and `dropouts` (readings lost, held or zero) are read off the samples.
-They are told and masked, not added to the model.
+`quantisation` (measurements on a grid), `held-telemetry` (a sensor slower than the log, whose
+measurements repeat until the next one) and `dropouts` (measurements lost, repeated or zero) are
+visible in the samples. They are reported and masked, not added to the model.
 """
 
 OWN = """Effects of your own: [diagnose.md](diagnose.md#an-effect-of-your-own).
@@ -49,22 +49,22 @@ def page() -> str:
     effects = [*catalogue().values(), CHANGED]
     parts = [HEAD]
     for stage, where in STAGES.items():
-        mine = [e for e in effects if e.stage == stage]
+        of_stage = [e for e in effects if e.stage == stage]
         parts.append(f"## {stage.capitalize()}: {where}\n")
-        parts.append(table(HEADER, [_row(e) for e in mine]))
+        parts.append(table(HEADER, [_row(e) for e in of_stage]))
         parts.append("To show it:\n")
-        parts.append("\n".join(f"- `{e.id}`: {e.experiment}" for e in mine) + "\n")
+        parts.append("\n".join(f"- `{e.id}`: {e.experiment}" for e in of_stage) + "\n")
     return "\n".join([*parts, SAMPLES, OWN])
 
 
 def _row(e: Effect) -> list[str]:
-    numbers = ", ".join(f"`{p.name}` [{p.unit or '1'}]" for p in e.parameters)
+    parameters = ", ".join(f"`{p.name}` [{p.unit or '1'}]" for p in e.parameters)
     ties = ", ".join(f"`{id}`" for id in e.ties)
     undone = "yes" if e.inverse else ""
     return [
         f"`{e.id}`",
         e.equation,
-        numbers,
+        parameters,
         " ".join([e.sentence, *(law.sentence for law in e.laws if law.sentence), e.looks_like]),
         ties,
         undone,

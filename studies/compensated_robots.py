@@ -22,7 +22,7 @@ from sysid.mission.contracts import (
     SteppablePlant,
 )
 from sysid.mission.control.axes import AxisController
-from sysid.mission.simulator import drive_of, scene_of
+from sysid.mission.simulator import scene_of, shaper_of
 from sysid.mission.spec import Mission
 from sysid.vehicle.kinematics import Geometry, body_velocity, step_pose
 
@@ -122,7 +122,7 @@ def driven(
     heard = Listening(law)
     controller = AxisController(**{axis: heard}, **control)
     mission = Mission(goal=(9.0, 0.0), control=controller)
-    scene, drive = scene_of(mission, known), drive_of(mission, known)
+    scene, drive = scene_of(mission, known), shaper_of(mission, known)
     state, x, pose = controller.start(scene, floats), plant.initial_state(), (0.0, 0.0, 0.0)
     pwm, applied, rows = (0.0, 0.0), Command(0.0, 0.0), []
     along, samples = axis == "speed", round(PERIOD / plant.dt)

@@ -12,10 +12,10 @@ from sysid_datasets.multibody import random_schedule
 from studies.runner import Study, seeds
 from studies.tracks_on_ground import G, Truth, drawn, simulate
 from sysid.data.record import Channel, Record
-from sysid.estimation.vehicle.drive import drives_of
 from sysid.estimation.vehicle.dynamic_motion import fit_weighed
 from sysid.estimation.vehicle.dynamic_motors import motors_of_bench
 from sysid.estimation.vehicle.judged import whole
+from sysid.estimation.vehicle.trajectory import trajectories_of
 from sysid.report.markdown import table
 from sysid.vehicle.kinematics import Geometry
 from sysid.vehicle.motors import Bench
@@ -63,12 +63,12 @@ def main() -> None:
             poses[k] + noise[:, 2:] * np.array([PLACE, PLACE, HEADING]),
             name=f"run {k}",
         )
-        drives = drives_of([record], Geometry())
+        trajectories = trajectories_of([record], Geometry())
         found = fit_weighed(
-            whole(drives.each),
+            whole(trajectories.each),
             Geometry(),
             [record],
-            drives,
+            trajectories,
             Geometry(),
             motors_of_bench(Bench(), {}),
         )

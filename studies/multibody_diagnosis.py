@@ -23,7 +23,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.pose.diagnosis import diagnose_pose
 from sysid.effects.ground import Ground
-from sysid.estimation.vehicle.logs import read_drives
+from sysid.estimation.vehicle.logs import read_vehicle_logs
 from sysid.estimation.vehicle.windows import path_of
 from sysid.mission.robot.mapping import as_robot
 from sysid.mission.simulator import simulate
@@ -191,7 +191,7 @@ def _robots() -> str:
         return text + "Their logs were not there when this page was made.\n"
     rows = []
     for name, file, geometry in ROBOTS:
-        log = read_drives([folder / "drive" / file], ReadOptions(), Preparation())[0][0]
+        log = read_vehicle_logs([folder / "drive" / file], ReadOptions(), Preparation())[0][0]
         cut = round(0.7 * len(log))
         found = diagnose_pose([_rows(log, 0, cut)], [_rows(log, cut, len(log))], geometry)
         assert found is not None

@@ -22,8 +22,8 @@ from sysid.estimation.pem import fit
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
 from sysid.mission.loop import Verdict
 from sysid.mission.monte_carlo.compiled import CompiledRuns
-from sysid.mission.monte_carlo.draws import run_seeds
 from sysid.mission.monte_carlo.figures import Figures
+from sysid.mission.monte_carlo.sampler import run_seeds
 from sysid.mission.monte_carlo.setup import Setup, figures_alone
 from sysid.mission.spec import Mission
 from sysid.report.markdown import table
@@ -157,7 +157,7 @@ def simulated(name: str, setup: Setup, seed: int) -> Figures:
         AssertionError: a run alone ends otherwise, so that the loop is none for this twin.
     """
     seeds = run_seeds(seed, RUNS)
-    found = compiled(name).figures(setup.drivers[0].drawing.draw(seeds))
+    found = compiled(name).figures(setup.plant_variants[0].sampler.draw(seeds))
     if seed < 3:
         alone = np.array(figures_alone(setup, seeds[7]))
         assert np.allclose(alone, [column[7] for column in found], atol=1e-9, equal_nan=True)

@@ -20,7 +20,7 @@ from studies.skid_steer_physics import Vehicle, log_of
 from sysid.data.preparation import Preparation
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Channel, Record
-from sysid.estimation.vehicle.logs import read_drives
+from sysid.estimation.vehicle.logs import read_vehicle_logs
 from sysid.estimation.vehicle.vehicle_fit import VehicleFit, fit_vehicle
 from sysid.report.markdown import table
 from sysid.vehicle.kinematics import Geometry
@@ -107,7 +107,7 @@ def _real() -> str:
         return "## Real logs\n\nNot there when this page was made.\n\n"
     fits = {}
     for name, file, geometry in ROBOTS:
-        records, _ = read_drives([folder / "drive" / file], ReadOptions(), Preparation())
+        records, _ = read_vehicle_logs([folder / "drive" / file], ReadOptions(), Preparation())
         fits[name] = fit_vehicle(records, geometry=geometry)
     folds = [
         [name, *(f"{f.before.path:.3f} → {f.after.path:.3f} m, "

@@ -36,7 +36,7 @@ _PLACES = {
     "characterise_motor": "sysid.testbench.motor.characterise",
     "compare": "sysid.interface",
     "diagnose": "sysid.interface",
-    "estimate_pose": "sysid.interface",
+    "localize": "sysid.interface",
     "fit": "sysid.interface",
     "fit_vehicle": "sysid.interface",
     "identify": "sysid.interface",
@@ -74,12 +74,12 @@ if TYPE_CHECKING:
     from sysid.fitting.problem import Focus as Focus
     from sysid.interface import compare as compare
     from sysid.interface import diagnose as diagnose
-    from sysid.interface import estimate_pose as estimate_pose
     from sysid.interface import fit as fit
     from sysid.interface import fit_vehicle as fit_vehicle
     from sysid.interface import identify as identify
     from sysid.interface import inspect as inspect
     from sysid.interface import load_model as load_model
+    from sysid.interface import localize as localize
     from sysid.interface import plan as plan
     from sysid.interface import simulate as simulate
     from sysid.interface import simulate_runs as simulate_runs

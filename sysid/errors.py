@@ -52,7 +52,7 @@ class Termination(Enum):
         "Stopped at the iteration limit before converging: its numbers may still move; lower the "
         "orders or allow more iterations."
     )
-    AT_BOUND = "Converged with a parameter on its bound: widen the bound or doubt the structure."
+    AT_BOUND = "Converged with a parameter at its bound: widen the bound or check the structure."
     DIVERGED = (
         "Diverged: no finite cost was found from any start; lower the orders or check the data."
     )

@@ -1,4 +1,4 @@
-"""The verbs of ``import sysid``: each takes what a person has at hand and calls one function."""
+"""The functions of ``import sysid``: each gathers its arguments and calls one function."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sysid.estimation.selection.comparison import Ranking
     from sysid.estimation.vehicle.dynamic_motors import KnownMotors
     from sysid.estimation.vehicle.vehicle_fit import VehicleFit
-    from sysid.mission.estimate import Estimation
+    from sysid.mission.localize import Localization
     from sysid.mission.monte_carlo.mission_runs import MissionRuns
     from sysid.mission.plan import Plan
     from sysid.mission.result import MissionResult
@@ -41,7 +41,7 @@ def _several(records: Records) -> tuple[Record, ...]:
 
 
 def inspect(records: Records) -> tuple[Finding, ...]:
-    """What a log can tell before any fit: each finding has a severity, a sentence, an advice."""
+    """Findings about a log before any fit, each with a severity, a sentence and an advice."""
     return tuple(inspect_records(_several(records)))
 
 
@@ -83,10 +83,10 @@ def fit(
         records: experiments with equal channels and sample time.
         orders: for a name: text such as ``"nb=2 nf=2 nk=1"``, or a mapping; None searches them.
         options: focus, initial states, loss, constraints.
-        detrend: what is done about levels: auto, none, level, mean or linear.
+        detrend: treatment of offsets: auto, none, level, mean or linear.
 
     Raises:
-        DataError: the records cannot serve.
+        DataError: the records are not usable.
         UsageError: name, orders or options are wrong.
         ModelError: no start leads anywhere.
     """
@@ -122,14 +122,14 @@ def identify(
         criterion: what ranks: fit, aic, bic …
         split: share of each record to fit on; the rest judges.
         options: how to fit.
-        detrend: what is done about levels: auto, none, level, mean or linear.
+        detrend: treatment of offsets: auto, none, level, mean or linear.
         jobs: processes.
 
     Returns:
         Judged models, the winner first (``assessments[0].model``), and why it is ahead.
 
     Raises:
-        DataError: the data cannot serve.
+        DataError: the data are not usable.
         UsageError: the request contradicts itself or the data.
     """
     request = Request(
@@ -163,9 +163,9 @@ def compare(
     from sysid.estimation.selection.comparison import Contender
     from sysid.estimation.selection.comparison import compare as rank
 
-    held = _several(records)
-    contenders = [Contender(key, model, held, {}) for key, model in models.items()]
-    return rank(contenders, criterion, (held, name))
+    judged_on = _several(records)
+    contenders = [Contender(key, model, judged_on, {}) for key, model in models.items()]
+    return rank(contenders, criterion, (judged_on, name))
 
 
 def load_model(path: str | Path, accept_changes: bool = False) -> Model:
@@ -251,28 +251,28 @@ def plan(mission: "Mission | str | Path") -> "Plan":
     return follow(_mission(mission))
 
 
-def estimate_pose(
+def localize(
     log: str | Path,
     mission: "Mission | str | Path",
     *,
     columns: Mapping[str, str] | None = None,
     options: "ReadOptions | None" = None,
-) -> "Estimation":
+) -> "Localization":
     """Where a robot was, with its covariance, from a log of its sensors.
 
     Args:
         log: file with wheel speeds and columns of sensors.
         mission: its navigation, sensors, geometry and start, or the file that holds them.
-        columns: reading → column, where the names differ; ``-column`` where its sign does.
+        columns: measurement → column, where the names differ; ``-column`` where its sign does.
         options: how to read the log.
 
     Raises:
         DataError: a file cannot be read, or holds no reading.
         UsageError: a column or unit named is not there.
     """
-    from sysid.mission.estimate import estimate
+    from sysid.mission.localize import localize as follow
 
-    return estimate(log, _mission(mission), columns, options)
+    return follow(log, _mission(mission), columns, options)
 
 
 def _mission(mission: "Mission | str | Path") -> "Mission":
@@ -325,12 +325,12 @@ def diagnose(
     bench: str | Path | None = None,
     seed: int = 0,
 ) -> "Diagnosis":
-    """Where a model and logs disagree, which effects are missing, and how far they close the gap.
+    """Where a model and logs disagree, which effects are missing, and what adding them changes.
 
     Args:
         records: logs that effects are searched on.
         validation: logs that judge; None holds out blocks of ``records``.
-        model: the model that disagrees; None fits the plainest base first.
+        model: the model to diagnose; None fits a first-order baseline first.
         mission: the mission that the logs drove.
         geometry: the vehicle's lengths, where the log has a pose.
         bench: file of ``sysid bench power``: effects of battery and bridge are looked for near what
@@ -338,7 +338,7 @@ def diagnose(
         seed: of every bootstrap.
 
     Raises:
-        DataError: the logs cannot serve.
+        DataError: the logs are not usable.
         ModelError: the model cannot be run on them.
         UsageError: there is no such mission file, or a log that judges is one of ``records``.
     """
@@ -346,7 +346,7 @@ def diagnose(
     from sysid.effects.measured import read_measured
 
     if mission is not None and not Path(mission).is_file():
-        raise UsageError(f"there is no mission file {mission}; give the path of one")
+        raise UsageError(f"mission file not found: {mission}; give its path")
     return search(
         _several(records),
         None if validation is None else _several(validation),
@@ -378,7 +378,7 @@ def fit_vehicle(
 
     Raises:
         DataError: pose, wheel speeds or commands are missing, or there are too few of them.
-        ModelError: the model tells no torque, or was driven on the ground.
+        ModelError: the model gives no torque, or was driven on the ground.
         UsageError: there is no such motion.
     """
     from sysid.estimation.vehicle.dynamic_motors import motors_of_model, torque_only

@@ -10,13 +10,13 @@ from sysid import floats
 from sysid.data.record import Array
 from sysid.mission.axis import PUBLISHED, AxisInputs
 from sysid.mission.contracts import Body, Command, ControlInputs, Pose, References
-from sysid.mission.loop import plain_drive
+from sysid.mission.loop import plain_shaper
 from sysid.vehicle.kinematics import Geometry, body_velocity, step_pose
 
 
 def pwm(command: Any) -> tuple[float, float]:
     """What the command module makes of a command [µs]."""
-    return plain_drive(command, Body(SCENE.start, 0.0, 0.0), 0.0, floats)[0]
+    return plain_shaper(command, Body(SCENE.start, 0.0, 0.0), 0.0, floats)[0]
 
 
 def driven(
@@ -33,7 +33,7 @@ def driven(
         asked = References(speed, psi, False)
         given = ControlInputs(0.1 * k, asked, body, scene, applied)
         state, decided = law.step(state, given, 0.1, floats)
-        command, applied = plain_drive(decided, body, 0.1 * k, floats)
+        command, applied = plain_shaper(decided, body, 0.1 * k, floats)
         x = plant.step(x, np.array(command))[0]
         rows.append((v, body.pose.psi, *decided))
     return np.array(rows)

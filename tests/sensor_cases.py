@@ -29,7 +29,7 @@ def way(samples: int, dt: float = 0.1) -> list[tuple[float, Body, float, float]]
     return found
 
 
-def readings(
+def measurements(
     sensor: Sensor, samples: int, dt: float = 0.1, seed: int = 0, name: str = "it"
 ) -> dict[str, Array]:
     """What a sensor reads on the way, by name, with the columns of the truth."""

@@ -22,7 +22,7 @@ class Skid:
         marker: of the point whose pose is read, ahead and to the left.
         offset: of the heading that is read.
         lag, heading_lag: by which position and heading come late.
-        slip_turning: share of the way lost in a turn on the spot.
+        slip_turning: slip in a turn on the spot.
         slip_load: lag of the speed behind the wheels.
         noise: of x and y, and of ψ.
     """

@@ -82,7 +82,7 @@ class Motion(GaussianModel, TransitionModel):
 
 
 class Reading(GaussianModel, MeasurementModel):
-    """One group of our readings."""
+    """One group of our measurements."""
 
     process: Process = Property()
     group: Group = Property()

@@ -29,12 +29,13 @@ def plant(
         bool,
         typer.Option(
             "--lock-step",
-            help="Wait for the answer to every odometry, so that the run is that of one process.",
+            help="Wait for the answer to every odometry message, which repeats the run of one "
+            "process.",
         ),
     ] = False,
     speed: Annotated[
         float,
-        typer.Option(metavar="N", help="Seconds of the mission a second, without --lock-step."),
+        typer.Option(metavar="N", help="Mission seconds per real second, without --lock-step."),
     ] = 1.0,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of the sensors' noise.")] = 0,
     plot: Annotated[
@@ -64,7 +65,7 @@ def plant(
     if log is not None:
         targets.check(log, "--log")
     if not over.ros:
-        raise UsageError("sysid plant plays the robot for another node: give --ros")
+        raise UsageError("sysid plant plays the robot for another node; add --ros")
     pace = Pace(lock_step=lock_step, speed=speed)
     place = Workspace(workspace)
     package = load_plant(place, plant, accept_changes)

@@ -24,14 +24,15 @@ def export(
         typer.Option(
             "--format",
             metavar="NAME[,NAME]",
-            help="Formats; json is the package alone [json,c: without c where that cannot be].",
+            help="Formats; json is the package alone [json,c; c is left out where it is "
+            "impossible].",
         ),
     ] = None,
     controller: Annotated[
         Path | None,
         typer.Option(
             metavar="MISSION",
-            help="Write the laws of this mission (YAML), too: guidance, control, navigation.",
+            help="Also write the laws of this mission (YAML): guidance, control, navigation.",
         ),
     ] = None,
     precision: Annotated[
@@ -49,7 +50,7 @@ def export(
     if output is not None:
         targets.check(output, "-o")
     if precision not in ("double", "float"):
-        raise typer.BadParameter(f"{precision!r} is no precision: choose double or float")
+        raise typer.BadParameter(f"{precision!r} is not a precision; choose double or float")
     mission = None
     if controller is not None:
         from sysid.mission.spec import load_mission
@@ -74,4 +75,4 @@ def export(
         render.document({"plant": path, "model": stored.id, "files": files, "selftest": test})
         return
     render.say(f"Exported {stored.id} to {path}")
-    render.say(f"Self-test: read back, it differs by {error:.2g} at most.")
+    render.say(f"Self-test: the file read back differs by {error:.2g} at most.")

@@ -18,9 +18,9 @@ def verify(
     from sysid.export.verification.verify import verify as replayed
 
     with render.progress(f"Verifying {package}"):
-        found = replayed(package)
+        replay = replayed(package)
     if json:
-        render.document(found.summary())
+        render.document(replay.summary())
     else:
         rows = [
             (
@@ -29,10 +29,10 @@ def verify(
                 "–" if r.max_error is None else render.number(r.max_error, 2),
                 "passed" if r.passed else f"skipped: {r.skipped}" if r.skipped else "FAILED",
             )
-            for r in found.results
+            for r in replay.results
         ]
         render.table(("runtime", "version", "largest error / range", ""), rows)
-        for r in found.results:
+        for r in replay.results:
             if r.instructions:
                 counts = [
                     (name, f"{c['mean']:.0f}", f"{c['most']:.0f}")
@@ -41,5 +41,5 @@ def verify(
                 render.table((f"instructions on {r.name}", "mean", "most"), counts)
             if r.failed:
                 render.warn(f"{r.name}: {r.failed}.")
-    if not found.passed:
+    if not replay.passed:
         raise typer.Exit(1)

@@ -90,7 +90,7 @@ def check_alone(validation: Sequence[Path] | None, steps: "Preparation") -> None
     """
     if validation or steps.to_json():
         raise UsageError(
-            "`follow` takes the rows as they come; leave out `validation` and what prepares a log"
+            "`follow` takes rows as they arrive; omit `validation` and preparation options"
         )
 
 
@@ -106,16 +106,15 @@ def _orders(request: "Request") -> Any:
 
     if request.structures not in ((), ("arx",)):
         raise UsageError(
-            f"only arx can be followed row by row, not {request.structures[0]}; fit the log when "
-            "it is finished"
+            f"only arx can be followed row by row, got {request.structures[0]}; fit the finished "
+            "log"
         )
     if replace(request.options, extra={}) != FitOptions():
         raise UsageError(
-            "`follow` solves plain least squares; leave the options of the search out, or fit the "
-            "log when it is finished"
+            "`follow` solves plain least squares; omit the search options, or fit the finished log"
         )
     if request.split is not None or request.criterion != Request().criterion:
-        raise UsageError("`follow` takes every row as it comes; leave `split` and `criterion` out")
+        raise UsageError("`follow` takes every row as it arrives; omit `split` and `criterion`")
     return None if request.orders is None else parse_orders(request.orders.removeprefix("arx:"))
 
 
@@ -131,7 +130,7 @@ def _feed(logs: Sequence[Path], read: "ReadOptions") -> "Feed":
     if not _is_topic(source):
         if read.map:
             raise UsageError(
-                f"{source} is a file: `map` has no use with it; follow a topic, or name its columns"
+                f"{source} is a file: `map` does not apply; follow a topic, or name its columns"
             )
         return LogFeed(lines_of(source), read)
     from sysid.cosim.ros.topic_lines import TopicLines
@@ -195,7 +194,7 @@ def _kept(follower: "Follower", ending: str, request: "Request", workspace: Work
     from sysid.estimation.online.follower import identification, kept_log
 
     if follower.live is None:
-        raise DataError(f"{follower.feed.where}: no rows have come; is it the right log?")
+        raise DataError(f"{follower.feed.where}: no rows arrived; check the log's name")
     live = follower.live
     state = live.state()
     text, read = kept_log(live)
@@ -213,8 +212,8 @@ def _kept(follower: "Follower", ending: str, request: "Request", workspace: Work
         "forgetting": follower.options.forgetting,
     }
     options = replace(request.options, extra=extra)
-    found = identification(live, records, options, request.policy)
-    return Followed(replace(found, reason=ending), state, log, ending)
+    identified = identification(live, records, options, request.policy)
+    return Followed(replace(identified, reason=ending), state, log, ending)
 
 
 @contextmanager

@@ -48,18 +48,18 @@ def following(
     ] = None,
     idle: Annotated[
         float | None,
-        _following("--idle", "SECONDS", "End following when no row has come for so long."),
+        _following("--idle", "SECONDS", "End following after this time without a new row."),
     ] = None,
     every: Annotated[
         float,
-        _following("--every", "SECONDS", "Time between two looks at what is followed."),
+        _following("--every", "SECONDS", "Time between two updates."),
     ] = 1.0,
     forgetting: Annotated[
         float,
         _following(
             "--forgetting",
             "FACTOR",
-            "Weight of a followed row with every later one; 0.999 remembers 1000 rows, 1 all.",
+            "Forgetting factor per row; 0.999 remembers 1000 rows, 1 all.",
         ),
     ] = 1.0,
     false_alarms: Annotated[
@@ -67,7 +67,7 @@ def following(
         _following(
             "--false-alarms",
             "CHANCE",
-            "Chance of ever saying that an unchanged plant has changed.",
+            "Probability of a false alarm while the plant does not change.",
         ),
     ] = 0.01,
 ) -> Following:
@@ -81,7 +81,7 @@ def following(
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise UsageError(f"{name} is a time in seconds above 0, got {value:g}")
         if value is not None and not follow and name != "--every":
-            raise UsageError(f"{name} says when following ends; give --follow, or leave it out")
+            raise UsageError(f"{name} belongs to --follow; add --follow or omit it")
     if not follow and (every, forgetting, false_alarms) != (1.0, 1.0, 0.01):
         raise UsageError("--every, --forgetting and --false-alarms belong to --follow; add it")
     return Following(follow, seconds, idle, every, forgetting, false_alarms)

@@ -42,13 +42,13 @@ def change_sentence(change: "LiveChange") -> str:
         if n.output == change.output
     ]
     return (
-        f"The plant changed at {change.time:.4g} s (± {change.within:.2g} s): what the inputs do "
-        f"to {change.output} altered by {100.0 * change.share:.2g} %; {'; '.join(moved)}."
+        f"The plant changed at {change.time:.4g} s (± {change.within:.2g} s): the response of "
+        f"{change.output} changed by {100.0 * change.share:.2g} %; {'; '.join(moved)}."
     )
 
 
-def _estimate(found: "Estimate | None") -> str:
-    return "not known yet" if found is None else with_error(found.value, found.std_error)
+def _estimate(estimate: "Estimate | None") -> str:
+    return "not known yet" if estimate is None else with_error(estimate.value, estimate.std_error)
 
 
 def excitation_sentence(state: "LiveState") -> str:
@@ -56,7 +56,7 @@ def excitation_sentence(state: "LiveState") -> str:
     poor = [e for e in state.excitation if not e.enough]
     if not poor:
         least = min(e.smallest for e in state.excitation)
-        return f"Excitation enough (least information {least:.3g}, needed {poor_need(state)})."
+        return f"Excitation sufficient (least information {least:.3g}, needed {poor_need(state)})."
     return "Excitation not enough yet: " + " ".join(
         f"{e.output} {e.smallest:.3g} of {e.need:.3g}: {e.why}" for e in poor
     )
@@ -112,7 +112,7 @@ class View:
 
     def __init__(self, where: str, quiet: bool) -> None:
         self._where, self._quiet = where, quiet
-        self._told = 0
+        self._shown = 0
 
     @contextmanager
     def shown(self) -> Iterator["View"]:
@@ -133,11 +133,11 @@ class View:
         if self._draw is not None:
             self._draw(screen(state, units, self._where))
             return
-        for change in _new(state.changes, self._told):
+        for change in _new(state.changes, self._shown):
             render.say(change_sentence(change), "bold")
-        self._told = len(state.changes)
+        self._shown = len(state.changes)
         render.say(line(state, units))
 
 
-def _new(changes: "Sequence[LiveChange]", told: int) -> "Sequence[LiveChange]":
-    return changes[told:]
+def _new(changes: "Sequence[LiveChange]", shown: int) -> "Sequence[LiveChange]":
+    return changes[shown:]

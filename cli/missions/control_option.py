@@ -41,19 +41,19 @@ def chosen_controller(text: str, present: Controller) -> Controller:
         for axis in AXES:
             if type(before.get(axis)) is type(getattr(chosen, axis)):
                 kept[axis] = before[axis]
-    found: Controller = chosen.model_copy(update=kept)
-    return found
+    controller: Controller = chosen.model_copy(update=kept)
+    return controller
 
 
 def _named(text: str) -> dict[str, Any]:
     """Sections of the axes that the text names."""
-    found = {}
+    named = {}
     for part in text.split(","):
         axis, _, kind = (word.strip() for word in part.partition("="))
-        if axis not in AXES or not kind or axis in found:
+        if axis not in AXES or not kind or axis in named:
             raise UsageError(f"--control {text}: {FORM}")
-        found[axis] = {"kind": kind}
-    return found
+        named[axis] = {"kind": kind}
+    return named
 
 
 def _laws(present: Controller) -> dict[str, Any]:
@@ -70,6 +70,6 @@ def _common(present: Controller, chosen: Any) -> dict[str, Any]:
     """What was said of the present controller as a whole and holds for the chosen one, too."""
     if not isinstance(present, ControlSettings):
         return {}
-    own = AxisController.model_fields.keys() - {*AXES}
-    said = own & present.model_fields_set & type(chosen).model_fields.keys()
+    axis_keys = AxisController.model_fields.keys() - {*AXES}
+    said = axis_keys & present.model_fields_set & type(chosen).model_fields.keys()
     return {name: getattr(present, name) for name in said}

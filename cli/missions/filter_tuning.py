@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .. import reading, render
-from .estimate import columns_of
+from .localize import columns_of
 
 if TYPE_CHECKING:
     from sysid.mission.tuning.filter_noise import FilterTuning
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SensorOptions:
-    """A log of sensors, and how it is read; see ``sysid estimate``."""
+    """A log of sensors, and how it is read; see ``sysid localize``."""
 
     log: Path | None = None
     sensor: tuple[str, ...] = ()
@@ -32,13 +32,13 @@ def sensor_options(
         Path | None,
         typer.Option(
             metavar="LOG",
-            help="Estimate the noise of the mission's filter from a log of its sensors instead.",
+            help="Estimate the filter's noise from this sensor log instead.",
         ),
     ] = None,
     sensor: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=COLUMN", help="Of --navigation: column of a reading of another name."
+            metavar="NAME=COLUMN", help="With --navigation: column that holds a measurement."
         ),
     ] = None,
     time: reading.Time = None,
@@ -79,29 +79,29 @@ def tune_filter(
         latency=list(sensors.latency) or None,
     )
     with render.progress(f"Following {log.name}"):
-        found = tuned_filter(log, given, columns_of(list(sensors.sensor)), options)
-    facts: dict[str, Any] = found.summary()
+        tuning = tuned_filter(log, given, columns_of(list(sensors.sensor)), options)
+    facts: dict[str, Any] = tuning.summary()
     if to is not None:
-        noise = {"q": dict(found.q), "r": dict(found.r), "gate": found.gate}
+        noise = {"q": dict(tuning.q), "r": dict(tuning.r), "gate": tuning.gate}
         law = type(given.navigation).model_validate(  # type: ignore[attr-defined]
             {**given.navigation.model_dump(exclude_unset=True), **noise}  # type: ignore[attr-defined]
         )
         tuned = given.model_copy(update={"navigation": law})
         facts["to"] = write_mission(mission, to, tuned, "navigation")
-    render.document(facts) if json else _show(log.name, found, facts)
+    render.document(facts) if json else _show(log.name, tuning, facts)
 
 
-def _show(name: str, found: "FilterTuning", facts: dict[str, Any]) -> None:
+def _show(name: str, tuning: "FilterTuning", facts: dict[str, Any]) -> None:
     rows = [
         (
             f"{kind}.{key}",
             render.number(value, 3),
-            "at its bound" if f"{kind}.{key}" in found.at_bound else "",
+            "at its bound" if f"{kind}.{key}" in tuning.at_bound else "",
         )
-        for kind, values in (("q", found.q), ("r", found.r))
+        for kind, values in (("q", tuning.q), ("r", tuning.r))
         for key, value in values.items()
     ]
-    render.table(("noise", "value", ""), [*rows, ("gate", render.number(found.gate, 4), "")])
+    render.table(("noise", "value", ""), [*rows, ("gate", render.number(tuning.gate, 4), "")])
     before, after = facts["consistency"]["before"], facts["consistency"]["after"]
     pairs = [
         (key, render.number(before[key], 3), render.number(after[key], 3))
@@ -114,7 +114,7 @@ def _show(name: str, found: "FilterTuning", facts: dict[str, Any]) -> None:
         for key, value in errors["before"].items()
     ]
     render.table((name, "before", "after"), pairs)
-    render.say(found.sentence)
+    render.say(tuning.sentence)
     for warning in facts["warnings"]:
         render.warn(f"! {warning}")
     if "to" in facts:

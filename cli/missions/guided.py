@@ -40,7 +40,7 @@ def refuse_many(how: "Repeats") -> None:
     """
     for name in ("runs", "seed", "vary", "scheduler", "measured"):
         if getattr(how, name) is not None:
-            raise UsageError(f"--{name} has no use with --ros: the robot of the other node drives")
+            raise UsageError(f"--{name} does not apply with --ros; the other node drives the robot")
 
 
 def facts_of(

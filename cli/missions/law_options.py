@@ -93,4 +93,4 @@ def refuse_for_log(choice: LawChoice, log: object) -> None:
     """
     for role in ("guidance", "control", "navigation", "motion"):
         if getattr(choice, role) is not None:
-            raise UsageError(f"{log} is a log to replay: --{role} has no use with it")
+            raise UsageError(f"{log} is a log to replay; omit --{role}")

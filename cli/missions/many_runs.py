@@ -48,7 +48,7 @@ class Repeats:
         """
         for name in ("runs", "seed", "vary", "scheduler", "measured"):
             if getattr(self, name) is not None:
-                raise UsageError(f"{log} is a log to replay: --{name} has no use with it")
+                raise UsageError(f"{log} is a log to replay; omit --{name}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,23 +74,24 @@ class Ride:
 
 def repeats(
     runs: Annotated[
-        int | None, typer.Option(metavar="N", help="Drive it so often, with draws for every run.")
+        int | None,
+        typer.Option(metavar="N", help="Number of simulated runs, each with its own draws."),
     ] = None,
     seed: Annotated[
         int | None,
         typer.Option(
             min=0,
             metavar="N",
-            help="Seed of the runs [0]; without --runs, of the sensors' noise, or of the one of "
-            "many runs to replay.",
+            help="Seed of the runs [0]; without --runs, of the sensor noise or of the run to "
+            "replay.",
         ),
     ] = None,
     vary: Annotated[
         str | None,
         typer.Option(
             metavar="LIST",
-            help="What differs from run to run, of parameters, noise, start, obstacles, "
-            "friction, soil, mass and models [what the mission says].",
+            help="Quantities that vary: parameters, noise, start, obstacles, friction, soil, "
+            "mass, models [as the mission says].",
         ),
     ] = None,
     scheduler: Annotated[
@@ -104,16 +105,16 @@ def repeats(
         Path | None,
         typer.Option(
             metavar="LOG",
-            help="Log of a drive of this mission, with its pose: where does it leave what the runs "
-            "predict, and why?",
+            help="Log of a measured drive of this mission, with its pose, to compare with the "
+            "runs.",
         ),
     ] = None,
 ) -> Repeats:
     """The options of many runs."""
     if vary is not None and runs is None and seed is None and measured is None:
-        raise UsageError("--vary says what differs between runs: give --runs, or --seed of one run")
+        raise UsageError("--vary belongs to --runs, or to the --seed of one run; add one")
     if scheduler is not None and runs is None:
-        raise UsageError("--scheduler shares many runs: give --runs as well")
+        raise UsageError("--scheduler belongs to --runs; add --runs")
     names = None if vary is None else tuple(name.strip() for name in vary.split(","))
     return Repeats(runs, seed, names, scheduler, measured)
 
@@ -122,19 +123,23 @@ def candidates(
     place: "Workspace", package: "Package", mission: "Mission", how: Repeats
 ) -> "list[Model]":
     """The package's model and, where models vary, the others of the workspace of the same logs."""
-    own = package.model()
+    exported = package.model()
     varies = mission.vary.models if how.vary is None else "models" in how.vary
     if not varies:
-        return [own]
+        return [exported]
     logs = [d["sha256"] for d in package.description["data"]]
-    found = [own]
+    models = [exported]
     for stored in place.all():
         other = stored.model
-        same_plant = (other.dt, other.inputs, other.outputs) == (own.dt, own.inputs, own.outputs)
-        same_model = other.structure == own.structure and _equal(other.theta, own.theta)
+        same_plant = (other.dt, other.inputs, other.outputs) == (
+            exported.dt,
+            exported.inputs,
+            exported.outputs,
+        )
+        same_model = other.structure == exported.structure and _equal(other.theta, exported.theta)
         if same_plant and not same_model and [d.sha256 for d in other.provenance.data] == logs:
-            found.append(other)
-    return found
+            models.append(other)
+    return models
 
 
 def _equal(one: "Array", other: "Array") -> bool:
@@ -144,7 +149,7 @@ def _equal(one: "Array", other: "Array") -> bool:
 
 def ride(mission: "Mission", package: "Package", models: "Sequence[Model]", how: Repeats) -> Ride:
     """One run: nominal with the noise of a small seed, or the run of a batch whose seed it is."""
-    from sysid.mission.monte_carlo.draws import is_run_seed
+    from sysid.mission.monte_carlo.sampler import is_run_seed
     from sysid.mission.robot.compensation import nothing_to_undo
     from sysid.mission.robot.mapping import as_robot
 
@@ -156,9 +161,9 @@ def ride(mission: "Mission", package: "Package", models: "Sequence[Model]", how:
     from sysid.mission.monte_carlo.setup import Setup
 
     setup = Setup.of(mission, models, how.vary)
-    own, robot, noise = setup.alone(seed)
-    told = f"A run of many: drawn were {', '.join(setup.varied) or 'no quantities'}."
-    return Ride(own, robot, setup.known(seed), (told, *setup.notes(0, 0, 1)), seed, noise)
+    varied, robot, noise = setup.alone(seed)
+    note = f"One run of a batch; drawn quantities: {', '.join(setup.varied) or 'no quantities'}."
+    return Ride(varied, robot, setup.known(seed), (note, *setup.notes(0, 0, 1)), seed, noise)
 
 
 def drive_many(
@@ -176,17 +181,17 @@ def drive_many(
 
     runs = how.runs or 0
     with render.progress(f"Driving {path.name}", runs) as advance:
-        found = simulate_runs(
+        batch = simulate_runs(
             mission, models, runs, how.seed or 0, how.vary, how.scheduler, advance
         )
     targets.make_folder(table, "--log")
     facts = {
-        "runs": found.summary(),
-        "log": write_runs(found, table),
-        "warnings": list(found.notes),
+        "runs": batch.summary(),
+        "log": write_runs(batch, table),
+        "warnings": list(batch.notes),
     }
     if plot is not None:
-        _draw(plot, path.stem, Setup.of(mission, models, how.vary), found)
+        _draw(plot, path.stem, Setup.of(mission, models, how.vary), batch)
         facts["plot"] = plot
     return facts
 
@@ -195,21 +200,21 @@ SHOWN = 100
 """Paths in a picture: enough for a fan."""
 
 
-def _draw(plot: Path, name: str, setup: "Setup", found: "MissionRuns") -> None:
+def _draw(plot: Path, name: str, setup: "Setup", batch: "MissionRuns") -> None:
     """Draw the paths of the first runs and the worst ones, which are driven again for it."""
     import numpy as np
 
     from sysid.mission.monte_carlo.paths import paths_of
     from sysid.report.plots import RunsPicture, write_picture
 
-    usual = found.seeds[:SHOWN]
-    paths = paths_of(setup, [*usual, *(w.seed for w in found.worst)])
-    mission, shares = setup.mission, found.time_drivers
+    usual = batch.seeds[:SHOWN]
+    paths = paths_of(setup, [*usual, *(w.seed for w in batch.worst)])
+    mission, shares = setup.mission, batch.time_drivers
     write_picture(
         plot,
         RunsPicture(
-            title=f"{name}: {found.n} runs",
-            subtitle=found.sentence,
+            title=f"{name}: {batch.n} runs",
+            subtitle=batch.sentence,
             paths=tuple(paths[: len(usual)]),
             worst=tuple(paths[len(usual) :]),
             goal=mission.goal,
@@ -217,8 +222,8 @@ def _draw(plot: Path, name: str, setup: "Setup", found: "MissionRuns") -> None:
             discs=tuple((o.x, o.y, o.radius) for o in mission.obstacles),
             walls=tuple(np.array(w) for w in mission.walls),
             polygons=tuple(np.array(p) for p in mission.polygons),
-            times=found.time_s,
-            clearances=found.min_clearance_m,
+            times=batch.time_s,
+            clearances=batch.min_clearance_m,
             drivers=tuple((d.name, d.share_of_variance) for d in shares.ranked) if shares else (),
         ),
     )
@@ -226,29 +231,29 @@ def _draw(plot: Path, name: str, setup: "Setup", found: "MissionRuns") -> None:
 
 def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
     """Tables, the sentence, and how to see a run again."""
-    found = facts["runs"]
+    batch = facts["runs"]
     rows = [
         (name, o["count"], f"{100 * o['share']:.3g}", _interval(o["interval"]))
-        for name, o in found["outcomes"].items()
+        for name, o in batch["outcomes"].items()
     ]
     render.table(("outcome", "runs", "%", "95 % interval"), rows, title=path.name)
     figures = (("time [s]", "time_s"), ("nearest obstacle [m]", "min_clearance_m"),
                ("off the goal [m]", "final_error_m"))  # fmt: skip
     quantiles = [
-        (words, *(render.number(found[key][q], 4) for q in ("p05", "p50", "p95")))
+        (words, *(render.number(batch[key][q], 4) for q in ("p05", "p50", "p95")))
         for words, key in figures
-        if found[key]
+        if batch[key]
     ]
     render.table(("", "5 %", "half", "95 %"), quantiles)
-    _show_drivers(found)
-    render.say(found["sentence"])
+    _show_drivers(batch)
+    render.say(batch["sentence"])
     worst = ", ".join(
-        f"{w['seed']} ({w['outcome']}, {render.number(w['time_s'], 4)} s)" for w in found["worst"]
+        f"{w['seed']} ({w['outcome']}, {render.number(w['time_s'], 4)} s)" for w in batch["worst"]
     )
     render.say(f"Worst: {worst}")
     again = f" --vary {','.join(how.vary)}" if how.vary else ""
-    first = found["worst"][0]["seed"]
-    render.say(f"See one again: sysid simulate {path} --seed {first}{again}")
+    first = batch["worst"][0]["seed"]
+    render.say(f"Replay one: sysid simulate {path} --seed {first}{again}")
     show_files(facts)
 
 
@@ -263,15 +268,15 @@ def show_files(facts: dict[str, Any]) -> None:
         render.say(f"Picture: {facts['plot']}")
 
 
-def _show_drivers(found: dict[str, Any]) -> None:
-    rest = "noise, and what acts together" if "noise" in found["vary"] else "what acts together"
+def _show_drivers(shares: dict[str, Any]) -> None:
+    rest = "noise, and what acts together" if "noise" in shares["vary"] else "what acts together"
     columns = [
-        {d["name"]: d["share_of_variance"] for d in found[key]} | {rest: found[unexplained]}
+        {d["name"]: d["share_of_variance"] for d in shares[key]} | {rest: shares[unexplained]}
         for key, unexplained in (
             ("drivers", "unexplained_share"),
             ("drivers_of_final_error", "unexplained_share_of_final_error"),
         )
-        if found[unexplained] is not None
+        if shares[unexplained] is not None
     ]
     if not columns:
         return

@@ -34,15 +34,15 @@ def lay_over(
     record, findings = _drive(log, read)
     runs = min(how.runs or RUNS, MOST)
     with render.progress(f"Driving towards {log.name}"):
-        found = against_runs(record, mission, models, runs, how.seed or 0, how.vary)
-    facts: dict[str, Any] = {**found.summary(), "cause": None, "other_causes": []}
-    facts["notes"] = list(found.notes)
-    if found.leaves is not None:
+        comparison = against_runs(record, mission, models, runs, how.seed or 0, how.vary)
+    facts: dict[str, Any] = {**comparison.summary(), "cause": None, "other_causes": []}
+    facts["notes"] = list(comparison.notes)
+    if comparison.leaves is not None:
         with render.stages("Diagnosing") as progress:
             why = likely_cause(record, models[0], mission.vehicle.given_geometry, progress)
         facts |= {"cause": why.name, "other_causes": list(why.others)}
         facts["sentence"] += f" {with_options(why.sentence)}"
-    return found, facts, [with_options(f) for f in warned(findings)]
+    return comparison, facts, [with_options(f) for f in warned(findings)]
 
 
 MOST = 4000
@@ -50,7 +50,7 @@ MOST = 4000
 
 
 def _drive(log: Path, read: "ReadOptions") -> "tuple[Record, tuple[Finding, ...]]":
-    """The longest record of a log, on an even grid with lost readings held."""
+    """The longest record of a log, on an even grid with lost measurements held."""
     from sysid.data.preparation import Preparation, read_prepared
 
     if read.resample == "auto":
@@ -59,15 +59,15 @@ def _drive(log: Path, read: "ReadOptions") -> "tuple[Record, tuple[Finding, ...]
     return max(records, key=len), findings
 
 
-def show_measured(found: dict[str, Any]) -> None:
+def show_measured(comparison: dict[str, Any]) -> None:
     """What the comparison says, and what was done for it."""
-    for note in found["notes"]:
+    for note in comparison["notes"]:
         render.say(note)
-    share = 100 * found["inside_share"]
-    render.say(f"{found['sentence']} Of its instants {share:.3g} % lie inside.")
+    share = 100 * comparison["inside_share"]
+    render.say(f"{comparison['sentence']} It lies inside for {share:.3g} % lie inside.")
 
 
-def draw_measured(path: Path, name: str, mission: "Mission", found: "Comparison") -> None:
+def draw_measured(path: Path, name: str, mission: "Mission", comparison: "Comparison") -> None:
     """Draw the fan with the measured path over it."""
     import numpy as np
 
@@ -76,9 +76,9 @@ def draw_measured(path: Path, name: str, mission: "Mission", found: "Comparison"
 
     from ..pictures import mission_scene
 
-    fan, reach = found.fan, found.fan.limit * found.fan.scale
-    turns = 2.0 * np.pi * np.round((found.values[:, 2] - fan.middle[:, 2]) / (2.0 * np.pi))
-    measured = found.values - np.array([0.0, 0.0, 1.0, 0.0]) * turns[:, None]
+    fan, reach = comparison.fan, comparison.fan.limit * comparison.fan.scale
+    turns = 2.0 * np.pi * np.round((comparison.values[:, 2] - fan.middle[:, 2]) / (2.0 * np.pi))
+    measured = comparison.values - np.array([0.0, 0.0, 1.0, 0.0]) * turns[:, None]
     panels = tuple(
         FanPanel(
             f"{words} [{UNITS[k]}]",
@@ -90,10 +90,17 @@ def draw_measured(path: Path, name: str, mission: "Mission", found: "Comparison"
         )
         for k, words in enumerate(("x", "y", "heading", "speed"))
     )
-    head = "stays inside" if found.leaves is None else f"leaves at {found.leaves_at_s:.1f} s"
-    scene = mission_scene(
-        mission, name, fan.t, found.values[:, :3], found.values[:, QUANTITIES.index("speed")]
+    head = (
+        "stays inside" if comparison.leaves is None else f"leaves at {comparison.leaves_at_s:.1f} s"
     )
-    facts = f"{fan.runs} runs of {name}; measured: {found.name}"
-    title = f"{found.name} {head} {'the fan of its runs' if found.leaves is None else ''}".strip()
-    write_picture(path, FanPicture(scene, fan.ways, fan.t, panels, found.leaves, title, facts))
+    scene = mission_scene(
+        mission,
+        name,
+        fan.t,
+        comparison.values[:, :3],
+        comparison.values[:, QUANTITIES.index("speed")],
+    )
+    facts = f"{fan.runs} runs of {name}; measured: {comparison.name}"
+    tail = "the fan of its runs" if comparison.leaves is None else ""
+    title = f"{comparison.name} {head} {tail}".strip()
+    write_picture(path, FanPicture(scene, fan.ways, fan.t, panels, comparison.leaves, title, facts))

@@ -57,14 +57,14 @@ def plan(
 
     given = LawChoice(guidance).applied(load_mission(mission))
     with render.progress(f"Following {mission.name}"):
-        found = follow(given)
-    facts: dict[str, Any] = {"guidance": kind_of("guidance", given.guidance), **found.summary()}
-    facts["sentence"] = _sentence(given, found)
+        route = follow(given)
+    facts: dict[str, Any] = {"guidance": kind_of("guidance", given.guidance), **route.summary()}
+    facts["sentence"] = _sentence(given, route)
     if plot == _IN_WORKSPACE:
         plot = Workspace(workspace).missions_dir / f"{mission.stem}_plan.svg"
         targets.make_folder(plot, "--plot")
     if plot is not None:
-        _draw(plot, mission.stem, given, found)
+        _draw(plot, mission.stem, given, route)
         facts["plot"] = plot
     if json:
         render.document(facts)
@@ -72,21 +72,22 @@ def plan(
         _show(mission.stem, facts)
 
 
-def _sentence(mission: "Mission", found: "Plan") -> str:
+def _sentence(mission: "Mission", route: "Plan") -> str:
     """Where the way leads, in words."""
-    x, y = found.way[-1]
-    if not found.arrives:
+    x, y = route.way[-1]
+    if not route.arrives:
         return (
-            f"The references lead from the start to ({x:.2f}, {y:.2f}) and no farther: a local "
-            "minimum, a way blocked, or a circle; choose another law of guidance or an escape."
+            f"The references lead from the start to ({x:.2f}, {y:.2f}) and no farther, because of "
+            "a local minimum, a blocked way or a circle. Choose another law of guidance or an "
+            "escape."
         )
-    if found.min_clearance_m is not None and found.min_clearance_m <= 0:
+    if route.min_clearance_m is not None and route.min_clearance_m <= 0:
         return "The references lead to the goal, but through an obstacle."
-    share = found.arriving_share
+    share = route.arriving_share
     if share < 1:
         return (
             f"The references lead from the start to the goal; from {share:.0%} of the places "
-            "around they do, from the others not."
+            "around they do."
         )
     return "The references lead to the goal, from the start and from everywhere around."
 
@@ -110,7 +111,7 @@ def _show(name: str, facts: dict[str, Any]) -> None:
         render.say(f"Picture: {facts['plot']}")
 
 
-def _draw(path: Path, name: str, mission: "Mission", found: "Plan") -> None:
+def _draw(path: Path, name: str, mission: "Mission", route: "Plan") -> None:
     from sysid.report.plots import CurvePanel, PlanPicture, write_picture
 
     def panel(title: str, across: str, up: str, curves: "Curves") -> CurvePanel:
@@ -121,34 +122,34 @@ def _draw(path: Path, name: str, mission: "Mission", found: "Plan") -> None:
     panels = [
         panel(f"{what} of {whom}", f"distance to {whom} [m]", "force", curves)
         for what, whom, curves in (
-            ("attraction", "the goal", found.attraction),
-            ("repulsion", "an obstacle's point", found.repulsion),
+            ("attraction", "the goal", route.attraction),
+            ("repulsion", "an obstacle's point", route.repulsion),
         )
         if curves is not None
     ]
     panels += [
         panel(f"speed reference for {c.gain}", "distance to the goal [m]", "speed [m/s]", c)
-        for c in found.speeds
+        for c in route.speeds
     ]
-    facts = [f"{found.length_m:.2f} m of way"]
-    if found.time_s is not None:
-        facts.append(f"{found.time_s:.1f} s at the references")
-    if found.min_clearance_m is not None:
-        facts.append(f"{found.min_clearance_m:.2f} m clear of the nearest obstacle")
+    facts = [f"{route.length_m:.2f} m of way"]
+    if route.time_s is not None:
+        facts.append(f"{route.time_s:.1f} s at the references")
+    if route.min_clearance_m is not None:
+        facts.append(f"{route.min_clearance_m:.2f} m clear of the nearest obstacle")
     scene = mission.scene()
     picture = PlanPicture(
-        title=f"{name}: the references {'lead to the goal' if found.arrives else 'end elsewhere'}",
+        title=f"{name}: the references {'lead to the goal' if route.arrives else 'end elsewhere'}",
         subtitle=", ".join(facts),
-        x=found.x,
-        y=found.y,
-        psi=found.psi,
-        potential=found.potential,
-        way=found.way,
+        x=route.x,
+        y=route.y,
+        psi=route.psi,
+        potential=route.potential,
+        way=route.way,
         goal=mission.goal,
         tolerance=mission.tolerance,
         discs=tuple((o.x, o.y, o.radius) for o in scene.obstacles),
         walls=tuple((*a, *b) for w in scene.walls for a, b in pairwise(w.points)),
-        ends=found.ends,
+        ends=route.ends,
         panels=tuple(panels),
     )
     write_picture(path, picture)

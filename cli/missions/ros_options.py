@@ -47,7 +47,7 @@ class OverRos:
             UsageError: one was to be.
         """
         if self.ros:
-            raise UsageError(f"{log} is a log to replay: --ros has no use with it")
+            raise UsageError(f"{log} is a log to replay; omit --ros")
 
 
 def over_ros(
@@ -60,7 +60,7 @@ def over_ros(
         typer.Option(
             metavar="NAME",
             rich_help_panel=_PANEL,
-            help=f"Topic of what guidance asks of the robot [{REFERENCES}].",
+            help=f"Topic for the references of guidance [{REFERENCES}].",
         ),
     ] = None,
     topic_level: Annotated[
@@ -68,8 +68,8 @@ def over_ros(
         typer.Option(
             metavar="|".join(LEVELS),
             rich_help_panel=_PANEL,
-            help="What is asked: V_d [m/s] and ψ_d [rad], or PWM [µs] with speed and yaw loop in "
-            f"the node that guides [{LEVELS[0]}].",
+            help="Content of the topic: V_d [m/s] and ψ_d [rad], or PWM [µs] with both loops in "
+            f"the guiding node [{LEVELS[0]}].",
         ),
     ] = None,
     wait: Annotated[
@@ -77,7 +77,7 @@ def over_ros(
         typer.Option(
             metavar="S",
             rich_help_panel=_PANEL,
-            help=f"How long the other node may take to come [{WAIT:g}].",
+            help=f"Time to wait for the other node [{WAIT:g}].",
         ),
     ] = None,
 ) -> OverRos:
@@ -89,7 +89,7 @@ def over_ros(
     given = {"--topic": topic, "--topic-level": topic_level, "--wait": wait}
     for option, value in given.items():
         if value is not None and not ros:
-            raise UsageError(f"{option} is of use with --ros only; give --ros as well")
+            raise UsageError(f"{option} is belongs to --ros; add --ros")
     if topic_level not in (None, *LEVELS):
         raise UsageError(f"--topic-level {topic_level} is unknown; choose {' or '.join(LEVELS)}")
     if wait is not None and not 0.0 < wait < float("inf"):
@@ -97,5 +97,5 @@ def over_ros(
     name = topic or REFERENCES
     name = name if name.startswith("/") else f"/{name}"
     if not name.replace("/", "").replace("_", "").isalnum():
-        raise UsageError(f"--topic {name} is no name of a topic: use letters, digits, _ and /")
+        raise UsageError(f"--topic {name} is not a topic name; use letters, digits, _ and /")
     return OverRos(ros, name, topic_level or LEVELS[0], wait or WAIT)

@@ -70,7 +70,7 @@ def simulate(
     drives = mission.suffix.lower() in _MISSION_FILES
     package = load_plant(place, plant, accept_changes)
     if drives and how.measured is None and read != ReadOptions():
-        raise UsageError(f"{mission} is a mission: options of reading a log have no use with it")
+        raise UsageError(f"{mission} is a mission; omit the options that read a log")
     if not drives:
         refuse_for_log(laws, mission)
         how.refuse_for_log(mission)
@@ -82,7 +82,7 @@ def simulate(
         targets.check(log, "--log")
     target = log or place.missions_dir / name
     if target.exists() and mission.exists() and target.samefile(mission):
-        raise UsageError(f"--log {target} would overwrite what is simulated; name another file")
+        raise UsageError(f"--log {target} would overwrite the input; name another file")
     if over.ros:
         facts = _guided(mission, package, (target, plot, bag), laws, how, over)
     elif drives:
@@ -105,7 +105,7 @@ def _check_bag(bag: Path | None, one_drive: bool) -> None:
     if bag is not None:
         targets.check(bag, "--bag")
         if not one_drive:
-            raise UsageError(f"--bag {bag} records one drive of a mission: leave it out here")
+            raise UsageError(f"--bag {bag} records one drive of a mission; omit --bag")
 
 
 def load_plant(place: Workspace, plant: Path | None, accept_changes: bool) -> "Package":
@@ -142,16 +142,16 @@ def _driven(
         if how.runs is not None:
             return drive_many(path, mission, models, *files[:2], how)
         return _drive(path, package.plant(), *files, ride(mission, package, models, how))
-    found, measured, warnings = lay_over(how.measured, mission, models, how, read)
+    comparison, measured, warnings = lay_over(how.measured, mission, models, how, read)
     log, plot, bag = files
     if how.runs is not None:
         facts = drive_many(path, mission, models, log, None, how)
     else:
-        own = ride(mission, package, models, Repeats())
-        facts = _drive(path, package.plant(), log, None, bag, own)
+        single_run = ride(mission, package, models, Repeats())
+        facts = _drive(path, package.plant(), log, None, bag, single_run)
     facts |= {"measured": measured, "warnings": [*facts["warnings"], *warnings]}
     if plot is not None:
-        draw_measured(plot, path.stem, mission, found)
+        draw_measured(plot, path.stem, mission, comparison)
         facts["plot"] = plot
     return facts
 

@@ -37,8 +37,8 @@ def effort(
         int,
         typer.Option(
             metavar="N",
-            help="Plants that each set drives, drawn from the covariance of the plant's "
-            "parameters; 1 for the plant as estimated.",
+            help="Number of plants for each set of gains, drawn from the parameter covariance; 1: "
+            "the estimated plant.",
         ),
     ] = 8,
     seed: Annotated[int, typer.Option(metavar="N", help="Of sets, plants and sensor noise.")] = 0,
@@ -121,29 +121,29 @@ def tune(
         unused = (("plant", loop.plant), ("control", loop.control), ("plot", files.plot))
         for option, value in unused:
             if value is not None:
-                raise UsageError(f"--navigation tunes a filter: --{option} has no use with it")
+                raise UsageError(f"--navigation tunes a filter; omit --{option}")
         _check_target(files.to, mission)
         tune_filter(mission, sensors.log, sensors, files.to, json)
         return
     if sensors != SensorOptions():
-        raise UsageError("options of reading a log are of use only with --navigation LOG")
+        raise UsageError("options that read a log belong to --navigation LOG")
     targets.check_picture(files.plot)
     _check_target(files.to, mission)
     options = SearchOptions(how.trials, how.robust, how.seed)
     given = LawChoice(control=loop.control).applied(load_mission(mission))
     package = load_plant(Workspace(workspace), loop.plant, loop.accept_changes)
     with render.progress(f"Driving {mission.name}", how.trials) as advance:
-        found = search(given, package.model(), options, advance)
-    facts: dict[str, Any] = found.summary()
-    facts["warnings"] = [*package.notes, *found.notes]
+        tuning = search(given, package.model(), options, advance)
+    facts: dict[str, Any] = tuning.summary()
+    facts["warnings"] = [*package.notes, *tuning.notes]
     if files.to is not None:
-        facts["to"] = write_mission(mission, files.to, found.mission)
+        facts["to"] = write_mission(mission, files.to, tuning.mission)
     if files.plot is not None:
         from .tuning_picture import draw_tuning
 
-        draw_tuning(files.plot, mission.stem, given, found, package.model())
+        draw_tuning(files.plot, mission.stem, given, tuning, package.model())
         facts["plot"] = files.plot
-    render.document(facts) if json else _show(mission.name, found, facts)
+    render.document(facts) if json else _show(mission.name, tuning, facts)
 
 
 def _check_target(to: Path | None, mission: Path) -> None:
@@ -161,20 +161,20 @@ def _check_target(to: Path | None, mission: Path) -> None:
         raise UsageError(f"--to {to} would overwrite the mission; name another file")
 
 
-def _show(name: str, found: "Tuning", facts: dict[str, Any]) -> None:
-    sets = _shown(found)
+def _show(name: str, tuning: "Tuning", facts: dict[str, Any]) -> None:
+    sets = _shown(tuning)
     rows = [
         (words, *(_number(s.criteria[key], digits) for _, key, digits in _COLUMNS))
         for words, s in sets.items()
     ]
-    plants = f", worst of {found.plants} plants" if found.plants > 1 else ""
+    plants = f", worst of {tuning.plants} plants" if tuning.plants > 1 else ""
     headings = ("set", *(words for words, *_ in _COLUMNS))
-    render.table(headings, rows, title=f"{name}: gains{plants}", caption=_caption(found))
-    axes = [f"margins, {axis}" for axis in found.best.margins]
+    render.table(headings, rows, title=f"{name}: gains{plants}", caption=_caption(tuning))
+    axes = [f"margins, {axis}" for axis in tuning.best.margins]
     render.table(
         ("set", "gains", *axes), [(words, _gains(s), *_margins(s)) for words, s in sets.items()]
     )
-    render.say(found.sentence)
+    render.say(tuning.sentence)
     for warning in facts["warnings"]:
         render.warn(f"! {warning}")
     for what, key in (("Mission", "to"), ("Picture", "plot")):
@@ -194,13 +194,13 @@ _COLUMNS = (
 """Criteria as the table names them, with decimals."""
 
 
-def _shown(found: "Tuning") -> "dict[str, GainSet]":
+def _shown(tuning: "Tuning") -> "dict[str, GainSet]":
     """Rows of the table: the proposed set, the ends of the front, the present one, the rules."""
-    sets = {"proposed": found.best}
-    for words, k in found.extremes.items():
-        sets[words] = found.front[k]
-    sets["present"] = found.present
-    for rule in found.rules:
+    sets = {"proposed": tuning.best}
+    for words, k in tuning.extremes.items():
+        sets[words] = tuning.front[k]
+    sets["present"] = tuning.present
+    for rule in tuning.rules:
         sets[rule.name if len(rule.axes) > 1 else f"{rule.name} ({rule.axes[0]})"] = rule
     return sets
 
@@ -209,11 +209,11 @@ def _number(value: float | None, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
 
 
-def _caption(found: "Tuning") -> str:
-    test = found.test
+def _caption(tuning: "Tuning") -> str:
+    test = tuning.test
     return (
-        f"V to {test.speed:.3g} m/s, ψ by 60° and back to -60°; effort: ∫(V_cmd² + ψ_cmd²) dt; "
-        f"a dash: never; --json has all {len(found.front)} sets to choose from"
+        f"V to {test.speed:.3g} m/s, ψ by 60° and back to -60°; effort: ∫(V_cmd² + ψ_cmd²) dt; –: "
+        f"never; --json has all {len(tuning.front)} sets to choose from"
     )
 
 

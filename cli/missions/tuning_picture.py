@@ -26,14 +26,14 @@ _RULES = {
 """Short names of rules; others keep theirs."""
 
 
-def draw_tuning(path: Path, name: str, given: "Mission", found: "Tuning", model: "Model") -> None:
+def draw_tuning(path: Path, name: str, given: "Mission", tuning: "Tuning", model: "Model") -> None:
     """Draw the choice.
 
     Args:
         path: the picture.
         name: of the mission.
         given: the mission with its present gains.
-        found: the choice.
+        tuning: the choice.
         model: of the plant.
     """
     import numpy as np
@@ -41,24 +41,26 @@ def draw_tuning(path: Path, name: str, given: "Mission", found: "Tuning", model:
     from sysid.report.plots import FrontPicture, write_picture
 
     trades = [
-        _trade(found, "the steps", ("rise of V and ψ [s]", "rise"), ("overshoot [%]", "overshoot")),
-        _trade(found, "the mission", ("time [s]", "time"), ("effort [s]", "effort")),
+        _trade(
+            tuning, "the steps", ("rise of V and ψ [s]", "rise"), ("overshoot [%]", "overshoot")
+        ),
+        _trade(tuning, "the mission", ("time [s]", "time"), ("effort [s]", "effort")),
     ]
-    if found.best.criteria["min_clearance_m"] is not None:
+    if tuning.best.criteria["min_clearance_m"] is not None:
         across, up = ("time [s]", "time"), ("nearest obstacle [m]", "clearance")
-        trades.append(_trade(found, "its obstacles", across, up))
-    gains = ", ".join(f"{name} {value:g}" for name, value in found.best.gains.items())
-    plants = f", worst of {found.plants} plants" if found.plants > 1 else ""
+        trades.append(_trade(tuning, "its obstacles", across, up))
+    gains = ", ".join(f"{name} {value:g}" for name, value in tuning.best.gains.items())
+    plants = f", worst of {tuning.plants} plants" if tuning.plants > 1 else ""
     write_picture(
         path,
         FrontPicture(
-            title=f"{name}: {len(found.front)} sets of gains to choose from",
-            subtitle=f"proposed: {gains}; {found.trials} tried{plants}",
+            title=f"{name}: {len(tuning.front)} sets of gains to choose from",
+            subtitle=f"proposed: {gains}; {tuning.trials} tried{plants}",
             trades=tuple(trades),
-            shade=np.array([_axis(s.criteria, "effort") for s in found.front]),
+            shade=np.array([_axis(s.criteria, "effort") for s in tuning.front]),
             shade_name="effort [s]",
-            proposed=found.proposed,
-            answers=_answers(given, found, model),
+            proposed=tuning.proposed,
+            answers=_answers(given, tuning, model),
         ),
     )
 
@@ -73,7 +75,7 @@ def _axis(criteria: "Criteria", what: str) -> float:
     return c[{"time": "time_s", "effort": "effort", "clearance": "min_clearance_m"}[what]]
 
 
-def _trade(found: "Tuning", title: str, across: tuple[str, str], up: tuple[str, str]) -> "Trade":
+def _trade(tuning: "Tuning", title: str, across: tuple[str, str], up: tuple[str, str]) -> "Trade":
     import numpy as np
 
     from sysid.report.plots import Mark, Trade
@@ -81,13 +83,13 @@ def _trade(found: "Tuning", title: str, across: tuple[str, str], up: tuple[str, 
     def both(sets: "Sequence[Criteria]") -> "Array":
         return np.array([[_axis(c, across[1]), _axis(c, up[1])] for c in sets])
 
-    named = [("present", found.present), *((_RULES.get(r.name, r.name), r) for r in found.rules)]
+    named = [("present", tuning.present), *((_RULES.get(r.name, r.name), r) for r in tuning.rules)]
     marks = tuple(Mark(name, *both([s.criteria])[0].tolist()) for name, s in named if s.arrives)
-    front = both([s.criteria for s in found.front])
-    return Trade(title, across[0], up[0], both(found.tried), front, marks)
+    front = both([s.criteria for s in tuning.front])
+    return Trade(title, across[0], up[0], both(tuning.tried), front, marks)
 
 
-def _answers(given: "Mission", found: "Tuning", model: "Model") -> "tuple[Panel, ...]":
+def _answers(given: "Mission", tuning: "Tuning", model: "Model") -> "tuple[Panel, ...]":
     """Steps of speed and yaw with the estimated plant, and the path of the mission."""
     import numpy as np
 
@@ -96,18 +98,18 @@ def _answers(given: "Mission", found: "Tuning", model: "Model") -> "tuple[Panel,
     from sysid.report.plots import Line, Panel
 
     robot, _ = as_robot(model.plant(), given)
-    steps = found.test.mission(given)
+    steps = tuning.test.mission(given)
 
     def log(mission: "Mission", control: "Controller") -> "dict[str, Array]":
         return dict(simulate(mission.model_copy(update={"control": control}), robot).log)
 
-    controllers = {"proposed": found.mission.control, "present": given.control}
+    controllers = {"proposed": tuning.mission.control, "present": given.control}
     logs = {name: log(steps, control) for name, control in controllers.items()}
     speed, yaw = [], []
     for name, run in logs.items():
         first, turning = (
-            run["t"] < found.test.yaw_at,
-            run["t"] >= found.test.yaw_at - steps.control.period,
+            run["t"] < tuning.test.yaw_at,
+            run["t"] >= tuning.test.yaw_at - steps.control.period,
         )
         psi = np.degrees(np.unwrap(run["psi"]))
         speed.append(Line(name, run["t"][first], run["v"][first]))

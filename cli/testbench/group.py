@@ -4,5 +4,5 @@ import typer
 
 bench = typer.Typer(
     no_args_is_help=True,
-    help="Characterise a robot's parts before it drives: motor, inertia, power supply.",
+    help="Characterise a robot's parts on the test bench: motor, inertia, power supply.",
 )

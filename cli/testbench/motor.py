@@ -24,26 +24,26 @@ def motor(
     known: Annotated[
         list[str] | None,
         typer.Option(
-            "--known", metavar="NAME=VALUE", help="A constant known otherwise: R=3.1 or R=3.1±0.05."
+            "--known", metavar="NAME=VALUE", help="A known constant: R=3.1 or R=3.1±0.05."
         ),
     ] = None,
     gear: Annotated[
         float | None,
-        typer.Option("--gear", metavar="TURNS", help="Turns of the motor for one of the output."),
+        typer.Option("--gear", metavar="TURNS", help="Gear ratio: motor turns per output turn."),
     ] = None,
     method: Annotated[
         str,
         typer.Option(
             "--method",
             metavar="HOW",
-            help="separate: one experiment at a time; joint: all of them at once; auto: joint "
-            "where there is the log of a drive.",
+            help="separate: one experiment at a time; joint: all at once; auto: joint if a drive "
+            "log is given.",
         ),
     ] = "auto",
     pulses_per_turn: Annotated[
         float,
         typer.Option(
-            "--pulses", metavar="N", help="Pulses of the output shaft's sensor in a turn."
+            "--pulses", metavar="N", help="Pulses of the sensor per turn of the output shaft."
         ),
     ] = 1.0,
     units: reading.Units = None,
@@ -78,10 +78,10 @@ def motor(
         pulses_per_turn=pulses_per_turn,
         method=method,
     )
-    found = characterise_motor(files, options)
-    facts = found.to_json()
-    model = bench_model(found, files, ts, (inputs, outputs))
-    stored = None if model is None else Workspace(workspace).save(model, motor_report(found))
+    bench = characterise_motor(files, options)
+    facts = bench.to_json()
+    model = bench_model(bench, files, ts, (inputs, outputs))
+    stored = None if model is None else Workspace(workspace).save(model, motor_report(bench))
     if stored is not None:
         Workspace(workspace).remember("latest", [stored.id])
     facts |= {"model": None if stored is None else stored.id}
@@ -89,9 +89,9 @@ def motor(
         from sysid.report.bench import motor_picture
         from sysid.report.plots import write_picture
 
-        write_picture(plot, motor_picture(found))
+        write_picture(plot, motor_picture(bench))
         facts["plot"] = plot
-    render.document(facts) if json else _show(found, facts)
+    render.document(facts) if json else _show(bench, facts)
 
 
 def known_of(given: list[str]) -> dict[str, tuple[float, float | None]]:
@@ -100,25 +100,25 @@ def known_of(given: list[str]) -> dict[str, tuple[float, float | None]]:
     Raises:
         UsageError: one has another form.
     """
-    found = {}
+    known = {}
     for pair in (p for item in given for p in item.split(",")):
         name, _, number = (part.strip() for part in pair.partition("="))
         value, _, error = number.replace("+-", "±").partition("±")
         try:
-            found[name] = float(value), float(error) if error else None
+            known[name] = float(value), float(error) if error else None
         except ValueError:
             raise UsageError(f"--known cannot read {pair!r}; write R=3.1 or R=3.1±0.05") from None
-    return found
+    return known
 
 
-def _show(found: "MotorBench", facts: dict[str, Any]) -> None:
+def _show(bench: "MotorBench", facts: dict[str, Any]) -> None:
     from sysid.testbench.motor.experiments import CONSTANTS
 
     joint = {p["name"]: p for p in facts["joint"]["parameters"]}
-    printed = any(p.published is not None for p in found.parameters)
+    printed = any(p.published is not None for p in bench.parameters)
     heads = ["constant", "value", "± std. error", "all at once", "± std. error", "unit"]
     rows = []
-    for p in found.parameters:
+    for p in bench.parameters:
         both = joint.get(p.name, {})
         row: list[object] = [
             p.name, p.value, render.number(p.std_error, 2), both.get("value"),
@@ -127,9 +127,9 @@ def _show(found: "MotorBench", facts: dict[str, Any]) -> None:
         rows.append(row + ([p.published] if printed else []) + [CONSTANTS[p.name][1]])
     heads += ["thesis"] if printed else []
     render.table([*heads, "meaning"], rows, title="Motor")
-    for p in found.parameters:
+    for p in bench.parameters:
         render.say(f"{p.name}: {p.reason}.")
-    for note in found.notes:
+    for note in bench.notes:
         render.warn(f"! {note}")
     if facts["model"] is None:
         render.warn("! No model: J is not known.")

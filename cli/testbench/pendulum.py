@@ -15,17 +15,18 @@ if TYPE_CHECKING:
     from sysid.testbench.pendulum.inertia import Hanging
     from sysid.testbench.pendulum.study import PendulumStudy
 
-_hanging = reading.in_panel("What hangs, the thesis's robot unless given")
+_hanging = reading.in_panel("The suspended body [the thesis's robot]")
 
 
 def hanging(
     m: Annotated[float | None, _hanging("--m", "KG", "Mass of the body.")] = None,
     l: Annotated[  # noqa: E741  the thesis's letter
-        float | None, _hanging("--l", "M", "Its centre of gravity's distance from the hinge.")
+        float | None, _hanging("--l", "M", "Distance of its centre of gravity from the hinge.")
     ] = None,
     m1: Annotated[float | None, _hanging("--m1", "KG", "Mass of the bar.")] = None,
     l1: Annotated[
-        float | None, _hanging("--l1", "M", "The bar's centre of gravity's distance.")
+        float | None,
+        _hanging("--l1", "M", "Distance of the bar's centre of gravity from the hinge."),
     ] = None,
     I1: Annotated[float | None, _hanging("--I1", "KG_M2", "The bar's own inertia.")] = None,
     g: Annotated[float | None, _hanging("--g", "M_S2", "Acceleration of gravity.")] = None,
@@ -34,8 +35,8 @@ def hanging(
         _hanging(
             "--std-error",
             "NAME=VALUE",
-            "Standard error of one of these, or of the period: l=0.002; again (or a,b) for more. "
-            "1 mm, 1 g, 1e-4 kg m², 0.005 m/s² and 5 ms unless given.",
+            "Standard error of one of these or of the period: l=0.002; repeat (or a,b) for more "
+            "[1 mm, 1 g, 1e-4 kg m², 0.005 m/s², 5 ms].",
         ),
     ] = None,
 ) -> "tuple[Hanging, float | None]":
@@ -54,23 +55,23 @@ def hanging(
 
 
 def _std_errors(given: list[str]) -> dict[str, float]:
-    found: dict[str, float] = {}
+    errors: dict[str, float] = {}
     for pair in (p for item in given for p in item.split(",")):
         name, sign, number = (part.strip() for part in pair.partition("="))
         try:
-            found[name] = float(number)
+            errors[name] = float(number)
         except ValueError:
             sign = ""
         if not sign:
             raise UsageError(f"--std-error cannot read {pair!r}; write NAME=VALUE such as l=0.002")
-    return found
+    return errors
 
 
 def swing_options(
     outputs: Annotated[
         str | None,
         reading.in_panel("Reading the log")(
-            "--output", "NAME", "Column of the angle. Found by name unless given."
+            "--output", "NAME", "Column of the angle [found by name]."
         ),
     ] = None,
     time: reading.Time = None,
@@ -110,7 +111,7 @@ def pendulum(
     ] = None,
     amplitude: Annotated[
         float | None,
-        typer.Option(metavar="DEG", help="Amplitude that went with --period [10]."),
+        typer.Option(metavar="DEG", help="Amplitude that belongs to --period [10]."),
     ] = None,
     size: Annotated[
         str | None,
@@ -134,16 +135,16 @@ def pendulum(
     or the period that was read off one.
     """
     targets.check_picture(plot)
-    found = _study(logs or [], period, amplitude, size, body, trim, read)
-    facts = found.summary()
+    study = _study(logs or [], period, amplitude, size, body, trim, read)
+    facts = study.summary()
     if plot is not None:
-        if not found.logs:
-            raise UsageError("--plot draws the swing of a log: a period has none")
+        if not study.logs:
+            raise UsageError("--plot draws the swing of a log; omit it with --period")
         from .pictures import draw_swing
 
-        draw_swing(plot, found)
+        draw_swing(plot, study)
         facts["plot"] = plot
-    render.document(facts) if json else _show(found, facts)
+    render.document(facts) if json else _show(study, facts)
 
 
 def _study(
@@ -160,7 +161,7 @@ def _study(
     what, error = body
     box = None if size is None else _lengths(size)
     if (period is None) == (not logs):
-        raise UsageError("give a log of the swing, or its period with --period, one of them")
+        raise UsageError("give either a log of the swing or its period with --period")
     if period is not None:
         return study.inertia_of_period(
             period,
@@ -171,7 +172,7 @@ def _study(
         )
     for option, value in (("--amplitude", amplitude), ("--std-error period", error)):
         if value is not None:
-            raise UsageError(f"{option} goes with --period: a log tells it itself")
+            raise UsageError(f"{option} belongs to --period; a log already contains it")
     seconds = reading.seconds_to_trim(trim) if trim is not None else (0.0, 0.0)
     return study.inertia_of_logs(logs, what, read, trim=seconds, size=box)
 
@@ -184,20 +185,20 @@ def _lengths(text: str) -> tuple[float, float]:
     return a, b
 
 
-def _show(found: "PendulumStudy", facts: dict[str, Any]) -> None:
-    if found.logs:
+def _show(study: "PendulumStudy", facts: dict[str, Any]) -> None:
+    if study.logs:
         rows = [_row(log) for log in facts["logs"]]
         render.table(_HEADINGS, rows, caption="s; counted: from passages through the middle")
     render.table(
         ("", "value", "std. error", "unit"),
         [
-            ("period", f"{found.period:.6g}", found.period_std_error, "s"),
-            ("period of small swings", f"{found.small_period:.6g}", found.small_std_error, "s"),
-            ("inertia, period as it is", found.inertia, found.std_error, "kg m²"),
-            ("inertia, amplitude taken out", found.corrected, found.corrected_std_error, "kg m²"),
+            ("period", f"{study.period:.6g}", study.period_std_error, "s"),
+            ("period of small swings", f"{study.small_period:.6g}", study.small_std_error, "s"),
+            ("inertia, period as it is", study.inertia, study.std_error, "kg m²"),
+            ("inertia, amplitude taken out", study.corrected, study.corrected_std_error, "kg m²"),
         ],
     )
-    named = {"period": found.period_std_error} | {
+    named = {"period": study.period_std_error} | {
         n: h["std_error"] for n, h in facts["hanging"].items()
     }
     render.table(
@@ -209,7 +210,7 @@ def _show(found: "PendulumStudy", facts: dict[str, Any]) -> None:
     )
     for sentence in facts["sentences"]:
         render.say(sentence)
-    render.findings(found.findings)
+    render.findings(study.findings)
     if "plot" in facts:
         render.say(f"Picture: {facts['plot']}")
 

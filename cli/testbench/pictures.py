@@ -8,14 +8,14 @@ if TYPE_CHECKING:
     from sysid.testbench.power.study import PowerBench
 
 
-def draw_swing(path: Path, found: "PendulumStudy") -> None:
+def draw_swing(path: Path, study: "PendulumStudy") -> None:
     """Draw the swings with their fit, what the fit leaves, and each period at its amplitude."""
     import numpy as np
 
     from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
     from sysid.testbench.pendulum.inertia import small_swing_period
 
-    first = found.logs[0]
+    first = study.logs[0]
     o, degrees = first.oscillation, 180.0 / np.pi
     panels = [
         Panel(
@@ -35,7 +35,7 @@ def draw_swing(path: Path, found: "PendulumStudy") -> None:
         ),
     ]
     lines, most = [], 0.0
-    for log in found.logs[:5]:
+    for log in study.logs[:5]:
         free = log.free
         sizes = log.oscillation.scale * degrees * np.abs(free.swings)
         whole = free.numbers[2:] - free.numbers[:-2] == 2
@@ -44,21 +44,21 @@ def draw_swing(path: Path, found: "PendulumStudy") -> None:
         lines.append(Line(log.swing.name, at, each, dots=True))
         most = max(most, float(at.max()))
     shown = np.linspace(0.0, most, 60)
-    law = np.array([found.small_period / small_swing_period(1.0, a / degrees) for a in shown])
+    law = np.array([study.small_period / small_swing_period(1.0, a / degrees) for a in shown])
     lines.append(Line("pendulum with T₀", shown, law, reference=True))
     panels.append(Panel("each period", "amplitude [°]", "period [s]", tuple(lines)))
     write_picture(
         path,
         ResponsePicture(
-            f"Inertia {found.corrected:.4f} ± {found.corrected_std_error:.2g} kg m²",
-            f"T₀ = {found.small_period:.5f} ± {found.small_std_error:.2g} s, mean period "
-            f"{found.period:.5f} s at {degrees * found.amplitude:.3g}°",
+            f"Inertia {study.corrected:.4f} ± {study.corrected_std_error:.2g} kg m²",
+            f"T₀ = {study.small_period:.5f} ± {study.small_std_error:.2g} s, mean period "
+            f"{study.period:.5f} s at {degrees * study.amplitude:.3g}°",
             tuple(panels),
         ),
     )
 
 
-def draw_power(path: Path, found: "PowerBench") -> None:
+def draw_power(path: Path, bench: "PowerBench") -> None:
     """Draw each battery's voltage with its fit, and each staircase with its lines."""
     import numpy as np
 
@@ -71,9 +71,9 @@ def draw_power(path: Path, found: "PowerBench") -> None:
             "voltage [V]",
             (Line("measured", b.t, b.voltage), Line("fitted", b.t, b.fitted, reference=True)),
         )
-        for b in found.batteries[:3]
+        for b in bench.batteries[:3]
     ]
-    for bridge in found.bridges[:3]:
+    for bridge in bench.bridges[:3]:
         lines = []
         for name, d in bridge.directions().items():
             sign = 1.0 if name == "forward" else -1.0
@@ -83,5 +83,5 @@ def draw_power(path: Path, found: "PowerBench") -> None:
         title = f"bridge, {bridge.name} {bridge.side}".rstrip()
         panels.append(Panel(title, "drive", f"{bridge.quantity} [{bridge.unit}]", tuple(lines)))
     columns = min(len(panels), 2)
-    measured = ", ".join(f"{k} {m.value:.3g}" for k, m in found.supply().items())
+    measured = ", ".join(f"{k} {m.value:.3g}" for k, m in bench.supply().items())
     write_picture(path, ResponsePicture("Power supply", measured, tuple(panels), columns))

@@ -30,7 +30,7 @@ def power(
     ] = None,
     to: Annotated[
         Path | None,
-        typer.Option(metavar="MISSION", help="Mission whose vehicle.supply is filled in: .yaml."),
+        typer.Option(metavar="MISSION", help="Mission in which to fill in vehicle.supply: .yaml."),
     ] = None,
     output: Annotated[
         Path | None,
@@ -63,24 +63,24 @@ def power(
     if to is not None and to.suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f"--to {to}: a mission file ends in .yaml")
     bags = reading.read_options(map=map, stamps=stamps, latency=latency)
-    found = bench_power(files, reading.units_of(units or []), pwm_max, full_current, bags)
-    facts: dict[str, Any] = found.summary()
+    bench = bench_power(files, reading.units_of(units or []), pwm_max, full_current, bags)
+    facts: dict[str, Any] = bench.summary()
     if output is not None:
         facts["file"] = write_atomic(output, text(facts))
     if to is not None:
-        facts["mission"] = write_supply(to, found)
+        facts["mission"] = write_supply(to, bench)
     if plot is not None:
         from .pictures import draw_power
 
-        draw_power(plot, found)
+        draw_power(plot, bench)
         facts["plot"] = plot
-    render.document(facts) if json else _show(found, facts)
+    render.document(facts) if json else _show(bench, facts)
 
 
-def _show(found: "PowerBench", facts: dict[str, Any]) -> None:
+def _show(bench: "PowerBench", facts: dict[str, Any]) -> None:
     for sentence in facts["sentences"]:
         render.say(sentence)
-    measured = found.supply()
+    measured = bench.supply()
     if measured:
         render.table(
             ("vehicle.supply", "value", "std. error", "unit"),
@@ -89,7 +89,7 @@ def _show(found: "PowerBench", facts: dict[str, Any]) -> None:
                 for k, m in measured.items()
             ],
         )
-    render.findings(found.findings)
+    render.findings(bench.findings)
     for what, key in (("Bench file", "file"), ("Mission", "mission"), ("Picture", "plot")):
         if key in facts:
             render.say(f"{what}: {facts[key]}")

@@ -57,9 +57,7 @@ def files(
     ] = None,
     to: Annotated[
         Path | None,
-        typer.Option(
-            "--to", metavar="FILE", help="Write the mission with the vehicle that was found."
-        ),
+        typer.Option("--to", metavar="FILE", help="Write the mission with the fitted vehicle."),
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw paths and slip: .svg or .png.")
@@ -121,7 +119,9 @@ class Torque:
         )
 
         if self.motors is not None and self.torque_constant is not None:
-            raise UsageError("--motors and --torque-constant say the same thing: give one of them")
+            raise UsageError(
+                "--motors and --torque-constant have the same meaning; give one of them"
+            )
         if self.torque_constant is not None:
             return torque_only(self.torque_constant)
         if self.motors is None:
@@ -146,7 +146,7 @@ def torque(
         typer.Option(
             "--torque-constant",
             metavar="NM",
-            help="Torque at the wheel per unit of the command or current, where that is known.",
+            help="Torque at the wheel per unit of the command or current, if known.",
         ),
     ] = None,
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
@@ -167,7 +167,7 @@ def fit_vehicle(
             "--geometry",
             metavar="r=M,B=M",
             help="Wheel or sprocket radius and distance of wheels or tracks [m], r=0.30,B=1.08, "
-            "or a file that -o wrote [the bundled robot's]: what `before` stands for.",
+            "or a file written by -o [the bundled robot's]; the basis of `before`.",
         ),
     ] = None,
     motion: Annotated[
@@ -178,7 +178,7 @@ def fit_vehicle(
         typer.Option(
             "--val",
             metavar="LOG",
-            help="Log to judge it on; the last 30 % of the logs unless given. Again for more.",
+            help="Validation log; repeat for more [the last 30 % of the logs].",
         ),
     ] = None,
     *,
@@ -200,18 +200,18 @@ def fit_vehicle(
         return
     _refuse_without(logs or [])
     motors = drive.known()
-    from sysid.estimation.vehicle.logs import read_drives
+    from sysid.estimation.vehicle.logs import read_vehicle_logs
     from sysid.estimation.vehicle.vehicle_fit import fit_vehicle as fit
 
-    records, findings = read_drives(logs or [], read, steps)
-    held, more = read_drives(validation, read, steps) if validation else ((), ())
+    records, findings = read_vehicle_logs(logs or [], read, steps)
+    holdout, more = read_vehicle_logs(validation, read, steps) if validation else ((), ())
 
     with render.progress("Fitting the vehicle"):
-        found = fit(records, held, given, motion, motors)
-    document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **found.to_json()}
-    document["notes"] = [*found.notes, *(f.text for f in (*findings, *more))]
-    document |= _written(files, found, (logs or [])[0].stem)
-    render.document(document) if json else show(found, document)
+        fitted = fit(records, holdout, given, motion, motors)
+    document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **fitted.to_json()}
+    document["notes"] = [*fitted.notes, *(f.text for f in (*findings, *more))]
+    document |= _written(files, fitted, (logs or [])[0].stem)
+    render.document(document) if json else show(fitted, document)
 
 
 def _returned(given: Squares, geometry: "Geometry | None", logs: list[Path], json: bool) -> None:
@@ -224,9 +224,9 @@ def _returned(given: Squares, geometry: "Geometry | None", logs: list[Path], jso
     from sysid.vehicle.kinematics import Geometry
 
     if logs:
-        raise UsageError("--returns stands instead of a LOG; squares in a log are found in it")
-    found = square_result(read_returns(given.returns, given.side, geometry or Geometry()))
-    render.document({"squares": found.to_json()}) if json else show_squares(found)
+        raise UsageError("--returns replaces a LOG; give one of them")
+    squares = square_result(read_returns(given.returns, given.side, geometry or Geometry()))
+    render.document({"squares": squares.to_json()}) if json else show_squares(squares)
 
 
 def _refuse_without(logs: list[Path]) -> None:
@@ -238,24 +238,22 @@ def _refuse_without(logs: list[Path]) -> None:
     from sysid.estimation.vehicle.logs import NEEDED
 
     if not logs:
-        raise UsageError(f"fit-vehicle has no LOG to fit; what is missing: {NEEDED}")
+        raise UsageError(f"fit-vehicle needs a LOG: {NEEDED}")
     for log in logs:
         if not log.exists():
-            raise UsageError(
-                f"{log} is no file, and numbers alone tell nothing; what is missing: {NEEDED}"
-            )
+            raise UsageError(f"{log}: file not found; this command needs {NEEDED}")
 
 
-def _written(files: Files, found: "VehicleFit", name: str) -> dict[str, Any]:
+def _written(files: Files, fitted: "VehicleFit", name: str) -> dict[str, Any]:
     """What was written, by kind."""
     from sysid.mission.tuning.written import write_sections, write_vehicle
 
     document: dict[str, Any] = {}
     if files.section is not None:
-        document["output"] = write_sections(files.section, found.mission)
+        document["output"] = write_sections(files.section, fitted.mission)
     if files.mission is not None and files.to is not None:
-        document["to"] = write_vehicle(files.mission, files.to, found.mission)
+        document["to"] = write_vehicle(files.mission, files.to, fitted.mission)
     if files.plot is not None:
-        drawn(files.plot, name, found)
+        drawn(files.plot, name, fitted)
         document["plot"] = files.plot
     return document

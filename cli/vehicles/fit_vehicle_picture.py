@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sysid.data.record import Array
-    from sysid.estimation.vehicle.drive import Drive
     from sysid.estimation.vehicle.slip_curves import SlipPoint
     from sysid.estimation.vehicle.slip_fit import Part
+    from sysid.estimation.vehicle.trajectory import Trajectory
     from sysid.estimation.vehicle.vehicle_fit import Motion, VehicleFit
     from sysid.report.plots import Panel
 
@@ -18,17 +18,22 @@ PIECES = 6
 """Pieces that are drawn: more would lie on top of each other."""
 
 
-def drawn(path: Path, name: str, found: "VehicleFit") -> None:
+def drawn(path: Path, name: str, fitted: "VehicleFit") -> None:
     """Draw held-out paths as measured, before and after, errors after two seconds, and slip."""
     from sysid.estimation.vehicle.vehicle_fit import Kinematic
     from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
 
-    part = max(found.held, key=lambda p: len(p.windows))
-    models: dict[str, Motion] = {"before": Kinematic(found.known), "after": found.model}
+    part = max(fitted.holdout, key=lambda p: len(p.windows))
+    models: dict[str, Motion] = {"before": Kinematic(fitted.known), "after": fitted.model}
     starts = _pieces(part)
-    paths = [Line(k, *_path(part.drive, m.readings(part.drive), starts)) for k, m in models.items()]
-    measured = Line("measured", *_path(part.drive, part.drive.pose, starts), reference=True)
-    at = part.drive.at[part.windows[:, 0]]
+    paths = [
+        Line(k, *_path(part.trajectory, m.predicted_pose(part.trajectory), starts))
+        for k, m in models.items()
+    ]
+    measured = Line(
+        "measured", *_path(part.trajectory, part.trajectory.pose, starts), reference=True
+    )
+    at = part.trajectory.at[part.windows[:, 0]]
     errors = {k: m.errors([part]) for k, m in models.items()}
     away = [Line(k, at, (e[:, 0] ** 2 + e[:, 1] ** 2) ** 0.5) for k, e in errors.items()]
     turned = [Line(k, at, e[:, 2]) for k, e in errors.items()]
@@ -36,51 +41,51 @@ def drawn(path: Path, name: str, found: "VehicleFit") -> None:
         Panel(f"held-out paths of {PIECE:g} s", "x [m]", "y [m]", (*paths, measured), plane=True),
         Panel("position after two seconds", "time [s]", "error [m]", tuple(away)),
         Panel("heading after two seconds", "time [s]", "error [rad]", tuple(turned)),
-        *_slip_panels(found),
+        *_slip_panels(fitted),
     )
-    acting = found.acting
+    acting = fitted.acting
     title = f"{name}: r = {acting.r:.4g} m, B = {acting.B:.4g} m as it turns"
     subtitle = (
         "mean error after two seconds on held-out paths: "
-        f"{found.before.path:.3g} → {found.after.path:.3g} m, "
-        f"{found.before.heading:.3g} → {found.after.heading:.3g} rad"
+        f"{fitted.before.path:.3g} → {fitted.after.path:.3g} m, "
+        f"{fitted.before.heading:.3g} → {fitted.after.heading:.3g} rad"
     )
     write_picture(path, ResponsePicture(title, subtitle, panels))
 
 
 def _pieces(part: "Part") -> "list[tuple[int, int]]":
-    """First and last reading of the pieces that are drawn."""
-    d = part.drive
-    found: list[tuple[int, int]] = []
+    """First and last measurement of the pieces that are drawn."""
+    d = part.trajectory
+    pieces: list[tuple[int, int]] = []
     i, end = int(part.windows[0, 0]), int(part.windows[-1, 1])
-    while i < end and len(found) < PIECES:
+    while i < end and len(pieces) < PIECES:
         j = i
         while j < end and d.at[j] - d.at[i] < PIECE and d.joins[j + 1] == d.joins[i]:
             j += 1
         if j > i + 1:
-            found.append((i, j))
+            pieces.append((i, j))
         i = max(j, i + 1)
-    return found
+    return pieces
 
 
 def _path(
-    drive: "Drive", readings: "Array", pieces: "list[tuple[int, int]]"
+    trajectory: "Trajectory", measurements: "Array", pieces: "list[tuple[int, int]]"
 ) -> "tuple[Array, Array]":
-    """x and y of the readings, each piece from the measured pose at its start."""
+    """x and y of the measurements, each piece from the measured pose at its start."""
     import numpy as np
 
     x, y = [], []
     for i, j in pieces:
-        a, b = readings[i], drive.pose[i]
+        a, b = measurements[i], trajectory.pose[i]
         turn = np.exp(1j * (b[2] - a[2]))
-        moved = (readings[i : j + 1, 0] - a[0]) + 1j * (readings[i : j + 1, 1] - a[1])
+        moved = (measurements[i : j + 1, 0] - a[0]) + 1j * (measurements[i : j + 1, 1] - a[1])
         there = moved * turn + complex(b[0], b[1])
         x += [there.real, [np.nan]]
         y += [there.imag, [np.nan]]
     return np.concatenate(x), np.concatenate(y)
 
 
-def _slip_panels(found: "VehicleFit") -> "list[Panel]":
+def _slip_panels(fitted: "VehicleFit") -> "list[Panel]":
     """The share of the way and of the turn that is lost, with bands of one standard error."""
     from sysid.report.plots import Line, Panel
 
@@ -91,9 +96,9 @@ def _slip_panels(found: "VehicleFit") -> "list[Panel]":
     }
     panels = []
     for key, (words, label) in across.items():
-        shown = {"of the way": found.curves[key]}
+        shown = {"of the way": fitted.curves[key]}
         if key == "turning":
-            shown["of the turn"] = found.curves["turn"]
+            shown["of the turn"] = fitted.curves["turn"]
         curves = {name: points for name, points in shown.items() if points}
         if curves:
             lines = tuple(

@@ -10,49 +10,49 @@ if TYPE_CHECKING:
     from sysid.estimation.vehicle.vehicle_fit import VehicleFit
 
 
-def show(found: "VehicleFit", document: dict[str, Any]) -> None:
+def show(fitted: "VehicleFit", document: dict[str, Any]) -> None:
     """Print the result for a person."""
-    told = [n for n in found.numbers if n.identifiable]
+    identifiable = [n for n in fitted.numbers if n.identifiable]
     render.table(
         ("quantity", "value", "± standard error", "unit", "what it is"),
         [
             (n.name, _digits(n.value, n.std_error), _error(n.std_error), n.unit, n.sentence)
-            for n in told
+            for n in identifiable
         ],
     )
-    for n in found.numbers:
+    for n in fitted.numbers:
         if not n.identifiable:
             render.say(f"{n.name}: {n.sentence}")
-    for a, b, r in found.correlations.strong():
-        render.say(f"Errors of {a} and {b} go together ({r:.2f}).")
-    _show_errors(found)
-    if found.squares is not None:
-        show_squares(found.squares)
+    for a, b, r in fitted.correlations.strong():
+        render.say(f"Errors of {a} and {b} are correlated ({r:.2f}).")
+    _show_errors(fitted)
+    if fitted.squares is not None:
+        show_squares(fitted.squares)
     for note in document["notes"]:
         render.warn(f"! {note}")
-    acting = found.acting
+    acting = fitted.acting
     render.say(f"As a vehicle without slip: r = {acting.r:.4g} m, B = {acting.B:.4g} m.")
     for key, word in (("output", "Vehicle"), ("to", "Mission"), ("plot", "Picture")):
         if key in document:
             render.say(f"{word}: {document[key]}")
 
 
-def show_squares(found: "SquareResult") -> None:
+def show_squares(squares: "SquareResult") -> None:
     """Print what squares driven both ways say."""
     rows = []
-    for name, centre, count in zip(("cw", "ccw"), found.centres, found.runs, strict=True):
+    for name, centre, count in zip(("cw", "ccw"), squares.centres, squares.runs, strict=True):
         if centre is not None:
             rows.append((name, count, float(centre[0]), float(centre[1])))
     render.table(("squares", "runs", "missed x [m]", "missed y [m]"), rows)
-    before, after = found.worst
-    render.say(found.sentence)
+    before, after = squares.worst
+    render.say(squares.sentence)
     if after is not None:
         render.say(f"Farthest centre of the returns: {before:.3g} m, corrected {after:.3g} m.")
 
 
-def _show_errors(found: "VehicleFit") -> None:
-    steps = (found.before, found.plain, found.after)
-    first, last = found.drift
+def _show_errors(fitted: "VehicleFit") -> None:
+    steps = (fitted.before, fitted.plain, fitted.after)
+    first, last = fitted.drift
     rows: list[tuple[object, ...]] = [
         ("path after two seconds [m]", *(e.path for e in steps)),
         ("heading after two seconds [rad]", *(e.heading for e in steps)),
@@ -61,16 +61,16 @@ def _show_errors(found: "VehicleFit") -> None:
         rows.append(("drift for each metre [m]", first.per_metre, None, last.per_metre))
     if first.per_turn is not None:
         rows.append(("drift for each turn [rad]", first.per_turn, None, last.per_turn))
-    for k, fold in enumerate(found.folds):
+    for k, fold in enumerate(fitted.folds):
         half = ("second half by the first", "first half by the second")[k]
         rows.append((f"{half}: path [m]", fold.before.path, None, fold.after.path))
         rows.append((f"{half}: heading [rad]", fold.before.heading, None, fold.after.heading))
-    windows = f"{found.windows[1]} held-out windows; fitted on {found.windows[0]}"
+    windows = f"{fitted.windows[1]} held-out windows; fitted on {fitted.windows[0]}"
     render.table(
         ("mean error", "before", "plain", "after"),
         rows,
         "Paths that were not used",
-        f"{windows}; {found.before_sentence}; plain: one radius and one width from a line.",
+        f"{windows}; {fitted.before_sentence}; plain: radius and width by linear regression.",
     )
 
 

@@ -35,7 +35,7 @@ def soil(
         typer.Option(
             "--set",
             metavar="NAME=VALUE",
-            help="A number of the soil instead: cohesion=500, friction_angle_deg=31.",
+            help="A parameter of the soil: cohesion=500, friction_angle_deg=31.",
         ),
     ] = None,
     slope: Annotated[
@@ -43,14 +43,16 @@ def soil(
     ] = None,
     slips: Annotated[
         str | None,
-        typer.Option("--slip", metavar="I,I", help="Slips to tell the drawbar pull at, 0 to 1."),
+        typer.Option(
+            "--slip", metavar="I,I", help="Slips at which to state the drawbar pull, 0 to 1."
+        ),
     ] = None,
     wheels: Annotated[
         int | None,
         typer.Option(
             "--road-wheels",
             metavar="N",
-            help="Road wheels of a track, which press in peaks [a rigid track].",
+            help="Number of road wheels of a track, which cause pressure peaks [a rigid track].",
         ),
     ] = None,
     plot: Annotated[
@@ -67,20 +69,20 @@ def soil(
         return
     targets.check_picture(plot)
     traction = _traction(ground, vehicle, numbers or [], wheels)
-    found = assess(
+    assessment = assess(
         traction,
         None if slope is None else math.radians(slope),
         SLIPS if slips is None else _slips(slips),
         RADII,
     )
     if json:
-        render.document(_document(found))
+        render.document(_document(assessment))
     else:
-        _show(found, ground or str(vehicle))
+        _show(assessment, ground or str(vehicle))
     if plot is not None:
         from .soil_picture import draw_soil
 
-        draw_soil(plot, ground or str(vehicle), found)
+        draw_soil(plot, ground or str(vehicle), assessment)
 
 
 def _traction(
@@ -174,8 +176,8 @@ def _facts(ground: "Soil") -> dict[str, Any]:
     }
 
 
-def _document(found: "SoilAssessment") -> dict[str, Any]:
-    traction = found.traction
+def _document(assessment: "SoilAssessment") -> dict[str, Any]:
+    traction = assessment.traction
     body, spread = traction.vehicle, traction.spread()
     return {
         "soil": _facts(traction.soil),
@@ -191,7 +193,7 @@ def _document(found: "SoilAssessment") -> dict[str, Any]:
             "distribution": spread.distribution.value,
             "wheels": spread.wheels if spread.distribution == "wheels" else None,
         },
-        "quantities": [_number(q) for q in found.quantities],
+        "quantities": [_number(q) for q in assessment.quantities],
         "drawbar": [
             {
                 "slip": p.slip,
@@ -201,7 +203,7 @@ def _document(found: "SoilAssessment") -> dict[str, Any]:
                 "pull_std_error": p.pull.std_error,
                 "efficiency": p.efficiency,
             }
-            for p in found.pulls
+            for p in assessment.pulls
         ],
         "turning": [
             {
@@ -213,9 +215,9 @@ def _document(found: "SoilAssessment") -> dict[str, Any]:
                 "power_w": t.power.value,
                 "power_std_error": t.power.std_error,
             }
-            for t in found.turns
+            for t in assessment.turns
         ],
-        "notes": found.notes,
+        "notes": assessment.notes,
     }
 
 
@@ -245,15 +247,15 @@ _WORDS = {
 _SHOWN_IN = {"rad": ("°", 180.0 / math.pi), "m": ("mm", 1e3)}
 
 
-def _show(found: "SoilAssessment", name: str) -> None:
-    body = found.traction.vehicle
+def _show(assessment: "SoilAssessment", name: str) -> None:
+    body = assessment.traction.vehicle
     render.say(
         f"{name} under {body.mass:.3g} kg on two tracks of {1e3 * body.contact_length:.3g} by "
         f"{1e3 * body.track_width:.3g} mm",
         "bold",
     )
     rows = []
-    for q in found.quantities:
+    for q in assessment.quantities:
         unit, scale = _SHOWN_IN.get(q.unit, (q.unit, 1.0))
         std = None if q.std_error is None else q.std_error * scale
         shown = "–" if q.value is None else _plus_minus(q.value * scale, std)
@@ -265,7 +267,7 @@ def _show(found: "SoilAssessment", name: str) -> None:
         [
             [p.slip, *(_plus_minus(q.value or 0.0, q.std_error) for q in (p.thrust, p.pull)),
              p.efficiency]
-            for p in found.pulls
+            for p in assessment.pulls
         ],
         title="Straight on",
     )  # fmt: skip
@@ -273,12 +275,12 @@ def _show(found: "SoilAssessment", name: str) -> None:
         ("radius [m]", "moment [N m]", "by μl and radius [N m]", "power at 0.1 m/s [W]"),
         [
             [t.radius, _turned(t.moment), t.empirical, _turned(t.power)]
-            for t in found.turns
+            for t in assessment.turns
         ],
         title="Turning",
     )  # fmt: skip
-    render.say(f"Soil: {found.traction.soil.source}.", "dim")
-    for note in found.notes:
+    render.say(f"Soil: {assessment.traction.soil.source}.", "dim")
+    for note in assessment.notes:
         render.warn(f"! {note}")
 
 

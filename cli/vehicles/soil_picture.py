@@ -15,23 +15,23 @@ _FARTHEST = 3.0
 """Largest radius that is drawn [m]: beyond it turning takes little."""
 
 
-def draw_soil(path: Path, name: str, found: "SoilAssessment") -> None:
+def draw_soil(path: Path, name: str, assessment: "SoilAssessment") -> None:
     """Draw what a soil does to a vehicle.
 
     Args:
         path: the picture.
         name: of the soil.
-        found: what it does.
+        assessment: what it does.
     """
     from sysid.report.plots import ResponsePicture, write_picture
 
-    traction = found.traction
+    traction = assessment.traction
     write_picture(
         path,
         ResponsePicture(
             f"{name} under a tracked vehicle of {traction.vehicle.mass:.3g} kg",
             "bands: one standard deviation of the soil's numbers" if traction.soil.std else "",
-            (_shear(traction), _pressure(traction), _pull(found), _turning(found)),
+            (_shear(traction), _pressure(traction), _pull(assessment), _turning(assessment)),
             columns=2,
         ),
     )
@@ -56,8 +56,8 @@ def _shear(traction: "Traction") -> "Panel":
     for law, said in words.items():
         residual = soil.residual if soil.shear is law else _RESIDUAL
         ground = replace(soil, shear=law, residual=residual)
-        own = ": this soil" if soil.shear is law else ""
-        lines.append(Line(said + own, 1e3 * j, shear_stress(ground, mean, j) / 1e3))
+        label = ": this soil" if soil.shear is law else ""
+        lines.append(Line(said + label, 1e3 * j, shear_stress(ground, mean, j) / 1e3))
     title = f"Shear stress under the mean pressure, {mean / 1e3:.2g} kPa"
     return Panel(title, "shear displacement [mm]", "shear stress [kPa]", tuple(lines))
 
@@ -83,16 +83,16 @@ def _pressure(traction: "Traction") -> "Panel":
     )
 
 
-def _pull(found: "SoilAssessment") -> "Panel":
+def _pull(assessment: "SoilAssessment") -> "Panel":
     import numpy as np
 
     from sysid.report.plots import Line, Panel
 
     slips = np.linspace(0.0, 1.0, 101)
-    traction = found.traction
+    traction = assessment.traction
     pull = traction.drawbar_pull(slips)
-    at = np.array([0.0, *(p.slip for p in found.pulls)])
-    spread = np.array([0.0, *(p.pull.std_error or 0.0 for p in found.pulls)])
+    at = np.array([0.0, *(p.slip for p in assessment.pulls)])
+    spread = np.array([0.0, *(p.pull.std_error or 0.0 for p in assessment.pulls)])
     band = np.interp(slips, at, spread)
     outline = (np.append(slips, slips[::-1]), np.append(pull - band, (pull + band)[::-1]))
     return Panel(
@@ -104,7 +104,7 @@ def _pull(found: "SoilAssessment") -> "Panel":
     )
 
 
-def _turning(found: "SoilAssessment") -> "Panel":
+def _turning(assessment: "SoilAssessment") -> "Panel":
     import numpy as np
 
     from sysid.errors import ModelError
@@ -112,8 +112,8 @@ def _turning(found: "SoilAssessment") -> "Panel":
     from sysid.vehicle.ground.resistance import lateral_at_radius
     from sysid.vehicle.ground.skid_steer import steady_turn
 
-    traction = found.traction
-    level = found.moment_in_the_middle
+    traction = assessment.traction
+    level = assessment.moment_in_the_middle
     radii = _FARTHEST * np.linspace(0.0, 1.0, 41) ** 2  # finer where it is tight
     moments = []
     for radius in radii:
@@ -122,7 +122,7 @@ def _turning(found: "SoilAssessment") -> "Panel":
         except ModelError:
             moments.append(float("nan"))
     share = lateral_at_radius(1.0, radii, traction.vehicle.geometry.B)
-    known = [(t.radius, t.moment.value, t.moment.std_error) for t in found.turns]
+    known = [(t.radius, t.moment.value, t.moment.std_error) for t in assessment.turns]
     at = np.array([k for k in known if None not in k and k[0] <= _FARTHEST], dtype=np.float64)
     bands = []
     if len(at) > 1:

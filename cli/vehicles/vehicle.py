@@ -35,7 +35,7 @@ def vehicle(
         str | None,
         typer.Option(
             metavar="NAME=RAD/S,…",
-            help="Speeds of wheels [rad/s], by name or in the file's order: the motion they tell.",
+            help="Speeds of wheels [rad/s], by name or in the file's order; gives the motion.",
         ),
     ] = None,
     plot: Annotated[
@@ -58,21 +58,23 @@ def vehicle(
     from sysid.vehicle.wheels.description import load_vehicle
     from sysid.vehicle.wheels.summary import forward_document, inverse_document, summary
 
-    found = load_vehicle(file)
-    at = _by_name(angles, "--angles", _steered(found))
-    facts = summary(found, at)
+    loaded = load_vehicle(file)
+    at = _by_name(angles, "--angles", _steered(loaded))
+    facts = summary(loaded, at)
     if twist is not None:
         wanted = tuple(_numbers(twist, "--twist"))
-        facts["inverse"] = inverse_document(found, found.inverse(wanted, at))
+        facts["inverse"] = inverse_document(loaded, loaded.inverse(wanted, at))
     if speeds is not None:
-        told = _by_name(speeds, "--speeds", [w.name for w in found.wheels if w.kind != "caster"])
-        facts["forward"] = forward_document(found, found.forward(told or {}, at))
+        wheel_speeds = _by_name(
+            speeds, "--speeds", [w.name for w in loaded.wheels if w.kind != "caster"]
+        )
+        facts["forward"] = forward_document(loaded, loaded.forward(wheel_speeds or {}, at))
     if plot is not None:
         from .vehicle_picture import draw
 
-        draw(plot, found, facts)
+        draw(plot, loaded, facts)
         facts["plot"] = plot
-    _write(found, facts, {"urdf": urdf, "mjcf": mjcf})
+    _write(loaded, facts, {"urdf": urdf, "mjcf": mjcf})
     if json:
         render.document(facts)
     else:
@@ -81,7 +83,7 @@ def vehicle(
         show(facts)
 
 
-def _write(found: "Vehicle", facts: dict[str, Any], files: Mapping[str, Path | None]) -> None:
+def _write(loaded: "Vehicle", facts: dict[str, Any], files: Mapping[str, Path | None]) -> None:
     """The files that were asked for, and their places among the facts."""
     from sysid.data.files import write_atomic
     from sysid.vehicle.wheels.mjcf_writing import mjcf_text
@@ -90,12 +92,12 @@ def _write(found: "Vehicle", facts: dict[str, Any], files: Mapping[str, Path | N
     text = {"urdf": urdf_text, "mjcf": mjcf_text}
     for kind, path in files.items():
         if path is not None:
-            write_atomic(path, text[kind](found))
+            write_atomic(path, text[kind](loaded))
             facts[kind] = path
 
 
-def _steered(found: "Vehicle") -> list[str]:
-    return [w.name for w in found.wheels if w.kind == "steerable"]
+def _steered(loaded: "Vehicle") -> list[str]:
+    return [w.name for w in loaded.wheels if w.kind == "steerable"]
 
 
 def _by_name(text: str | None, option: str, in_order: Sequence[str]) -> Mapping[str, float] | None:
@@ -110,17 +112,17 @@ def _by_name(text: str | None, option: str, in_order: Sequence[str]) -> Mapping[
                 f"({', '.join(in_order) or 'none'}): name them, as in {option} NAME=VALUE"
             )
         return dict(zip(in_order, values, strict=True))
-    found: dict[str, float] = {}
+    by_name: dict[str, float] = {}
     for part in text.split(","):
         name, _, value = part.rpartition("=")
-        if not name or name.strip() in found:
+        if not name or name.strip() in by_name:
             raise UsageError(f"{option} {text}: write NAME=VALUE once for each wheel")
-        (found[name.strip()],) = _numbers(value, option)
-    return found
+        (by_name[name.strip()],) = _numbers(value, option)
+    return by_name
 
 
 def _numbers(text: str, option: str) -> list[float]:
     try:
         return [float(word) for word in text.split(",")]
     except ValueError:
-        raise UsageError(f"{option} {text}: write numbers with commas between them") from None
+        raise UsageError(f"{option} {text}: write numbers separated by commas") from None

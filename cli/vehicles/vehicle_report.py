@@ -33,7 +33,7 @@ def show(facts: dict[str, Any]) -> None:
             rows.append((name, render.number(facts[key], 4)))
     render.table((facts["name"], ""), rows)
     render.say(_sentence(f"{facts['name']}: {facts['sentence']}"))
-    render.say(_sentence(f"Centre of turning: {facts['icr']['sentence']}"))
+    render.say(_sentence(f"Centre of rotation: {facts['icr']['sentence']}"))
     _show_wheels(facts["wheels"])
     _show_matrices(facts)
     for key, shown in (("inverse", _show_inverse), ("forward", _show_forward)):
@@ -58,7 +58,7 @@ def _show_wheels(wheels: list[dict[str, Any]]) -> None:
     render.table(
         headings,
         rows,
-        caption="wheel speeds [rad/s] and steering angles; a dash: impossible without sliding",
+        caption="wheel speeds [rad/s] and steering angles; –: impossible without sliding",
     )
 
 
@@ -98,7 +98,7 @@ def _entries(row: Any) -> tuple[str, str, str]:
     return vx, vy, wz
 
 
-def _show_inverse(found: dict[str, Any]) -> None:
+def _show_inverse(inverse: dict[str, Any]) -> None:
     rows = [
         (
             name,
@@ -106,30 +106,30 @@ def _show_inverse(found: dict[str, Any]) -> None:
             "–" if wheel["angle"] is None else _degrees(wheel["angle"]),
             wheel["share_of_max_speed"],
         )
-        for name, wheel in found["wheels"].items()
+        for name, wheel in inverse["wheels"].items()
     ]
     render.table(
         ("wheel", "speed [rad/s]", "steering angle", "share of largest speed"),
         rows,
-        title=f"For {_motion(found['possible'])}",
+        title=f"For {_motion(inverse['possible'])}",
     )
-    render.say(found["sentence"])
-    render.say(_sentence(f"Centre of turning: {found['icr']['sentence']}"))
+    render.say(inverse["sentence"])
+    render.say(_sentence(f"Centre of rotation: {inverse['icr']['sentence']}"))
 
 
-def _show_forward(found: dict[str, Any]) -> None:
-    names = dict.fromkeys([*found["rolling_slip_m_s"], *found["sliding_m_s"]])
+def _show_forward(forward: dict[str, Any]) -> None:
+    names = dict.fromkeys([*forward["rolling_slip_m_s"], *forward["sliding_m_s"]])
     rows = [
-        (name, *(_slip(found[key].get(name)) for key in ("rolling_slip_m_s", "sliding_m_s")))
+        (name, *(_slip(forward[key].get(name)) for key in ("rolling_slip_m_s", "sliding_m_s")))
         for name in names
     ]
     render.table(
         ("wheel", "rim faster than ground [m/s]", "slides to its left [m/s]"),
         rows,
-        title=f"The speeds tell {_motion(found['twist'])}",
+        title=f"The speeds give {_motion(forward['twist'])}",
     )
-    render.say(found["sentence"])
-    render.say(_sentence(f"Centre of turning: {found['icr']['sentence']}"))
+    render.say(forward["sentence"])
+    render.say(_sentence(f"Centre of rotation: {forward['icr']['sentence']}"))
 
 
 def _slip(value: float | None) -> str:

@@ -92,7 +92,7 @@ class QueuePort:
             return self._come.get(timeout=patience)
         except queue.Empty:
             raise SilenceError(
-                f"the other half of the mission said nothing for {patience:g} s: look whether it "
+                f"the other half of the mission sent nothing for {patience:g} s; check that it "
                 "still runs"
             ) from None
 

@@ -29,7 +29,7 @@ from sysid.mission.contracts import (
 )
 from sysid.mission.loop import Loop, LoopState, Tick, Verdict
 from sysid.mission.result import MissionResult, Outcome
-from sysid.mission.simulator import drive_of, result_of, run, scene_of
+from sysid.mission.simulator import result_of, run, scene_of, shaper_of
 from sysid.mission.spec import Mission
 from sysid.vehicle.kinematics import Real
 
@@ -108,8 +108,8 @@ class _Heard:
             t = round(said.t - first, 9)  # a stamp of ROS counts nanoseconds
             if t < last:
                 raise ModelError(
-                    f"the robot's time went back from {last:g} s to {t:g} s: two robots speak on "
-                    "one topic, or its simulation was started again"
+                    f"the robot's time went back from {last:g} s to {t:g} s: two robots share one "
+                    "topic, or its simulation restarted"
                 )
             if t == last and due:
                 continue  # said twice
@@ -181,10 +181,7 @@ def guide(
         ModelError: it has broken off, or a law needs the plant and there is none.
     """
     if known is None and needs_plant(mission):
-        raise ModelError(
-            "a law of the mission needs a model of the plant, so this half must know it: name a "
-            "`plant`"
-        )
+        raise ModelError("a law of the mission needs a model of the plant; name a `plant`")
     dt = mission.control.period if known is None else known.dt
     there = _Elsewhere(dt)
     scene = scene_of(mission, there if known is None else known)
@@ -198,7 +195,7 @@ def guide(
         scene=scene._replace(sensors={}),
         timeout=mission.timeout,
         xp=floats,
-        drive=drive_of(mission, there if known is None else known),
+        shaper=shaper_of(mission, there if known is None else known),
     )
     parts = {f.name: getattr(plain, f.name) for f in fields(plain)}
     loop = _GuidingLoop(**parts, port=port, level=level)

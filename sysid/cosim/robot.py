@@ -27,9 +27,9 @@ from sysid.mission.contracts import (
     Scene,
     SteppablePlant,
 )
-from sysid.mission.loop import STUCK, Loop, LoopState, Tick, plain_drive, ticks
+from sysid.mission.loop import STUCK, Loop, LoopState, Tick, plain_shaper, ticks
 from sysid.mission.result import MissionResult, Outcome
-from sysid.mission.simulator import check_robot, closed_loop, drive_of, result_of, run, scene_of
+from sysid.mission.simulator import check_robot, closed_loop, result_of, run, scene_of, shaper_of
 from sysid.mission.spec import Mission
 from sysid.mission.traits import ControlAdvice, GuidanceAdvice, GuidanceTraits
 from sysid.vehicle.kinematics import Real
@@ -74,7 +74,7 @@ class _OtherHalf:
         self._rest, self._level = Asked(0.0, psi), level
         self.asked = Asked(0.0, 0.0) if level is Level.PWM else self._rest
         self.outcome: str | None = None
-        self._port, self._pace, self._told = port, pace, -math.inf
+        self._port, self._pace, self._streamed_until = port, pace, -math.inf
         self._heard = time.monotonic()
 
     def start(self, scene: Scene, xp: Any) -> int:
@@ -83,13 +83,13 @@ class _OtherHalf:
 
     def step(self, state: int, inputs: GuidanceInputs, dt: Real, xp: Any) -> tuple[int, References]:
         """What is asked, and whether it is over."""
-        self.tell(float(inputs.t), inputs.estimate)
+        self.stream(float(inputs.t), inputs.estimate)
         if self._pace.lock_step and self.outcome is None:
             self._take(self._port.receive(self._pace.patience))
         else:
             self._take_all()
         if self.outcome == BROKEN_OFF:
-            raise ModelError("the other half of the mission was broken off: start both again")
+            raise ModelError("the other half of the mission was interrupted; start both again")
         speed, psi = self._rest if self._level is Level.PWM else self.asked
         references = References(
             speed,
@@ -103,11 +103,11 @@ class _OtherHalf:
         """Ever less: whether the robot comes closer is judged where it is guided."""
         return -2.0 * STUCK.progress * state
 
-    def tell(self, t: float, body: Body) -> None:
+    def stream(self, t: float, body: Body) -> None:
         """Say where the robot is, once an instant."""
-        if t > self._told:
+        if t > self._streamed_until:
             self._port.send(Seen(t, body))
-            self._told = t
+            self._streamed_until = t
 
     def _take_all(self) -> None:
         """Everything that has come; the last of it counts."""
@@ -115,8 +115,8 @@ class _OtherHalf:
             self._take(message)
         if self.outcome is None and time.monotonic() - self._heard > self._pace.patience:
             raise SilenceError(
-                f"nothing was asked of the robot for {self._pace.patience:g} s: look whether the "
-                "node that guides it still runs and sends to the same topic"
+                f"the robot received no reference for {self._pace.patience:g} s: check that the "
+                "guiding node runs and publishes on the same topic"
             )
 
     def _take(self, message: object) -> None:
@@ -124,8 +124,8 @@ class _OtherHalf:
         if isinstance(message, Asked):
             if not (math.isfinite(message.along) and math.isfinite(message.around)):
                 raise ModelError(
-                    f"the robot was asked for {message.along:g}, {message.around:g}, which are no "
-                    "numbers: mend what guides it"
+                    f"the robot was asked for {message.along:g}, {message.around:g}, which are "
+                    "not numbers; correct the guiding node"
                 )
             self.asked = message
         elif isinstance(message, Ended):
@@ -181,7 +181,7 @@ class _RobotLoop(Loop):
         """A sample of the loop."""
         state, row = super().sample(state, tick, draws)
         if self.half is not None and not tick.now:
-            self.half.tell(tick.t, state.estimate)
+            self.half.stream(tick.t, state.estimate)
         return state, row
 
 
@@ -222,18 +222,18 @@ def play_robot(
         ModelError: the other half has broken off or asks for no numbers; the plant is no robot.
     """
     check_robot(mission, plant)
-    drive = drive_of(mission, plant)
-    plain = closed_loop(mission, plant, scene_of(mission, plant), floats, drive)
+    shaper = shaper_of(mission, plant)
+    plain = closed_loop(mission, plant, scene_of(mission, plant), floats, shaper)
     half = _OtherHalf(port, pace, level, float(plain.scene.start.psi))
     parts = {f.name: getattr(plain, f.name) for f in fields(plain)} | {"guidance": half}
     if level is Level.PWM:
-        parts |= {"control": _AskedPwm(half, mission.control.period), "drive": plain_drive}
-    loop, told = _RobotLoop(**parts, half=half), BROKEN_OFF
+        parts |= {"control": _AskedPwm(half, mission.control.period), "shaper": plain_shaper}
+    loop, ending = _RobotLoop(**parts, half=half), BROKEN_OFF
     try:
         state, table = run(loop, seed, half.ticks(plant.dt, mission.control.period, wait))
         result = result_of(mission, loop, state, table, half.outcome)
-        told = result.outcome.value
+        ending = result.outcome.value
     finally:
         with contextlib.suppress(Exception):  # what is wrong is the first error, not this
-            port.send(Ended(told))
+            port.send(Ended(ending))
     return result

@@ -88,10 +88,12 @@ def complete_rows(errors: Signals) -> Array:
     Raises:
         DataError: no complete row is left.
     """
-    stacked = np.concatenate(as_records(errors, "errors"))
+    records = as_records(errors, "errors")
+    stacked = records[0] if len(records) == 1 else np.concatenate(records)
     # column by column: NumPy's reductions along the short axis of (N, ny) are ten times slower
     missing = np.any([np.isnan(c) for c in stacked.T], axis=0)
-    kept = np.compress(~missing, stacked, axis=0)
+    head = int(np.argmin(missing))
+    kept = stacked[head:] if not missing[head:].any() else np.compress(~missing, stacked, axis=0)
     if not len(kept):
         raise DataError("errors: no sample is predicted on all outputs; give a longer record")
     return kept

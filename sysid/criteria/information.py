@@ -34,7 +34,7 @@ def loss_of(errors: Signals, n_parameters: int) -> Loss:
     """
     kept = complete_rows(errors)
     samples, outputs = kept.shape
-    scale = np.array([np.abs(c).max() for c in kept.T])
+    scale = np.array([max(c.max(), -c.min()) for c in kept.T])
     if not np.isfinite(scale).all():
         log_loss = np.inf
     elif not scale.all():

@@ -5,7 +5,8 @@ residuals are, or may be, correlated with by construction: the Jacobian J of wha
 these very data, the mean of each record, and optionally other lags of the same signals
 ("nuisance"). The rest Z̃ gives c = Z̃ᵀε and C = Z̃ᵀΣ̂Z̃. What was estimated from other data is not
 removed but adds its uncertainty, Z̃ᵀGP GᵀZ̃ with G the gradient and P the parameters' covariance.
-Z is built in blocks of rows and never held as a whole.
+Z is built in blocks of rows and never held as a whole; of long records it is not built at all, see
+``lag_sums``.
 
 For a picture the statistic is shared out among the lags, d = U e with |e|² = cᵀC⁺c and U the
 orthonormal matrix that brings d closest to the standardised c/√C (zero-phase whitening): each d is
@@ -13,22 +14,30 @@ standard normal for a right model, and their squares add up to the statistic, wh
 correlations do not (Kessy, Lewin & Strimmer 2018, "ZCA-cor").
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr
+from scipy.linalg import qr, solve_triangular
+from scipy.linalg.lapack import dgeqrf
 
 from sysid.criteria.coloured import BLOCK, AutoRegression
 from sysid.criteria.fit import Array
+from sysid.criteria.lag_sums import LONG, autocovariance, lag_sums
 
 Mask = NDArray[np.bool_]
+
+ILL_CONDITIONED = 1e4
+"""Condition of the scaled Jacobian from which its basis is made orthonormal again."""
 
 ENERGY_TOLERANCE = 1e-8
 """An instrument (or combination) with less than this share of its energy left counts as removed."""
 COLOUR_TOLERANCE = 1e-12
 """Eigenvalues of C, relative to the largest, below which C is singular to working precision."""
+WELL_CONDITIONED = 1e-8
+"""Smallest eigenvalue of the nuisance lags' products, relative to the largest, from which products
+alone say what these lags predict: more than half of the digits are left."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +70,7 @@ class Trial:
         noise: model of the residuals' colour; None for white.
         uncertain: G√P, (N, k): what the uncertainty of parameters that were estimated from other
             data puts into the residuals; empty for data the model was fitted to.
+        basis: ``orthonormal`` of the Jacobian where another test has it already.
     """
 
     errors: Sequence[Array]
@@ -73,6 +83,7 @@ class Trial:
     centred: bool
     noise: AutoRegression | None
     uncertain: Sequence[Array] = ()
+    basis: Sequence[Array] | None = None
 
 
 def score(trial: Trial) -> Score:
@@ -81,8 +92,85 @@ def score(trial: Trial) -> Score:
     C is inverted on the directions where Z̃ has energy left (``ENERGY_TOLERANCE``), after they
     were scaled to unit energy, so that neither the inputs' units nor their collinearity matter.
     """
-    basis = _orthonormal(trial)
+    basis = trial.basis
+    if basis is None:
+        basis = orthonormal(trial.jacobian, trial.keep, trial.centred)
     scale = _column_scale(trial)
+    c, energy, covariance, borrowed = _from_sums(trial, basis, scale) or _by_blocks(
+        trial, basis, scale
+    )
+    return _quadratic_form(trial, c, covariance + borrowed @ borrowed.T, energy)
+
+
+Products = tuple[Array, Array, Array, Array]
+"""Z̃ᵀε, Z̃ᵀZ̃, Z̃ᵀΣ̂Z̃ and Z̃ᵀG√P."""
+
+
+def _from_sums(trial: Trial, basis: Sequence[Array], scale: Array) -> Products | None:
+    """The products of long records whose instruments have no gaps, from sums over lags.
+
+    None where a record is short or has gaps, the noise has a long memory, or the nuisance lags are
+    nearly collinear, so that products of Z, J and the means would not leave enough digits.
+    """
+    asked = [*trial.tested, *trial.nuisance]
+    lags = range(min(asked), max(asked) + 1)
+    windows = [_only_window(rows) for rows in trial.rows]
+    R = autocovariance(trial.noise)
+    if R is None or len(lags) != len(asked) or min(map(len, trial.errors)) < LONG:
+        return None
+    if any(b - a < LONG // 2 for a, b in windows):
+        return None
+    m, n, q = trial.signals[0].shape[1], len(asked), basis[0].shape[1]
+    place = np.array([j * n + k - lags[0] for j in range(m) for k in asked])
+    place = np.concatenate([place, m * n + np.arange(q + 1)])
+    weight = np.concatenate([scale, np.ones(q + 1)])
+    sums = []
+    for r, window in enumerate(windows):
+        V = [*basis[r].T, trial.keep[r]]
+        W = [trial.errors[r], *(trial.uncertain[r].T if trial.uncertain else ())]
+        found = lag_sums(trial.signals[r], lags, window, R, V, W)
+        square = np.outer(weight, weight)
+        sums.append(
+            (
+                found.plain[np.ix_(place, place)] * square,
+                found.coloured[np.ix_(place, place)] * square,
+                found.against[place] * weight[:, None],
+            )
+        )
+    shadows = sum(plain[m * n : -1, : m * n] for plain, _, _ in sums)
+    energy, covariance = np.zeros((m * n, m * n)), np.zeros((m * n, m * n))
+    against, taken = np.zeros((m * n, sums[0][2].shape[1])), 0.0
+    for plain, coloured, further in sums:
+        mean = plain[-1:, : m * n] / plain[-1, -1] * trial.centred
+        clear = np.vstack([np.eye(m * n), -shadows, -mean])
+        energy += clear.T @ plain @ clear
+        covariance += clear.T @ coloured @ clear
+        against += clear.T @ further
+        taken += float(np.trace(coloured[m * n : -1, m * n : -1]))
+        taken += float(coloured[-1, -1] / plain[-1, -1])
+    nuisance = _nuisance(trial)
+    if nuisance.any():
+        values = np.linalg.eigvalsh(energy[np.ix_(nuisance, nuisance)])
+        if not values[0] > WELL_CONDITIONED * values[-1]:
+            return None
+    mix = _without_nuisance(energy, nuisance)
+    energy, covariance, against = mix.T @ energy @ mix, mix.T @ covariance @ mix, mix.T @ against
+    if trial.noise is None:
+        covariance = energy * _variance(trial)
+    else:
+        covariance = covariance * _absorbed(trial.noise, trial.keep, taken)
+    return against[:, 0], energy, covariance, against[:, 1:]
+
+
+def _only_window(rows: Mask) -> tuple[int, int]:
+    """First row and one past the last one where all between them are kept, else nothing."""
+    kept = np.flatnonzero(rows)
+    whole = len(kept) > 0 and int(kept[-1]) + 1 - int(kept[0]) == len(kept)
+    return (int(kept[0]), int(kept[-1]) + 1) if whole else (0, 0)
+
+
+def _by_blocks(trial: Trial, basis: Sequence[Array], scale: Array) -> Products:
+    """The products of any records, from their instruments block by block."""
     shadows, means = _projections(trial, basis, scale)
 
     def instruments(r: int, start: int, stop: int) -> Array:
@@ -92,7 +180,12 @@ def score(trial: Trial) -> Score:
         block[~trial.keep[r][start:stop]] = 0.0
         return block
 
-    weights = _without_nuisance(trial, instruments)
+    nuisance = _nuisance(trial)
+    gram = np.zeros((len(nuisance), len(nuisance)))
+    for where in _blocks(trial) if nuisance.any() else ():
+        block = instruments(*where)
+        gram += block.T @ block
+    weights = _without_nuisance(gram, nuisance)
     c = np.zeros(weights.shape[1])
     energy = np.zeros((len(c), len(c)))
     covariance = np.zeros_like(energy)
@@ -115,44 +208,55 @@ def score(trial: Trial) -> Score:
             for _ in last_to_first():
                 pass
     if trial.noise is None:
-        samples = sum(int(k.sum()) for k in trial.keep)
-        covariance = energy * (sum(float(e @ e) for e in trial.errors) / samples)
-    else:
-        covariance *= _absorbed(trial.noise, trial.keep, basis)
-    covariance += borrowed @ borrowed.T
-    return _quadratic_form(trial, c, covariance, energy)
+        return c, energy, energy * _variance(trial), borrowed
+    taken = _taken(trial.noise, trial.keep, basis)
+    return c, energy, covariance * _absorbed(trial.noise, trial.keep, taken), borrowed
 
 
-def _without_nuisance(trial: Trial, instruments: Callable[[int, int, int], Array]) -> Array:
-    """Of all lags the combinations that the nuisance lags do not predict, (lags, tested)."""
+def _variance(trial: Trial) -> float:
+    """Mean square of the residuals."""
+    return sum(float(e @ e) for e in trial.errors) / sum(int(k.sum()) for k in trial.keep)
+
+
+def _nuisance(trial: Trial) -> Mask:
+    """Which of all instruments are nuisance lags."""
     lags = len(trial.tested) + len(trial.nuisance)
-    nuisance = np.tile(np.arange(lags), trial.signals[0].shape[1]) >= len(trial.tested)
-    count = len(nuisance)
-    weights = np.eye(count)[:, ~nuisance]
+    return np.tile(np.arange(lags), trial.signals[0].shape[1]) >= len(trial.tested)
+
+
+def _without_nuisance(gram: Array, nuisance: Mask) -> Array:
+    """Of all lags the combinations that the nuisance lags do not predict, (lags, tested)."""
+    weights = np.eye(len(nuisance))[:, ~nuisance]
     if nuisance.any():
-        gram = np.zeros((count, count))
-        for r, start, stop in _blocks(trial):
-            block = instruments(r, start, stop)
-            gram += block.T @ block
         weights[nuisance] = (
             -_pseudo_inverse(gram[np.ix_(nuisance, nuisance)]) @ gram[np.ix_(nuisance, ~nuisance)]
         )
     return weights
 
 
-def _absorbed(noise: AutoRegression, keep: Sequence[Mask], basis: list[Array]) -> float:
+def _taken(noise: AutoRegression, keep: Sequence[Mask], basis: Sequence[Array]) -> float:
+    """tr PΣ with the projector P on a basis and the records' means."""
+    taken = 0.0
+    for q, k in zip(basis, keep, strict=True):
+        if k.any():
+            mean = np.where(k, 1.0, 0.0)[:, None] / np.sqrt(k.sum())
+            taken += float(np.trace(noise.gram(np.hstack([q, mean]))))
+    return taken
+
+
+def _absorbed(noise: AutoRegression, keep: Sequence[Mask], taken: float) -> float:
     """How much more variance the noise v has than the residuals ε = (I − P)v that show it.
 
     tr Σ / tr (I − P)Σ, with the projector P on J and the records' means: N/(N − n) for white
     noise, more where the fit took the very frequencies that hold the noise's power. Without it
     right OE models of 300 samples alarm up to three times too often. At most 2: beyond that
     too few independent samples are left for Σ̂ to be corrected by one number.
+
+    Args:
+        noise: model of v.
+        keep: rows that count.
+        taken: tr PΣ.
     """
-    taken = 0.0
-    for q, k in zip(basis, keep, strict=True):
-        if k.any():
-            mean = np.where(k, 1.0, 0.0)[:, None] / np.sqrt(k.sum())
-            taken += float(np.trace(noise.gram(np.hstack([q, mean]))))
     total = sum(int(k.sum()) for k in keep) * noise.stationary_variance
     return 1.0 / max(1.0 - taken / total, 0.5) if total > 0.0 else 1.0
 
@@ -207,29 +311,41 @@ def _column_scale(trial: Trial) -> Array:
     return np.repeat(scale, len(trial.tested) + len(trial.nuisance))
 
 
-def _orthonormal(trial: Trial) -> list[Array]:
+def orthonormal(jacobian: Sequence[Array], keep: Sequence[Mask], centred: bool) -> list[Array]:
     """Orthonormal basis of the Jacobian's columns (each record centred if asked), by record.
 
-    Pivoted QR of columns of unit norm: collinear parameters shorten the basis, whereas the normal
+    From the triangle of a QR of blocks of rows, whose columns have the norms of the Jacobian's:
+    scaled to one, pivoting shortens the basis where parameters are collinear, whereas the normal
     equations would lose half the digits.
     """
-    parts = []
-    for j, k in zip(trial.jacobian, trial.keep, strict=True):
+    parts, R = [], np.zeros((0, jacobian[0].shape[1]))
+    for j, k in zip(jacobian, keep, strict=True):
         part = np.where(k[:, None], j, 0.0)
-        if trial.centred and k.any():
-            part[k] -= part[k].mean(axis=0)
+        if centred and k.any():
+            part -= k[:, None] * (part.sum(axis=0) / k.sum())
         parts.append(part)
-    stacked = np.concatenate(parts)
-    norm = np.linalg.norm(stacked, axis=0)
-    stacked = stacked[:, norm > 0.0] / norm[norm > 0.0]
-    if stacked.size:
-        q, r, _ = qr(stacked, mode="economic", pivoting=True, overwrite_a=True)
-        stacked = q[:, : int((np.abs(np.diag(r)) > 1e-10 * abs(r[0, 0])).sum())]
-    borders = np.cumsum([len(p) for p in parts])[:-1]
-    return [np.asarray(q) for q in np.split(stacked, borders)]
+        for start in range(0, len(part), BLOCK):
+            factors, *_ = dgeqrf(np.vstack([R, part[start : start + BLOCK]]))
+            R = np.triu(factors[: R.shape[1]])
+    norm = np.linalg.norm(R, axis=0)
+    seen = np.flatnonzero(norm > 0.0)
+    if not len(seen):
+        return [part[:, :0] for part in parts]
+    _, r, order = qr(R[:, seen] / norm[seen], mode="economic", pivoting=True)
+    rank = int((np.abs(np.diag(r)) > 1e-10 * abs(r[0, 0])).sum())
+    to_unit = np.zeros((len(norm), rank))
+    inverse = np.asarray(solve_triangular(r[:rank, :rank], np.eye(rank)))
+    kept = seen[order[:rank]]
+    to_unit[kept] = inverse / norm[kept, None]
+    basis = [part @ to_unit for part in parts]
+    if np.linalg.norm(inverse) > ILL_CONDITIONED:
+        # rounding left of the other columns what the condition makes of it
+        half = np.linalg.cholesky(np.asarray(sum(q.T @ q for q in basis)))
+        basis = [np.asarray(solve_triangular(half, q.T, lower=True)).T for q in basis]
+    return basis
 
 
-def _projections(trial: Trial, basis: list[Array], scale: Array) -> tuple[Array, list[Array]]:
+def _projections(trial: Trial, basis: Sequence[Array], scale: Array) -> tuple[Array, list[Array]]:
     """QᵀZ over all records, and the mean of Z in each record (0 unless centred)."""
     shadows = np.zeros((basis[0].shape[1], len(scale)))
     means = [np.zeros(len(scale)) for _ in basis]

@@ -1,4 +1,4 @@
-"""What the words of a column's name say: its side, whether it commands, measures, tells time."""
+"""Meaning of the words in a column's name: side, command, measurement or time."""
 
 import re
 from dataclasses import dataclass
@@ -7,9 +7,9 @@ from typing import Literal
 
 from sysid.data.unit_words import ending, without_unit
 
-Quantity = Literal["command", "speed", "reading", "reference", "supply", "other"]
-"""What a column holds: a command to the plant, a speed, another reading, a set point, the supply
-voltage, or something its name does not tell."""
+Quantity = Literal["command", "speed", "measurement", "reference", "supply", "other"]
+"""What a column holds: a command to the plant, a speed, another measurement, a set point, the
+supply voltage, or something its name does not state."""
 
 _UPPER, _LOWER = "A-ZÀ-ÖØ-Þ", "a-zß-öø-ÿ"
 _WORD = re.compile(rf"[{_UPPER}]?[{_LOWER}]+|[{_UPPER}]+(?![{_LOWER}])|[{_UPPER}]|\d+")
@@ -50,7 +50,7 @@ SPEEDS: tuple[tuple[str, ...], ...] = (
 SPEED_UNITS = frozenset(("rpm", "rad/s", "deg/s", "rev/s", "m/s", "mm/s", "cm/s", "km/h"))
 """Units that make a column a speed where no word does: ``left_rpm``."""
 
-READINGS: tuple[tuple[str, ...], ...] = (
+MEASUREMENTS: tuple[tuple[str, ...], ...] = (
     ("y", "out", "output", "ausgang", "measured", "istwert", "ist", "messwert", "pv"),
     (
         *("temp", "temperature", "temperatur", "température", "level", "füllstand"),
@@ -65,13 +65,13 @@ READINGS: tuple[tuple[str, ...], ...] = (
     ("current", "strom", "courant", "accel", "acceleration", "beschleunigung"),
     ("enc", "encoder", "ticks", "counts"),
 )
-"""Words of other readings, in the same way."""
+"""Words of other measurements, in the same way."""
 
-OF_PROCESSES = READINGS[1:3]
-"""Words of readings that are not of motion."""
+PROCESS_MEASUREMENTS = MEASUREMENTS[1:3]
+"""Words of measurements that are not of motion."""
 
 PROCESS_UNITS = frozenset(("degC", "°C", "K", "Pa", "N"))
-"""Units of such readings in a record, where no word tells what is read."""
+"""Units of such measurements in a record, where no word states what is measured."""
 
 DRIVES = frozenset(
     (
@@ -80,7 +80,7 @@ DRIVES = frozenset(
     )
 )
 """Words of what drives a plant where nothing else in the log does: each is measured too, but turns,
-moves or pumps what the other columns tell."""
+moves or pumps what the other columns measure."""
 
 SET_POINTS = frozenset(
     (
@@ -117,20 +117,20 @@ class Meaning:
 
 def words(name: str) -> tuple[str, ...]:
     """The words of a name in lower case: ``pwmL`` → pwm, l; ``Left_RPM`` → left, rpm."""
-    found: list[str] = []
+    parts: list[str] = []
     for word in _WORD.findall(name):
         low = word.lower()
         for side in sorted(SIDES, key=len, reverse=True):
             if low not in _KNOWN and low.endswith(side) and low[: -len(side)] in _GLUED:
-                found += [low[: -len(side)], side]
+                parts += [low[: -len(side)], side]
                 break
         else:
-            found.append(low)
-    return tuple(found)
+            parts.append(low)
+    return tuple(parts)
 
 
 def is_set_point(name: str) -> bool:
-    """Whether a name tells what a controller is to reach: ``speed_ref``, ``SollDrehzahl``."""
+    """Whether a name is of a set point: ``speed_ref``, ``SollDrehzahl``."""
     parts = words(name)
     return bool(SET_POINTS & set(parts)) or any(w.startswith("soll") for w in parts)
 
@@ -154,23 +154,23 @@ def meaning(name: str) -> Meaning:
     weak = len(COMMANDS) - 1
     command, speed = _rank(parts, COMMANDS), _rank(parts, SPEEDS)
     if command is not None and (command < weak or speed is None):
-        reading = _rank(parts, READINGS)
-        if command == weak - 1 and _rank(parts[-1:], READINGS) in (1, 2):
-            return Meaning("reading", reading or 0, side)  # heater_temp, pump_pressure
-        if command < weak or reading is None:
+        measured = _rank(parts, MEASUREMENTS)
+        if command == weak - 1 and _rank(parts[-1:], MEASUREMENTS) in (1, 2):
+            return Meaning("measurement", measured or 0, side)  # heater_temp, pump_pressure
+        if command < weak or measured is None:
             return Meaning("command", command, side)
     if speed is None and command is None and unit in SPEED_UNITS:
         speed = 1
     if speed is not None:
         return Meaning("speed", speed, side)
-    reading = _rank(parts, READINGS)
-    if reading is not None:
-        return Meaning("reading", reading, side)
+    measured = _rank(parts, MEASUREMENTS)
+    if measured is not None:
+        return Meaning("measurement", measured, side)
     return Meaning("other", 0, side)
 
 
 def family(name: str) -> tuple[str, ...]:
-    """The words of a name without what tells one of a pair from the other.
+    """The words of a name without those that distinguish the members of a pair.
 
     ``Pump A`` and ``Pump B``, ``y1`` and ``y2``, ``pwm_l`` and ``pwm_r``, ``ML`` and ``MR`` are
     families.
@@ -188,41 +188,41 @@ def is_drive(name: str, unit: str) -> bool:
     A PWM or duty cycle by itself, other commands if they are those of a side (``cmd_left``). A
     speed that a controller follows is no such command, so its unit must not be one of speed.
     """
-    found = meaning(name)
-    plain = found.rank <= 1 or bool(found.side)
-    return found.quantity == "command" and plain and unit not in SPEED_UNITS
+    meant = meaning(name)
+    plain = meant.rank <= 1 or bool(meant.side)
+    return meant.quantity == "command" and plain and unit not in SPEED_UNITS
 
 
 def is_wheel_speed(name: str, unit: str) -> bool:
     """Whether a column is the speed of a motor, wheel or track: 0 is standstill."""
-    found = meaning(name)
-    plain = found.rank <= 1 or bool(found.side) or unit == "rad/s"
-    return found.quantity == "speed" and plain and unit in ("", "rad/s", "m/s")
+    meant = meaning(name)
+    plain = meant.rank <= 1 or bool(meant.side) or unit == "rad/s"
+    return meant.quantity == "speed" and plain and unit in ("", "rad/s", "m/s")
 
 
 def may_move(name: str, unit: str) -> bool:
-    """Whether a reading may be of something that turns or moves.
+    """Whether a measurement may be of something that turns or moves.
 
     A temperature, a level of a liquid, a pressure, a flow or a force is none of motion, whatever
     it is read in; a name that says nothing may be anything.
     """
     base, _ = ending(name)
     parts = words(base)
-    moves = _rank(parts, SPEEDS) is not None or _rank(parts, READINGS[3:]) is not None
-    return moves or (_rank(parts, OF_PROCESSES) is None and unit not in PROCESS_UNITS)
+    moves = _rank(parts, SPEEDS) is not None or _rank(parts, MEASUREMENTS[3:]) is not None
+    return moves or (_rank(parts, PROCESS_MEASUREMENTS) is None and unit not in PROCESS_UNITS)
 
 
 def may_drive(name: str) -> bool:
-    """Whether a column that names no command may be the input beside readings of its effect."""
-    found = meaning(name)
+    """Whether a column that names no command may be the input beside measurements of its effect."""
+    meant = meaning(name)
     base, unit = ending(name)
     named = bool(DRIVES & {*words(base), unit.lower()})
-    return named and found.quantity in ("reading", "other")
+    return named and meant.quantity in ("measurement", "other")
 
 
 def is_effect(name: str) -> bool:
-    """Whether a column is a speed or another reading that does not drive a plant itself."""
-    return meaning(name).quantity in ("speed", "reading") and not may_drive(name)
+    """Whether a column is a speed or another measurement that does not drive a plant itself."""
+    return meaning(name).quantity in ("speed", "measurement") and not may_drive(name)
 
 
 def _rank(parts: tuple[str, ...], groups: tuple[tuple[str, ...], ...]) -> int | None:
@@ -234,4 +234,6 @@ def _rank(parts: tuple[str, ...], groups: tuple[tuple[str, ...], ...]) -> int | 
     return None
 
 
-_KNOWN = frozenset(w for groups in (COMMANDS, SPEEDS, READINGS) for group in groups for w in group)
+_KNOWN = frozenset(
+    w for groups in (COMMANDS, SPEEDS, MEASUREMENTS) for group in groups for w in group
+)

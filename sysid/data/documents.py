@@ -1,4 +1,4 @@
-"""Values as JSON text: what every command prints as its document and what the workspace stores."""
+"""Values as JSON text, for the documents of commands and the files of the workspace."""
 
 import json
 import math

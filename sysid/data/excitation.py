@@ -1,4 +1,4 @@
-"""Excitation: PWM schedules that make a log worth identifying from.
+"""PWM schedules that excite a plant: PRBS, multisine, chirp, steps, pulses.
 
 Every schedule starts and ends at zero so that the robot rests; times are on the grid k·dt, and
 the PWM is rounded to whole µs, as the robot takes it. The same arguments give the same schedule.
@@ -83,8 +83,8 @@ def multisine(
     """Sums of harmonics of 1/duration, each input on harmonics of its own, of low crest factor.
 
     u_i(t) = Σ_{k ∈ K_i} cos(2πkt/duration + φ_k); input i of m has every m-th harmonic inside the
-    band, so that the inputs are orthogonal over the period and each frequency of the output tells
-    which input it came from. Phases start from Schroeder's φ_k = −πk(k−1)/n (1970, IEEE Trans.
+    band, so that the inputs are orthogonal over the period and each frequency of the output belongs
+    to one input. Phases start from Schroeder's φ_k = −πk(k−1)/n (1970, IEEE Trans.
     Inf. Theory 16) with a random linear part and the best of ``tries`` random sets is kept.
     (Pintelon & Schoukens 2012, §5.3.)
 

@@ -9,7 +9,7 @@ from sysid.data.checks.feedback import FeedbackTest, feedback_tests
 from sysid.data.checks.nonlinearity import NonlinearityTest, nonlinearity_tests
 from sysid.data.finding import Finding
 from sysid.data.outliers import Bridged, bridged
-from sysid.data.reading.held import Refresh, at_own_rate, refreshes, without_repeats
+from sysid.data.reading.stale import Refresh, at_own_rate, refreshes, without_repeats
 from sysid.data.record import Record
 from sysid.data.rest import Rest, rest_head
 from sysid.data.shortened import shortened

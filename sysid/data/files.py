@@ -20,7 +20,7 @@ def read_bytes(path: str | Path) -> bytes:
     """
     path = Path(path)
     if "\0" in str(path):
-        raise UsageError(f"{str(path)!r} is not a file name; check the path")
+        raise UsageError(f"{str(path)!r} is not a valid path; check it")
     try:
         if path.is_dir():
             raise UsageError(f"{path} is a folder; name the log file inside it")
@@ -29,9 +29,9 @@ def read_bytes(path: str | Path) -> bytes:
             raise DataError(f"{path} is {size / 1e9:.1f} GB; cut it into parts below 4 GB")
         return path.read_bytes()
     except FileNotFoundError:
-        raise UsageError(f"there is no file {path}; check the path{_beside(path)}") from None
+        raise UsageError(f"file not found: {path}; check the path{_beside(path)}") from None
     except PermissionError:
-        raise DataError(f"{path} may not be read; give yourself read permission") from None
+        raise DataError(f"{path} is not readable; change its permissions") from None
     except OSError as error:
         raise DataError(f"{path} cannot be read ({error.strerror}); check the path") from None
 
@@ -66,15 +66,15 @@ def write_atomic(path: str | Path, content: str | bytes) -> Path:
         temporary = None
     except (FileExistsError, NotADirectoryError):
         raise UsageError(
-            f"{path} cannot be written: {path.parent} is not a folder; choose another place"
+            f"{path} cannot be written: {path.parent} is not a folder; choose another path"
         ) from None
     except PermissionError:
         raise DataError(
-            f"{path} cannot be written: no permission in {path.parent}; choose another place"
+            f"{path} cannot be written: no permission in {path.parent}; choose another path"
         ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise DataError(f"{path} cannot be written ({reason}); choose another place") from None
+        raise DataError(f"{path} cannot be written ({reason}); choose another path") from None
     finally:
         if temporary is not None:
             with suppress(OSError):

@@ -6,6 +6,8 @@ describes a model never filters.
 
 from typing import Any
 
+import numpy as np
+
 
 def lfilter(b: Any, a: Any, x: Any, axis: int = -1, zi: Any = None) -> Any:
     """Filter along an axis by B(q)/A(q); see ``scipy.signal.lfilter``.
@@ -16,6 +18,9 @@ def lfilter(b: Any, a: Any, x: Any, axis: int = -1, zi: Any = None) -> Any:
         axis: the axis of time.
         zi: initial states; with them the final ones are returned too.
     """
+    if zi is None and len(a) == 1 and np.ndim(x) == 1:
+        # as SciPy does it, which takes five times as long to find out
+        return np.convolve(np.divide(b, a[0]), x)[: len(x)]
     from scipy import signal
 
     return signal.lfilter(b, a, x, axis, zi)

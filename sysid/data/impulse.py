@@ -1,4 +1,4 @@
-"""What the data say before any model is chosen: a long regression.
+"""A long regression (ARX of high order), the basis of the checks that need no model.
 
 Every record is regressed, output by output, on its own past and on the inputs around now:
 
@@ -29,7 +29,7 @@ class LongRegression:
     Attributes:
         a: coefficients of past outputs, shape (ny, ny, n): [output, of output, lag − 1].
         b: coefficients of the inputs, shape (ny, nu, n_lags).
-        b_error: their standard errors; infinite where the data cannot tell them apart.
+        b_error: their standard errors; infinite where the data cannot distinguish them.
         lags: the input lags, shape (n_lags,); negative ones are in the future.
         variance: variance of e per output, shape (ny,).
         covariance: (XᵀX)⁻¹ for b alone, shape (nu·n_lags, nu·n_lags); times the variance.
@@ -157,16 +157,16 @@ def chosen_order(
 
     ``far``: further input lags in every regression.
     """
-    best, found = np.inf, 0
+    lowest, best_order = np.inf, 0
     for order in orders:
         try:
             fit = long_regression(records, order, far=far)
         except DataError:
             break
         score = bic(fit, fit.samples)
-        if score < best:
-            best, found = score, order
-    return found
+        if score < lowest:
+            lowest, best_order = score, order
+    return best_order
 
 
 def bic(fit: LongRegression, samples: int) -> float:

@@ -1,4 +1,4 @@
-"""Whether an output integrates its input, as the position of an axis does and its speed not."""
+"""Test whether an output integrates its input, as a position does."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from sysid.data.record import Array, Record
 
 LAGS = 3
-"""Order of the difference equation whose slowest pole tells."""
+"""Order of the difference equation whose slowest pole decides."""
 
 FOLLOWS = 0.5
 """An output that correlates more with its input follows it and does not integrate it."""
@@ -51,7 +51,7 @@ def integrates(records: Sequence[Record]) -> bool:
 
 
 def is_position(records: Sequence[Record], output: int) -> bool:
-    """Whether an output is a position: by its unit, or where that is unknown by its readings.
+    """Whether an output is a position: by its unit, or where that is unknown by its measurements.
 
     Args:
         records: a motor an output, each with the input of its own number.
@@ -60,11 +60,11 @@ def is_position(records: Sequence[Record], output: int) -> bool:
     channel = records[0].outputs[output]
     if channel.unit:
         return channel.unit in POSITIONS
-    own = [
+    motors = [
         r.select(r.input_names[output : output + 1], r.output_names[output : output + 1])
         for r in records
     ]
-    return integrates(own)
+    return integrates(motors)
 
 
 def _coarse(record: Record, samples: int) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Logs into records: CSV and Parquet files and bags, their columns, units and time."""
+"""Read logs (CSV, Parquet, bags) into records: columns, units and time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,10 +15,10 @@ from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.clock import doubled_rows
 from sysid.data.reading.columns import Choice, choose_columns
 from sysid.data.reading.counters import as_speeds, continued
-from sysid.data.reading.held import at_sensor_rate, slow_sensors
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
+from sysid.data.reading.stale import at_sensor_rate, slow_sensors
 from sysid.data.reading.table import Table
 from sysid.data.reading.time_column import Read
 from sysid.data.reading.timing import (
@@ -29,6 +29,7 @@ from sysid.data.reading.timing import (
     plan_grid,
 )
 from sysid.data.record import Array, Channel, Record
+from sysid.data.same_kind import require_same_kind
 from sysid.data.units import Conversion, conversions, without_false_pulses
 from sysid.errors import DataError, UsageError
 
@@ -95,12 +96,12 @@ def read_files(
     Sample times within 1 % of each other are the same clock; the first file's is used for all.
     """
     if not paths:
-        raise UsageError("no log is named; give at least one CSV or Parquet file")
+        raise UsageError("no log given; name at least one CSV or Parquet file")
     logs = [read_file(p, options) for p in paths]
     first = logs[0].records[0]
     agreed = [logs[0]]
     for log in logs[1:]:
-        require_same_kind(log.records[0], first)
+        require_same_kind(log.records[:1], first)
         records = tuple(replace(r, dt=first.dt) for r in log.records)
         agreed.append(replace(log, records=records))
     return tuple(agreed)
@@ -135,7 +136,7 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     t = clock.t
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
     if options.resample == "hold":
-        values = _held(values, range(len(choice.inputs), len(signals)))
+        values = _forward_filled(values, range(len(choice.inputs), len(signals)))
     rows, left_out = _usable_rows(table, t, values, signals, policy)
     grid = plan_grid(t[rows], policy, lambda i: table.place(int(rows[i])), table.where)
     inputs, outputs = signal_conversions(table, choice, options, values[rows])
@@ -153,9 +154,9 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
         tuple(c.channel(n, grid.dt) for n, c in inputs.items()),
         tuple(c.channel(n, grid.dt) for n, c in outputs.items()),
     )
-    led = _references(choice, column_reader(table), rows)
-    said = (
-        *_reading_notes(table, choice, channels, tuple(led)),
+    references = _references(choice, column_reader(table), rows)
+    findings = (
+        *_reading_notes(table, choice, channels, tuple(references)),
         *together,
         *of_pose,
         *clock.findings,
@@ -165,13 +166,13 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
         *derived,
         *grid.findings,
     )
-    signals_of_log = _Signals(read, t[rows], grid.dt, channels, led, len(choice.pose))
+    signals_of_log = _Signals(read, t[rows], grid.dt, channels, references, len(choice.pose))
     records = []
     for segment, name in zip(grid.segments, _names(path.name, grid), strict=True):
         record = replace(_record(signals_of_log, segment), name=name, sha256=digest)
         part = slice(segment.start, segment.stop)
         records.append(at_sensor_rate(record, slow, t[rows], part))
-    return LogFile(path, tuple(records), said, options, clock.origin)
+    return LogFile(path, tuple(records), findings, options, clock.origin)
 
 
 def _table(path: Path, options: ReadOptions) -> tuple[Table, tuple[Finding, ...], str]:
@@ -181,7 +182,7 @@ def _table(path: Path, options: ReadOptions) -> tuple[Table, tuple[Finding, ...]
         the table, what is said about the joining, and the checksum of all bytes read.
     """
     log = read_log_table(path, options)
-    table, said, digest = log.table, log.findings, log.digest
+    table, findings, digest = log.table, log.findings, log.digest
     other = companion(options.join, path)
     if other is not None:
         if is_bag(other):
@@ -189,10 +190,10 @@ def _table(path: Path, options: ReadOptions) -> tuple[Table, tuple[Finding, ...]
                 f"{other.name} is a bag, which cannot be joined to a log: read it as the log, and "
                 "join the other file to it with `join`"
             )
-        table, of_other, more = joined(table, other, options)
-        said = (*said, *of_other)
+        table, of_joining, more = joined(table, other, options)
+        findings = (*findings, *of_joining)
         digest.update(more)
-    return table, said, digest.hexdigest()
+    return table, findings, digest.hexdigest()
 
 
 def _usable_rows(
@@ -232,23 +233,23 @@ def signal_conversions(
 
 def _of_signals(units: Mapping[str, str], choice: Choice) -> dict[str, str]:
     """The units by option without those of the time and the pose, which are read on their own."""
-    own = {n.lower() for n in (*choice.pose, choice.time or "")}
+    others = {n.lower() for n in (*choice.pose, choice.time or "")}
     signals = {n.lower() for n in (*choice.inputs, *choice.outputs)}
-    return {n: u for n, u in units.items() if n.lower() not in own - signals}
+    return {n: u for n, u in units.items() if n.lower() not in others - signals}
 
 
-def _doubled(table: Table, twice: NDArray[np.bool_]) -> tuple[Finding, ...]:
-    n = int(np.count_nonzero(twice))
+def _doubled(table: Table, repeated: NDArray[np.bool_]) -> tuple[Finding, ...]:
+    n = int(np.count_nonzero(repeated))
     if not n:
         return ()
-    first = table.place(int(np.flatnonzero(twice)[0]))
+    first = table.place(int(np.flatnonzero(repeated)[0]))
     more = "" if n == 1 else f" (the first of {n} such lines)"
-    text = f"{first}: the line before it again, time and all{more}; it was left out."
+    text = f"{first}: repeats the previous line, including its time{more}; left out."
     return (Finding("doubled-lines", Severity.NOTE, text, record=table.where),)
 
 
-def _held(values: Array, columns: Sequence[int]) -> Array:
-    """Empty cells of columns less than half empty filled with the last reading before them."""
+def _forward_filled(values: Array, columns: Sequence[int]) -> Array:
+    """Empty cells of columns less than half empty filled with the last measurement before them."""
     out = values.copy()
     rows = np.arange(len(values))
     for k in (k for k in columns if np.isnan(values[:, k]).mean() < 0.5):
@@ -277,14 +278,15 @@ def _complete_rows(
         )
     if policy in ("auto", "refuse"):
         raise DataError(
-            f"{seen}{more}; mend it, or allow `resample='fill'` (interpolate) or `resample='split'`"
+            f"{seen}{more}; correct it, or allow `resample='fill'` (interpolate) or "
+            "`resample='split'`"
         )
     return keep, (
         Finding(
             "missing",
             Severity.WARNING,
             f"{seen}{more}; such rows were left out and treated as gaps.",
-            "Look for what kept the logger from writing.",
+            "Find out what kept the logger from writing.",
             names[column],
             table.where,
         ),
@@ -295,7 +297,7 @@ def _reading_notes(
     table: Table,
     choice: Choice,
     channels: tuple[tuple[Channel, ...], tuple[Channel, ...]],
-    led: Sequence[str],
+    references: Sequence[str],
 ) -> tuple[Finding, ...]:
     notes = list(table.notes)
     converted = [c for group in channels for c in group if c.scale != 1.0]
@@ -312,14 +314,14 @@ def _reading_notes(
         is_output = meaning(choice.outputs[0]).quantity == "other"
         last = choice.outputs if is_output else choice.inputs
         side = "output" if is_output else "input"
-        was = f"was taken for the {side}" if len(last) == 1 else f"were taken for the {side}s"
+        was = f"was taken as the {side}" if len(last) == 1 else f"were taken as the {side}s"
         notes.append(f"{table.where}: {', '.join(last)} {was}: no other column is left.")
-    if led:
+    if references:
         notes.append(
-            f"{table.where}: {', '.join(led)} only serve{'s' * (len(led) == 1)} to see whether a "
-            "controller was running."
+            f"{table.where}: {', '.join(references)} serve{'s' * (len(references) == 1)} only to "
+            "detect whether a controller was running."
         )
-    unused = [n for n in choice.ignored if n not in led]
+    unused = [n for n in choice.ignored if n not in references]
     if unused:
         notes.append(f"{table.where}: not used: {', '.join(unused)}.")
     return tuple(Finding("reading", Severity.NOTE, n, record=table.where) for n in notes)
@@ -349,11 +351,14 @@ class _Signals:
 def _record(signals: _Signals, segment: Segment) -> Record:
     """One experiment of a file, in SI units and at even instants."""
     part = slice(segment.start, segment.stop)
-    (inputs, outputs), led = signals.channels, signals.led
+    (inputs, outputs), references = signals.channels, signals.led
     nu, ny = len(inputs), len(outputs)
     scale = np.array([c.scale for c in (*inputs, *outputs)] + [1.0] * signals.n_pose)
     block = signals.values[part] * scale
-    u, rest = np.column_stack([block[:, :nu], *(x[part] for x in led.values())]), block[:, nu:]
+    u, rest = (
+        np.column_stack([block[:, :nu], *(x[part] for x in references.values())]),
+        block[:, nu:],
+    )
     if not segment.even:
         u, rest = onto_grid(signals.t[part], signals.dt, u, rest)
     return Record(
@@ -364,51 +369,21 @@ def _record(signals: _Signals, segment: Segment) -> Record:
         outputs=outputs,
         pose=rest[:, ny:] if signals.n_pose else None,
         t0=float(signals.t[segment.start]),
-        references=u[:, nu:] if led else None,
-        reference_names=tuple(led),
+        references=u[:, nu:] if references else None,
+        reference_names=tuple(references),
     )
 
 
 def _references(choice: Choice, column: Read, rows: NDArray[np.intp]) -> dict[str, Array]:
-    """The unused columns that tell what an output was to be, in the file's units, (rows,)."""
-    found = {}
+    """The unused columns that are set points, in the file's units, (rows,)."""
+    references = {}
     for name in choice.ignored:
         values = column(name) if is_set_point(name) else None
         if values is not None and np.isfinite(values[rows]).all() and np.ptp(values[rows]) > 0.0:
-            found[name] = values[rows]
-    return found
+            references[name] = values[rows]
+    return references
 
 
 def _names(file: str, grid: Grid) -> list[str]:
     n = len(grid.segments)
     return [file] if n == 1 else [f"{file} part {i + 1}" for i in range(n)]
-
-
-def require_same_kind(record: Record, first: Record) -> None:
-    """Refuse a record whose channels, units or sample time are not those of another.
-
-    Raises:
-        DataError: they are not.
-    """
-    for what, mine, theirs in (
-        ("inputs", record.input_names, first.input_names),
-        ("outputs", record.output_names, first.output_names),
-    ):
-        if mine != theirs:
-            raise DataError(
-                f"{record.name} has the {what} {', '.join(mine)}, {first.name} has "
-                f"{', '.join(theirs)}; experiments fitted together need the same channels"
-            )
-    for mine_c, first_c in zip(
-        (*record.inputs, *record.outputs), (*first.inputs, *first.outputs), strict=True
-    ):
-        if mine_c.unit != first_c.unit:
-            raise DataError(
-                f"{mine_c.name} is in {mine_c.unit or 'no unit'} in {record.name}, in "
-                f"{first_c.unit or 'no unit'} in {first.name}; give its unit with `units`"
-            )
-    if abs(record.dt / first.dt - 1.0) > 0.01:
-        raise DataError(
-            f"{record.name} is sampled every {record.dt:.4g} s, {first.name} every {first.dt:.4g} "
-            "s; resample one of them or fit them apart"
-        )

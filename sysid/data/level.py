@@ -85,9 +85,7 @@ class Level:
         if self.origin is Origin.ZERO:
             return f"Level: zero{why}." if self.why else ""
         if self.origin is Origin.INSIDE:
-            return (
-                f"Level: nothing was removed; the model takes the log's readings as they are{why}."
-            )
+            return f"Level: nothing was removed; the model uses the log as it is{why}."
         if self.origin is Origin.MEANS:
             both = " and ".join(filter(None, (y, u)))
             return f"Level: the means {both} were removed; the model is of deviations{why}."

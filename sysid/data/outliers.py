@@ -10,7 +10,7 @@ from sysid.data.record import Array, Record
 
 PASSES = 8
 """Searches of one record: the largest outliers hide the others, because they spoil the regression
-that says what is a surprise. Each pass finds those that stand out of what is left."""
+that gives the innovations. Each pass finds those that stand out of what is left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +27,10 @@ class Bridged:
 
     @property
     def words(self) -> str:
-        """``12 readings of rpm``, or nothing where none was replaced."""
+        """``12 measurements of rpm``, or nothing where none was replaced."""
         counts = np.sum([f.sum(axis=0) for f in self.flags], axis=0)
         parts = [
-            f"{n} {'reading' if n == 1 else 'readings'} of {name}"
+            f"{n} {'measurement' if n == 1 else 'measurements'} of {name}"
             for n, name in zip(counts.tolist(), self.records[0].output_names, strict=True)
             if n
         ]
@@ -40,8 +40,8 @@ class Bridged:
 def bridged(records: Sequence[Record]) -> Bridged:
     """The records with the line between their neighbours in place of every outlier.
 
-    One reading a hundred times too large outweighs all others in any correlation or least squares:
-    what is asked of dynamics before a model is there has to be asked of these records.
+    One measurement a hundred times too large outweighs all others in any correlation or least
+    squares: what is asked of dynamics before a model is there has to be asked of these records.
 
     Args:
         records: experiments with the same channels.
@@ -62,13 +62,13 @@ def outlier_flags(record: Record, threshold: float = 8.0, half_width: int = 4) -
     flags = np.zeros(record.y.shape, dtype=bool)
     if not np.all(np.isfinite(record.y)):
         return _one_search(record, threshold, half_width)
-    left = record
+    remaining = record
     for _ in range(PASSES):
-        more = _one_search(left, threshold, half_width) & ~flags
+        more = _one_search(remaining, threshold, half_width) & ~flags
         if not more.any():
             break
         flags |= more
-        left = replace(record, y=_lines(record.y, flags))
+        remaining = replace(record, y=_lines(record.y, flags))
     return flags
 
 
@@ -89,10 +89,9 @@ def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np
     A Hampel filter: r = y − median of 2·half_width + 1 neighbours, flagged where |r| >
     threshold · s, with s = 1.4826 · median|r| taken in a window ten times as wide and over the
     whole record, whichever is larger, and not below the signal's resolution. A flagged sample must
-    also leave both neighbours in the same direction, and the larger part of it must be a surprise
-    to a short regression on past outputs and the inputs, so that a fast answer to a short command
-    is none.
-    (Hampel 1974; Pearson 2002, IEEE Trans. Control Syst. Technol. 10(1).)
+    also leave both neighbours in the same direction, and the larger part of it must be an
+    innovation of a short regression on past outputs and the inputs, so that a fast answer to a
+    short command is none. (Hampel 1974; Pearson 2002, IEEE Trans. Control Syst. Technol. 10(1).)
     """
     from scipy.ndimage import median_filter
 
@@ -110,22 +109,22 @@ def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np
         r = np.abs(y - median_filter(y, width, mode="nearest"))
         floor = max(float(1.4826 * np.median(r)), float(np.percentile(moves, 10)))
         alone = np.minimum(np.abs(before), np.abs(after)) > threshold * floor
-        # beside a wild reading a good one stands out of it too; it is asked again once it is gone
+        # beside a wild measurement a good one stands out too; the next pass tests it again
         alone &= (r >= np.append(0.0, r[:-1])) & (r >= np.append(r[1:], 0.0))
         candidates = np.flatnonzero((r > threshold * floor) & alone & (before * after > 0))
         if not len(candidates):
             continue
-        surprise = np.abs(_surprise(record, j))
-        usual = 1.4826 * float(np.median(surprise))
-        unexplained = surprise[candidates] > np.maximum(0.5 * r[candidates], threshold * usual)
+        innovations = np.abs(_innovations(record, j))
+        typical = 1.4826 * float(np.median(innovations))
+        unexplained = innovations[candidates] > np.maximum(0.5 * r[candidates], threshold * typical)
         for k in candidates[unexplained]:
             near = r[max(k - 5 * width, 0) : k + 5 * width + 1]
             flags[k, j] = r[k] > threshold * 1.4826 * float(np.median(near))
     return flags
 
 
-def _surprise(record: Record, j: int, lags: int = 4) -> Array:
-    """What past outputs and the inputs around do not tell of output j, shape (N,)."""
+def _innovations(record: Record, j: int, lags: int = 4) -> Array:
+    """Errors of a short regression of output j on past outputs and inputs, shape (N,)."""
     y, u = record.y - record.y.mean(axis=0), record.u - record.u.mean(axis=0)
     delayed = [np.vstack([np.zeros((k, record.ny)), y[:-k]]) for k in range(1, lags + 1)]
     driven = [np.vstack([np.zeros((k, record.nu)), u[: len(u) - k]]) for k in range(lags + 1)]

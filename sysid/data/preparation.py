@@ -1,4 +1,4 @@
-"""Preparation: what is done to every record before a fit, stored so that it is done again."""
+"""Trimming, filtering and decimation of records before a fit, stored with the model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -36,7 +36,7 @@ class Preparation:
         for name in ("trim_start", "trim_end"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0.0):
-                raise UsageError(f"trimming needs seconds of at least 0, got {value:g}")
+                raise UsageError(f"trimming needs 0 s or more, got {value:g}")
         if self.low_pass is not None and not (np.isfinite(self.low_pass) and self.low_pass > 0.0):
             raise UsageError(f"`low_pass` needs a positive cut-off in Hz, got {self.low_pass:g}")
         if self.decimate < 1:

@@ -1,4 +1,4 @@
-"""What is done to records before a fit: offsets, trends, filters, decimation, trimming."""
+"""Preprocessing of records: offsets, trends, filters, decimation, trimming."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -71,7 +71,7 @@ class Detrend:
         spread = t - t.mean()
         power = float(spread @ spread)
         if power <= 0:
-            raise DataError(f"{records[0].name}: one instant has no trend; record longer")
+            raise DataError(f"{records[0].name}: a single instant has no trend; record longer")
         u_slope, y_slope = spread @ u / power, spread @ y / power
         return cls(
             u.mean(axis=0) - u_slope * t.mean(),
@@ -185,8 +185,8 @@ def low_pass(record: Record, cutoff: float, order: int = 4) -> Record:
     def passed(x: Array) -> Array:
         return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=pad))
 
-    led = None if record.references is None else passed(record.references)
-    return replace(record, u=passed(record.u), y=passed(record.y), references=led)
+    references = None if record.references is None else passed(record.references)
+    return replace(record, u=passed(record.u), y=passed(record.y), references=references)
 
 
 def decimate(record: Record, factor: int) -> Record:
@@ -260,7 +260,7 @@ def _vector(values: ArrayLike, name: str) -> Array:
 def _pooled(records: Sequence[Record]) -> tuple[Array, Array, Array]:
     """All samples of all records under each other, with their times [s]."""
     if not records:
-        raise DataError("there is no record to take means of; give at least one")
+        raise DataError("no record to take means of; give at least one")
     if len({(r.nu, r.ny) for r in records}) > 1:
         raise DataError("the records have different numbers of channels; choose the same ones")
     u = np.concatenate([r.u for r in records])

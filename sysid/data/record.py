@@ -1,4 +1,4 @@
-"""Record: one experiment as every other part of the workbench sees it."""
+"""Record: one experiment, with inputs, outputs, sample time and channels."""
 
 import hashlib
 import re
@@ -85,7 +85,7 @@ class Record:
         t0: time of the first sample [s].
         name: what to call the record in messages (the file's name).
         sha256: hash of the file, or of the arrays when there is no file.
-        weights: how much the error at each output counts, shape (N, ny), 0 for a reading or a
+        weights: how much the error at each output counts, shape (N, ny), 0 for a measurement or a
             disturbance that a robust fit has left out; None where all count fully.
         references: what the outputs were to be, shape (N, nr), in the file's units, or None. They
             only serve to see whether a controller was running.
@@ -188,10 +188,10 @@ class Record:
 
     @property
     def reads_before_commands(self) -> bool:
-        """Whether the readings of a row are known to precede the command of that row.
+        """Whether the measurements of a row are known to precede the command of that row.
 
         So log the robots whose columns this package names, PWM in µs and wheel speeds. Elsewhere a
-        command may act on the readings beside it, and what agrees in a row is no feedback.
+        command may act on the measurements beside it, and what agrees in a row is no feedback.
         """
         return self.is_robot_log and self.is_in_pulse_widths
 

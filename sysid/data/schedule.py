@@ -1,4 +1,4 @@
-"""A schedule of PWM commands: what to send to the robot, when, and the file that says so."""
+"""Schedules of PWM commands, and their CSV files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Stored files are checked against a schema: a frozen dataclass whose fields say what a file holds.
+"""Check stored files against a schema: a frozen dataclass whose fields describe the file.
 
 pydantic does the checking. It is imported when the first file is read, and reads the dataclasses as
 they are: what only writes files, or only asks for help, does not wait for it.
@@ -35,10 +35,10 @@ def checked(schema: type[Schema], raw: object, *, others: bool = False) -> Schem
     kind: Any = schema
     try:
         # as text: only there lists may stand for tuples and objects for dataclasses, no more
-        found: Schema = _adapter(kind).validate_json(json.dumps(raw), strict=True)
+        value: Schema = _adapter(kind).validate_json(json.dumps(raw), strict=True)
     except ValidationError as error:
         raise ValueError(_words(error.errors(include_url=False)[0])) from None
-    return found
+    return value
 
 
 @cache
@@ -62,5 +62,5 @@ def _words(problem: Mapping[str, Any]) -> str:
         return f"{where}: a number is missing"
     if kind == "finite_number":
         return f"{where}: a number is not finite"
-    said = str(problem["msg"]).removeprefix("Input ")
-    return f"{where}: it {said}" if where else f"it {said}"
+    message = str(problem["msg"]).removeprefix("Input ")
+    return f"{where}: it {message}" if where else f"it {message}"

@@ -1,4 +1,4 @@
-"""Fewer samples of long logs: what costs much is asked of evenly spread pieces of them."""
+"""Shorten long logs to evenly spread pieces, for costly tests."""
 
 from collections.abc import Sequence
 

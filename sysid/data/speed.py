@@ -1,4 +1,4 @@
-"""How fast a plant answers, seen in the data alone: the time to 63 % of its step response."""
+"""Speed of a plant without a model: time to 63 % of its step response."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -63,14 +63,14 @@ def estimate_speed(records: Sequence[Record]) -> tuple[Speed, ...]:
 
 def _step_responses(records: Sequence[Record]) -> list[tuple[Array, Array]]:
     """Step responses of regressions of rising order, each with the share it explains."""
-    found = []
+    responses = []
     for order in (1, 2, 4, 8):
         try:
             step = long_regression(records, order).step_response(120)
         except (DataError, IndexError):
             break
-        found.append((step, _explained(records, step)))
-    return found
+        responses.append((step, _explained(records, step)))
+    return responses
 
 
 def _simplest_good(candidates: list[tuple[Array, Array]], j: int) -> Array | None:
@@ -88,7 +88,7 @@ def _explained(records: Sequence[Record], step: Array) -> Array:
     from scipy import signal
 
     impulse = np.diff(step, axis=0, prepend=0.0)
-    left, total = np.zeros(step.shape[1]), np.zeros(step.shape[1])
+    unexplained, total = np.zeros(step.shape[1]), np.zeros(step.shape[1])
     for r in records:
         u = r.u - r.u.mean(axis=0)
         for j in range(r.ny):
@@ -96,9 +96,9 @@ def _explained(records: Sequence[Record], step: Array) -> Array:
                 signal.fftconvolve(u[:, i], impulse[:, j, i])[: len(r)] for i in range(r.nu)
             )
             error = r.y[:, j] - answer
-            left[j] += np.sum((error - error.mean()) ** 2)
+            unexplained[j] += np.sum((error - error.mean()) ** 2)
             total[j] += np.sum((r.y[:, j] - r.y[:, j].mean()) ** 2)
-    return np.asarray(1.0 - left / np.where(total > 0, total, 1.0))
+    return np.asarray(1.0 - unexplained / np.where(total > 0, total, 1.0))
 
 
 def _rise(step: Array) -> float | None:

@@ -1,4 +1,4 @@
-"""How units are written: behind a name, in brackets, in other languages, and as plain endings."""
+"""Spellings of units: behind a name, in brackets, in other languages, as endings."""
 
 import re
 

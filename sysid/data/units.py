@@ -1,4 +1,4 @@
-"""Units of the channels: what a log may be written in and the factor that brings it to SI."""
+"""Units of a log's columns, and the factors that convert them to SI."""
 
 import math
 import re
@@ -146,7 +146,7 @@ def pwm_conversion(pwm_max: float) -> Conversion:
 
 
 def from_name(name: str) -> Conversion:
-    """The conversion that a column's name tells: ``u_V``, ``y_qm_m``, ``w_rad_s``, ``pwm_l``.
+    """The conversion that a column's name states: ``u_V``, ``y_qm_m``, ``w_rad_s``, ``pwm_l``.
 
     A rotational speed never ends in a length or force: ``omega_m`` is the motor's speed, not
     metres, so such an ending is no unit there. The word ``rpm`` is a unit wherever it stands
@@ -156,23 +156,23 @@ def from_name(name: str) -> Conversion:
     stated = words(base)
     rotation = stated[:1] in (("omega",), ("w",))
     if unit:
-        found = conversion(unit)
-        if not rotation or found.unit == "rad/s":
-            return found
-    for word, own in (("rpm", "rpm"), ("upm", "rpm"), ("pwm", "us"), ("omega", "rad/s")):
+        by_ending = conversion(unit)
+        if not rotation or by_ending.unit == "rad/s":
+            return by_ending
+    for word, unit_name in (("rpm", "rpm"), ("upm", "rpm"), ("pwm", "us"), ("omega", "rad/s")):
         if word in stated:
-            return conversion(own)
+            return conversion(unit_name)
     return UNKNOWN
 
 
 def without_false_pulses(
-    found: Mapping[str, Conversion], stated: Collection[str], largest: Mapping[str, float]
+    by_input: Mapping[str, Conversion], stated: Collection[str], largest: Mapping[str, float]
 ) -> dict[str, Conversion]:
     """Inputs that only their names call PWM in µs, and whose size says another scale, unlabelled.
 
     Args:
-        found: input → conversion.
-        stated: inputs whose unit an option or a bracket tells.
+        by_input: input → conversion.
+        stated: inputs whose unit an option or a bracket states.
         largest: input → its largest absolute number in the file.
     """
     return {
@@ -183,7 +183,7 @@ def without_false_pulses(
         and n not in stated
         and 0.0 < largest[n] <= LEAST_PULSE
         else c
-        for n, c in found.items()
+        for n, c in by_input.items()
     }
 
 
@@ -217,8 +217,8 @@ def conversions(
         meant = [n for n in names if n == name] or [n for n in names if n.lower() == name.lower()]
         if len(meant) != 1:
             raise UsageError(
-                f"`units` names {name!r}, which is no channel of {where}; "
-                f"they are {', '.join(names)}"
+                f"`units` names {name!r}, which is not a channel of {where}; "
+                f"the channels are {', '.join(names)}"
             )
         stated[meant[0]] = conversion(unit, name)
     if pwm_max is not None:
@@ -227,7 +227,7 @@ def conversions(
         if not free:
             raise UsageError(
                 f"{argument(pwm_max=pwm_max)} converts PWM inputs, but those of {where} have other "
-                f"units ({', '.join(inputs)}); leave it out"
+                f"units ({', '.join(inputs)}); omit it"
             )
         stated.update(dict.fromkeys(named or free, pwm_conversion(pwm_max)))
     every = {n: stated.get(n) or from_name(n) for n in names}

@@ -1,1 +1,1 @@
-"""What a model lacks: where it disagrees with data, which effect is missing, and the proof."""
+"""Diagnosis: where a model disagrees with data, which effect is missing, and the validation."""

@@ -1,8 +1,7 @@
-"""Next experiments: command schedules that a robot can run and that tell what this log cannot.
+"""Next experiments: command schedules that show what this log cannot.
 
-An effect names the programmes that show it; for one effect its first is written. For a
-tie the tied models are run on the programmes of all of them, and the one on which they differ most
-against the noise is taken.
+For one effect the first of its programmes is written. For a tie the tied models are simulated on
+the programmes of all tied effects, and the one on which they differ most is taken.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,23 +11,23 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.diagnosis.diagnosis import Experiment
-from sysid.diagnosis.search.named_sets import Node
-from sysid.diagnosis.search.naming import NamingSearch
+from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.prepared import prepare
+from sysid.diagnosis.search.selection import CandidateModel
 from sysid.effects.catalogue import about, is_known
 from sysid.effects.programmes import Programme, Row
 from sysid.estimation.vehicle.windows import track_channels
 
 CLEAR = 1.0
-"""Models that differ by so many noise standard deviations (RMS) are told apart at a glance."""
+"""Models that differ by so many noise standard deviations (RMS) are clearly distinguished."""
 
 FAINT = 0.2
-"""Below this even a whole schedule hardly tells them apart."""
+"""Below this even a whole schedule hardly distinguishes them."""
 
 
 def experiment_between(
-    search: NamingSearch,
-    tied: Mapping[str, Node],
+    search: ForwardSelection,
+    tied: Mapping[str, CandidateModel],
     floor: Array,
     scales: Array,
     delay: int,
@@ -53,13 +52,13 @@ def experiment_between(
     hand = next((about(id).by_hand for id in ids if about(id).by_hand), "")
     if hand and 0.0 <= least < FAINT:
         return Experiment(
-            f"To tell {_listed(ids)} apart no command helps: the models would differ by "
+            f"No command distinguishes {_listed(ids)}: the models would differ by "
             f"{least:.1g} times the noise. {hand}",
             ids,
             (),
             (),
         )
-    purpose = f"To tell {_listed(ids)} apart: {_lower(_words(best, record))}"
+    purpose = f"To distinguish {_listed(ids)}: {_lower(_words(best, record))}"
     if least >= 0.0:
         clear = "clear" if least > CLEAR else "enough" if least > FAINT else "hardly enough"
         purpose += f" The models then differ by {least:.2g} times the noise, which is {clear}."
@@ -69,7 +68,7 @@ def experiment_between(
 def experiment_on_ground(ids: tuple[str, ...], record: Record, scales: Array) -> Experiment:
     """The schedule that the catalogue lists first for a tie between tracks and ground."""
     programme = about(ids[0]).programmes[0]
-    purpose = f"To tell {_listed(ids)} apart: {_lower(_words(programme, record))}"
+    purpose = f"To distinguish {_listed(ids)}: {_lower(_words(programme, record))}"
     return _written(purpose, ids, programme.rows, record, scales)
 
 
@@ -82,23 +81,23 @@ def next_experiments(
     for id in undetectable:
         if is_known(id) and not (one_way and about(id).reverses):
             grouped.setdefault(about(id).programmes[0], []).append(id)
-    found = []
+    experiments = []
     for programme, ids in sorted(grouped.items(), key=lambda item: -len(item[1]))[:most]:
         purpose = f"This log cannot show {_listed(ids)}; {_lower(_words(programme, record))}"
-        found.append(_written(purpose, tuple(ids), programme.rows, record, scales))
-    return tuple(found)
+        experiments.append(_written(purpose, tuple(ids), programme.rows, record, scales))
+    return tuple(experiments)
 
 
 def _apart(
-    search: NamingSearch,
-    nodes: Sequence[Node],
+    search: ForwardSelection,
+    models: Sequence[CandidateModel],
     rows: Sequence[Row],
     floor: Array,
     chain: tuple[Array, int],
 ) -> float:
     """Smallest RMS difference of any two models on a schedule, in noise standard deviations.
 
-    The schedule is filled up with rest to the length of the log, for which the super-model is
+    The schedule is filled up with rest to the length of the log, for which the full model is
     already compiled.
     """
     record = search.estimation[0]
@@ -109,7 +108,7 @@ def _apart(
         record, u=whole, y=np.zeros((len(whole), record.ny)), pose=None, references=None, sha256=""
     )
     data = prepare([drive], scales, delay)
-    runs = search.model.run(np.array([n.q for n in nodes]), data)[:, : len(u)]
+    runs = search.model.run(np.array([n.q for n in models]), data)[:, : len(u)]
     sizes = np.maximum(floor, 1e-9 * np.max(np.abs(runs), initial=1e-9))
     return min(
         float(np.sqrt(np.nanmean(((a - b) / sizes) ** 2)))
@@ -134,7 +133,7 @@ def _scaled(rows: Sequence[Row], record: Record, scales: Array) -> tuple[tuple[f
     robot = record.is_robot_log
     low, high = record.u.min(axis=0), record.u.max(axis=0)
     largest = np.maximum(np.maximum(np.abs(low), np.abs(high)), 0.05 * scales)
-    found: list[tuple[float, ...]] = []
+    scaled_rows: list[tuple[float, ...]] = []
     for t, *shares in rows:
         values = []
         for j in range(record.nu):
@@ -142,8 +141,8 @@ def _scaled(rows: Sequence[Row], record: Record, scales: Array) -> tuple[tuple[f
             if low[j] >= 0.0 and not robot:
                 value = abs(value)
             values.append(float(round(value)) if robot else float(np.round(value, 6)))
-        found.append((float(np.round(np.round(t / record.dt) * record.dt, 9)), *values))
-    return tuple(found)
+        scaled_rows.append((float(np.round(np.round(t / record.dt) * record.dt, 9)), *values))
+    return tuple(scaled_rows)
 
 
 def _written(

@@ -1,4 +1,4 @@
-"""The base a diagnosis starts from: the plainest model, or a given one."""
+"""The base model of a diagnosis: a linear baseline, or a given model."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,16 +12,11 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.diagnosis.integrating import rates, step_of
 from sysid.diagnosis.policies import RULE
-from sysid.diagnosis.samples import (
-    SampleEffects,
-    inspect_rates,
-    inspect_samples,
-    with_steps_of,
-)
+from sysid.diagnosis.samples import SampleEffects, inspect_rates, inspect_samples, with_steps_of
+from sysid.diagnosis.search.forward_selection import ForwardSelection
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.logs import logs_of
-from sysid.diagnosis.search.named_sets import Node
-from sysid.diagnosis.search.naming import NamingSearch
-from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.search.selection import CandidateModel
 from sysid.effects.base import Effect, Place, is_of_servo, of_motor, of_servo
 from sysid.effects.by_log import for_logs
 from sysid.effects.sensor import SAMPLING
@@ -46,49 +41,57 @@ FULL_DRIVE = 20000.0
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What is fitted and what judges.
+    """Estimation and held-out part of the logs.
 
     Attributes:
-        estimation, held: records; the same ones where blocks of them are held out.
+        estimation, holdout: records; the same ones where blocks of them are held out.
         weights: weight of each sample of both, (N, ny) a record.
         words: how the data were divided.
-        samples: what the readings of the estimation part show by themselves.
+        samples: what the measurements of the estimation part show by themselves.
     """
 
     estimation: tuple[Record, ...]
-    held: tuple[Record, ...]
+    holdout: tuple[Record, ...]
     weights: tuple[tuple[Array, ...], tuple[Array, ...]]
     words: str
     samples: SampleEffects
 
 
 Inspection = Callable[[Sequence[Record]], SampleEffects]
-"""What the readings of records show by themselves."""
+"""What the measurements of records show by themselves."""
 
 
 def divided(
     estimation: Sequence[Record],
-    held: Sequence[Record] | None,
+    holdout: Sequence[Record] | None,
     inspect: Inspection = inspect_samples,
 ) -> Parts:
-    """With logs to judge on, those; else interleaved blocks of the estimation logs.
+    """Validation logs as the held-out part; else interleaved blocks of the estimation logs.
 
-    Both parts are then scored on free runs from the beginning of each record. Lost readings do
+    Both parts are then scored on free runs from the beginning of each record. Lost measurements do
     not count in either.
     """
     seen = inspect(estimation)
-    mine = seen.weights
-    if held:
-        theirs = inspect(held).weights
+    estimation_weights = seen.weights
+    if holdout:
+        holdout_weights = inspect(holdout).weights
         if inspect is inspect_samples:
-            seen = with_steps_of(seen, (*estimation, *held))
-        return Parts(tuple(estimation), tuple(held), (mine, theirs), "the validation data", seen)
+            seen = with_steps_of(seen, (*estimation, *holdout))
+        return Parts(
+            tuple(estimation),
+            tuple(holdout),
+            (estimation_weights, holdout_weights),
+            "the validation data",
+            seen,
+        )
     cut = hold_out(estimation)
     masks = [m[:, None].astype(np.float64) for m in cut.counted]
-    theirs = tuple(w * m for w, m in zip(mine, masks, strict=True))
-    mine = tuple(w * (1.0 - m) for w, m in zip(mine, masks, strict=True))
+    holdout_weights = tuple(w * m for w, m in zip(estimation_weights, masks, strict=True))
+    estimation_weights = tuple(
+        w * (1.0 - m) for w, m in zip(estimation_weights, masks, strict=True)
+    )
     whole = tuple(cut.whole)
-    return Parts(whole, whole, (mine, theirs), cut.words, seen)
+    return Parts(whole, whole, (estimation_weights, holdout_weights), cut.words, seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +99,9 @@ class Base:
     """The base of a diagnosis.
 
     Attributes:
-        parts: what is fitted and what judges.
-        search: the naming search around it.
-        node: the base itself.
+        parts: estimation and held-out part.
+        search: the selection search around it.
+        candidate: the base itself.
         scales: full drive of each track's command.
         delay: dead time in samples.
         level: whether a constant level belongs to the base (logs without physical zeros).
@@ -106,12 +109,12 @@ class Base:
         in_loop: whether the log was recorded in closed loop.
         on_rate: whether the rate of an output that integrates stands in its place.
         given: the model that was given, as the chain sees it; None for the plain base.
-        sampled: whether readings come a part of a sample late in it: how the log was made.
+        sampled: whether measurements come a part of a sample late in it: how the log was made.
     """
 
     parts: Parts
-    search: NamingSearch
-    node: Node
+    search: ForwardSelection
+    candidate: CandidateModel
     scales: Array
     delay: int
     level: bool
@@ -121,28 +124,28 @@ class Base:
     given: GivenBase | None = None
     sampled: bool = False
 
-    def with_sampling(self, like: Node) -> "Base":
-        """The base with readings that come a part of a sample late, fitted from a node's shares."""
+    def with_sampling(self, like: CandidateModel) -> "Base":
+        """The base with a sampling lag, fitted from the shares of a candidate."""
         search = self.search.holding(SAMPLING.id)
-        q = self.node.q.copy()
-        mine = list(search.model.of(SAMPLING.id))
-        q[mine] = like.q[mine]
-        node = search.base(q[None])
-        shares = " and ".join(f"{v:.2f}" for v in node.q[mine])
-        words = f"{self.words}; readings come {shares} of a sample late, which is how the log was "
-        words += "made (a speed that is counted over a sample is half of one late)"
-        return replace(self, search=search, node=node, words=words, sampled=True)
+        q = self.candidate.q.copy()
+        indices = list(search.model.of(SAMPLING.id))
+        q[indices] = like.q[indices]
+        candidate = search.base(q[None])
+        shares = " and ".join(f"{v:.2f}" for v in candidate.q[indices])
+        words = f"{self.words}; measurements {shares} of a sample late (a speed counted over a "
+        words += "sample is half a sample late)"
+        return replace(self, search=search, candidate=candidate, words=words, sampled=True)
 
-    def without(self, mine: Sequence[Array], theirs: Sequence[Array]) -> "Base":
+    def without(self, estimation: Sequence[Array], holdout: Sequence[Array]) -> "Base":
         """The base fitted again where samples of both parts do not count, (N, ny) a record."""
         weights = (
-            tuple(w * m for w, m in zip(self.parts.weights[0], mine, strict=True)),
-            tuple(w * m for w, m in zip(self.parts.weights[1], theirs, strict=True)),
+            tuple(w * m for w, m in zip(self.parts.weights[0], estimation, strict=True)),
+            tuple(w * m for w, m in zip(self.parts.weights[1], holdout, strict=True)),
         )
-        search = NamingSearch(
+        search = ForwardSelection(
             self.search.model,
             self.parts.estimation,
-            self.parts.held,
+            self.parts.holdout,
             self.scales,
             self.delay,
             self.level,
@@ -150,12 +153,14 @@ class Base:
             self.search.needed,
         )
         parts = replace(self.parts, weights=weights)
-        return replace(self, parts=parts, search=search, node=search.base(self.node.q[None]))
+        return replace(
+            self, parts=parts, search=search, candidate=search.base(self.candidate.q[None])
+        )
 
 
-def plain_base(
+def fit_baseline(
     estimation: Sequence[Record],
-    held: Sequence[Record] | None,
+    holdout: Sequence[Record] | None,
     effects: Sequence[Effect],
     highest: int = LARGEST_ORDER,
 ) -> Base:
@@ -164,7 +169,7 @@ def plain_base(
 
     Args:
         estimation: what is fitted.
-        held: what judges; None holds blocks out.
+        holdout: validation logs; None holds blocks out.
         effects: those that are tried.
         highest: order at most.
 
@@ -175,14 +180,14 @@ def plain_base(
     on_rate, linear = integrates(estimation), None
     inspect: Inspection = inspect_samples
     if on_rate:
-        step, read = step_of(estimation), (*estimation, *(held or ()))
-        estimation, held = rates(estimation, step), rates(held, step) if held else None
-        behind = dict(zip(map(id, (*estimation, *(held or ()))), read, strict=True))
+        step, read = step_of(estimation), (*estimation, *(holdout or ()))
+        estimation, holdout = rates(estimation, step), rates(holdout, step) if holdout else None
+        behind = dict(zip(map(id, (*estimation, *(holdout or ()))), read, strict=True))
 
         def inspect(some: Sequence[Record]) -> SampleEffects:
             return inspect_rates(some, [behind[id(r)] for r in some], step)
 
-    parts = divided(estimation, held, inspect)
+    parts = divided(estimation, holdout, inspect)
     first = _require_tracks(estimation)
     scales = full_drive(estimation)
     if first.is_robot_log:
@@ -200,17 +205,17 @@ def plain_base(
         order = min(order if level else LARGEST_ORDER, highest)
         late = "one sample" if delay == 1 else f"{delay} samples"
         words = f"output error of order {order} with {late} of delay"
-        words += " and a level" if level else ""
+        words += " and an offset" if level else ""
         words += f" for the rate of the output, which integrates, every {first.dt:.3g} s" * on_rate
     effects = _with_logs(_possible(effects, first), parts, level)
     if order == 1:  # a numerator of a higher order holds it
         effects = (*effects, SAMPLING)
-    model = SuperModel(effects, order, first.ny, typical_speed(estimation), first.dt)
+    model = FullModel(effects, order, first.ny, typical_speed(estimation), first.dt)
     in_loop = LogFacts(tuple(estimation)).at_own_rate.surely_closed_loop
-    search = NamingSearch(
+    search = ForwardSelection(
         model,
         parts.estimation,
-        parts.held,
+        parts.holdout,
         scales,
         delay,
         level,
@@ -220,16 +225,16 @@ def plain_base(
     starts = _starts(model, estimation, scales)
     if linear is not None:
         starts = np.vstack([starts, _start_of(linear, model, scales)])
-    node = search.base(starts)
-    if not np.isfinite(node.held_rmse):
-        raise ModelError("the base model cannot be simulated on this log; look at sysid inspect")
-    return Base(parts, search, node, scales, delay, level, words, in_loop, on_rate)
+    candidate = search.base(starts)
+    if not np.isfinite(candidate.holdout_rmse):
+        raise ModelError("the baseline cannot be simulated on this log; run sysid inspect")
+    return Base(parts, search, candidate, scales, delay, level, words, in_loop, on_rate)
 
 
 def given_base(
     model: Model,
     estimation: Sequence[Record],
-    held: Sequence[Record] | None,
+    holdout: Sequence[Record] | None,
     effects: Sequence[Effect],
 ) -> Base:
     """A model of any structure as the base, unchanged.
@@ -242,23 +247,24 @@ def given_base(
         DataError: channels do not fit the model.
         ModelError: the model cannot be simulated on this log.
     """
-    for r in (*estimation, *(held or ())):
+    for r in (*estimation, *(holdout or ())):
         model.check(r)
     first = _require_tracks(estimation)
-    parts = divided(estimation, held)
+    parts = divided(estimation, holdout)
     scales = full_drive(estimation)
     runs = {
-        id(r): outputs(model, r, None, _start(model, r)) for r in (*parts.estimation, *parts.held)
+        id(r): outputs(model, r, None, _start(model, r))
+        for r in (*parts.estimation, *parts.holdout)
     }
     if not all(np.isfinite(v).all() for v in runs.values()):
-        raise ModelError("the model runs away on this log; look at sysid compare")
+        raise ModelError("the model is unstable on this log; run sysid compare")
     effects = _with_logs(_possible(effects, first), parts, level=False)
-    plain = SuperModel(effects, 1, first.ny, typical_speed(estimation), first.dt)
+    plain = FullModel(effects, 1, first.ny, typical_speed(estimation), first.dt)
     copies = [replace(r, y=runs[id(r)]) for r in parts.estimation]
-    search = NamingSearch(plain, copies, copies, scales, 1)
-    core = search.base(_starts(plain, copies, scales)).q
-    gain = np.array([core[plain.place["core", "gain", i]] for i in range(first.ny)])
-    pole = np.array([core[plain.place["core", "f1", i]] for i in range(first.ny)])
+    core_search = ForwardSelection(plain, copies, copies, scales, 1)
+    core = core_search.base(_starts(plain, copies, scales)).q
+    gain = np.array([core[plain.index["core", "gain", i]] for i in range(first.ny)])
+    pole = np.array([core[plain.index["core", "f1", i]] for i in range(first.ny)])
     pole = np.clip(pole, -0.999, -0.01)
     given = GivenBase.of(model, gain, pole)
 
@@ -266,10 +272,10 @@ def given_base(
         return replace(r, u=given.drive(runs[id(r)]))
 
     in_loop = LogFacts(tuple(estimation)).at_own_rate.surely_closed_loop
-    found = NamingSearch(
+    search = ForwardSelection(
         plain,
         [driven(r) for r in parts.estimation],
-        [driven(r) for r in parts.held],
+        [driven(r) for r in parts.holdout],
         np.ones(first.nu),
         1,
         False,
@@ -279,11 +285,11 @@ def given_base(
     )
     q = plain.null.copy()
     for i in range(first.ny):
-        q[plain.place["core", "gain", i]] = gain[i]
-        q[plain.place["core", "f1", i]] = pole[i]
-    node = found.node((), q, ())
+        q[plain.index["core", "gain", i]] = gain[i]
+        q[plain.index["core", "f1", i]] = pole[i]
+    candidate = search.candidate((), q, ())
     words = f"the {model.structure.name} model, as it is"
-    return Base(parts, found, node, np.ones(first.nu), 1, False, words, in_loop, given=given)
+    return Base(parts, search, candidate, np.ones(first.nu), 1, False, words, in_loop, given=given)
 
 
 def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
@@ -317,10 +323,10 @@ def _with_logs(effects: Sequence[Effect], parts: Parts, level: bool) -> tuple[Ef
 
     That acts on the torque before anything else does: friction feels the load.
     """
-    logs = logs_of(parts.estimation, parts.held)
-    mine = for_logs(len(logs.names), level) if len(set(logs.estimation)) > 1 else ()
+    logs = logs_of(parts.estimation, parts.holdout)
+    by_log = for_logs(len(logs.names), level) if len(set(logs.estimation)) > 1 else ()
     before = [e for e in effects if e.place is Place.COMMAND]
-    return (*before, *mine, *(e for e in effects if e.place is not Place.COMMAND))
+    return (*before, *by_log, *(e for e in effects if e.place is not Place.COMMAND))
 
 
 def _start(model: Model, record: Record) -> Start:
@@ -339,16 +345,17 @@ def full_drive(records: Sequence[Record]) -> Array:
 
 
 def typical_speed(records: Sequence[Record]) -> Array:
-    """Size of the fast readings of each output."""
+    """Size of the fast measurements of each output."""
     speed = np.quantile(np.abs(np.concatenate([r.y for r in records])), 0.95, axis=0)
     return np.asarray(np.maximum(speed, 1e-9))
 
 
 def may_lack_sign(records: Sequence[Record]) -> bool:
-    """Whether commands of both signs meet readings of one: the sensor may not see the direction.
+    """Whether commands of both signs meet measurements of one: the sensor may not see the
+    direction.
 
-    Effects are then compared at the largest order, because an order chosen on such readings says
-    nothing; zero is taken for a physical zero.
+    Effects are then compared at the largest order, because an order chosen on such measurements
+    says nothing; zero is taken for a physical zero.
     """
     u = np.concatenate([r.u for r in records])
     y = np.concatenate([r.y for r in records])
@@ -374,12 +381,12 @@ def _linear(facts: LogFacts) -> tuple[Model, int]:
     delay = int(np.max(nk)) if isinstance(nk, list) else int(nk)
     delay = max(delay, 1)
     grid = [{"nb": n, "nf": n, "nk": delay} for n in range(1, LARGEST_ORDER + 1)]
-    found = run_contest(("oe",), facts, FitOptions(stable=True), detrend, grid=grid)
-    return found.entries[0].model, delay
+    ranking = run_contest(("oe",), facts, FitOptions(stable=True), detrend, grid=grid)
+    return ranking.entries[0].model, delay
 
 
-def _start_of(linear: Model, model: SuperModel, scales: Array) -> Array:
-    """The cores that run as a linear model does, (1, slots); no row where a core cannot.
+def _start_of(linear: Model, model: FullModel, scales: Array) -> Array:
+    """The cores that run as a linear model does, (1, parameters); no row where a core cannot.
 
     From real poles alone no search finds a lightly damped swing: B(q)/F(q) = K b(q)/F(q) with
     b(1) = F(1).
@@ -393,16 +400,16 @@ def _start_of(linear: Model, model: SuperModel, scales: Array) -> Array:
         gain = float(np.sum(top) / np.sum(bottom)) if len(top) else 0.0
         if not np.isfinite(gain) or gain == 0.0 or max(len(top), len(bottom) - 1) > model.order:
             return np.empty((0, len(q)))
-        q[model.place["core", "gain", i]] = gain * scales[i]
+        q[model.index["core", "gain", i]] = gain * scales[i]
         for k, f in enumerate(bottom[1:]):
-            q[model.place["core", f"f{k + 1}", i]] = f
+            q[model.index["core", f"f{k + 1}", i]] = f
         for k, b in enumerate(top[1:], start=1):
-            q[model.place["core", f"b{k + 1}", i]] = b / gain
+            q[model.index["core", f"b{k + 1}", i]] = b / gain
     return q[None]
 
 
-def _starts(model: SuperModel, records: Sequence[Record], scales: Array) -> Array:
-    """Several gains and time constants; the static gain from the largest readings."""
+def _starts(model: FullModel, records: Sequence[Record], scales: Array) -> Array:
+    """Several gains and time constants; the static gain from the largest measurements."""
     drive = np.concatenate([r.u for r in records]) / scales
     y = np.concatenate([r.y for r in records])
     gain = np.array(
@@ -416,9 +423,9 @@ def _starts(model: SuperModel, records: Sequence[Record], scales: Array) -> Arra
         for k in (gain, size):
             q = model.null.copy()
             for i in range(model.tracks):
-                q[model.place["core", "gain", i]] = k[i] if abs(k[i]) > 1e-9 else size[i]
+                q[model.index["core", "gain", i]] = k[i] if abs(k[i]) > 1e-9 else size[i]
                 poles = [pole * 0.6**j for j in range(model.order)]
                 for j, c in enumerate(np.poly(poles)[1:]):
-                    q[model.place["core", f"f{j + 1}", i]] = float(c)
+                    q[model.index["core", f"f{j + 1}", i]] = float(c)
             rows.append(q)
     return np.array(rows)

@@ -1,4 +1,4 @@
-"""The whole diagnosis: where, what, added, proven."""
+"""The entry of a diagnosis: localise, select effects, augment the model, validate it."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Record
+from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.assembly import assembled
-from sysid.diagnosis.base_model import full_drive, given_base, plain_base
+from sysid.diagnosis.base_model import fit_baseline, full_drive, given_base
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.given_model import around_model, or_on_first_order
-from sysid.diagnosis.pose.readings import put_right
-from sysid.diagnosis.search.logs import require_one_machine
-from sysid.diagnosis.search.naming import Progress
+from sysid.diagnosis.pose.correct_sensor import correct_sensor
+from sysid.diagnosis.resolve_ties_by_pose import resolve_ties_by_pose
+from sysid.diagnosis.search.forward_selection import Progress
+from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.several.ground import with_ground
-from sysid.diagnosis.study import Study, noise_of
-from sysid.diagnosis.tied_readings import with_pose
 from sysid.diagnosis.validation.mission import prove_on_mission
 from sysid.effects.catalogue import chain_effects
 from sysid.effects.measured import Measured, within
@@ -39,7 +39,7 @@ PATH_ROWS = 400
 
 def diagnose(
     estimation: Sequence[Record],
-    held: Sequence[Record] | None = None,
+    holdout: Sequence[Record] | None = None,
     *,
     model: Model | None = None,
     mission: Path | None = None,
@@ -52,95 +52,91 @@ def diagnose(
 
     Args:
         estimation: logs that effects are searched on.
-        held: logs that judge; None holds out blocks of the estimation logs.
-        model: the model that disagrees; None fits the plainest base first.
+        holdout: validation logs; None holds out blocks of the estimation logs.
+        model: the model that disagrees; None fits the baseline first.
         mission: the mission that the logs drove: both models drive it again, and its geometry,
             where it gives one, is the vehicle's.
         geometry: the vehicle's lengths; None takes the mission's, and where that gives none those
             of the bundled robot, unless the pose contradicts them: then they are estimated.
         measured: what a bench measured of battery and bridge, by key of ``vehicle.supply``: effects
-            that these are numbers of are looked for near them.
+            that these are parameters of are looked for near them.
         progress: called with what is being done and how far it is.
         seed: of every bootstrap.
 
     Raises:
         DataError: the logs cannot serve.
         ModelError: the model cannot be run on them.
-        UsageError: a log that judges is one that effects are searched on.
+        UsageError: a validation log is also an estimation log.
     """
     started = time.perf_counter()
-    _require_enough(estimation, held)
-    require_apart(estimation, held or ())
-    require_one_machine((*estimation, *(held or ())))
+    _require_enough(estimation, holdout)
+    require_apart(estimation, holdout or ())
+    require_same_kind((*estimation[1:], *(holdout or ())), estimation[0])
     say = progress or (lambda text, share: None)
-    say("the model before", 0.02)
+    say("original model", 0.02)
     effects = within(chain_effects(), measured or {})
     if model is None:
-        base = plain_base(estimation, held, effects)
+        base = fit_baseline(estimation, holdout, effects)
     else:
-        base = given_base(model, estimation, held, effects)
-    study = Study(base, noise_of(base), full_drive(estimation), seed)
-    say("is there anything to explain?", 0.06)
+        base = given_base(model, estimation, holdout, effects)
+    session = DiagnosisSession(base, noise_of(base), full_drive(estimation), seed)
+    say("testing the residuals", 0.06)
     if model is None:
-        found = study.searched(base.search.model.effects, say)
-        found = or_on_first_order(found, estimation, held, say)
+        result = session.searched(base.search.model.effects, say)
+        result = or_on_first_order(result, estimation, holdout, say)
     else:
-        found = around_model(model, study, estimation, held, say)
-    say("the proof", 0.72)
+        result = around_model(model, session, estimation, holdout, say)
+    say("validation", 0.72)
     if geometry is None and mission is not None:
         geometry = load_mission(mission).vehicle.given_geometry
-    found, pose_diagnosis = with_pose(found, geometry)
-    result = assembled(found, model, pose_diagnosis)
-    if pose_diagnosis is not None and result.several.logs:
-        mine, theirs = put_right(found.study.base, found.naming)
-        every = mine if base.parts.held is base.parts.estimation else (*mine, *theirs)
-        several = with_ground(result.several, every, base.search.logs, pose_diagnosis, geometry)
-        result = replace(result, several=several)
+    result, pose_diagnosis = resolve_ties_by_pose(result, geometry)
+    diagnosis = assembled(result, model, pose_diagnosis)
+    if pose_diagnosis is not None and diagnosis.several.logs:
+        corrected, corrected_holdout = correct_sensor(result.session.base, result.selection)
+        every = (
+            corrected
+            if base.parts.holdout is base.parts.estimation
+            else (*corrected, *corrected_holdout)
+        )
+        several = with_ground(diagnosis.several, every, base.search.logs, pose_diagnosis, geometry)
+        diagnosis = replace(diagnosis, several=several)
     if geometry is not None and pose_diagnosis is None and mission is None:
-        result = replace(result, warnings=(*result.warnings, NO_POSE))
+        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, NO_POSE))
     if mission is not None:
-        say("the mission again with both models", 0.9)
-        whole = (*estimation, *(held or ()))
-        if result.geometry is not None:
-            geometry = result.geometry.geometry
-        result = replace(result, path=_path(mission, whole, result, geometry))
+        say("driving the mission with both models", 0.9)
+        whole = (*estimation, *(holdout or ()))
+        if diagnosis.geometry is not None:
+            geometry = diagnosis.geometry.geometry
+        diagnosis = replace(diagnosis, path=_path(mission, whole, diagnosis, geometry))
     say("done", 1.0)
-    return replace(result, seconds=time.perf_counter() - started)
+    return replace(diagnosis, seconds=time.perf_counter() - started)
 
 
-FEWEST = 60
+MIN_SAMPLES = 60
 """Samples of a diagnosis: two thirds carry the base and the effects, and the held-out third must
 hold the 20 that a test of errors needs."""
 
 
-def _require_enough(estimation: Sequence[Record], held: Sequence[Record] | None) -> None:
-    samples = sum(map(len, estimation)) + sum(map(len, held or ()))
-    if samples < FEWEST:
+def _require_enough(estimation: Sequence[Record], holdout: Sequence[Record] | None) -> None:
+    samples = sum(map(len, estimation)) + sum(map(len, holdout or ()))
+    if samples < MIN_SAMPLES:
         raise DataError(
-            f"{estimation[0].name}: {samples} samples are too few to tell what is missing from "
-            f"noise; record at least {FEWEST}, better some hundreds"
+            f"{estimation[0].name}: {samples} samples are too few for a diagnosis; "
+            f"record at least {MIN_SAMPLES}, better some hundreds"
         )
 
 
-def require_apart(estimation: Sequence[Record], held: Sequence[Record]) -> None:
-    """Refuse logs that prove nothing or belong to something else.
+def require_apart(estimation: Sequence[Record], holdout: Sequence[Record]) -> None:
+    """Refuse validation logs that equal an estimation log.
 
     Raises:
-        DataError: a log that judges has other channels.
-        UsageError: effects are searched on one that judges.
+        UsageError: a validation log is also an estimation log.
     """
-    first = estimation[0]
-    for r in held:
-        if (r.input_names, r.output_names) != (first.input_names, first.output_names):
-            raise DataError(
-                f"{r.name} has {', '.join(r.input_names)} -> {', '.join(r.output_names)} but "
-                f"{first.name} has {', '.join(first.input_names)} -> "
-                f"{', '.join(first.output_names)}; choose the columns with `inputs` and `outputs`"
-            )
+    for r in holdout:
         if any(shares_samples(r, e) for e in estimation):
             raise UsageError(
-                f"{r.name} is both a log and a `validation` log and would prove nothing; leave "
-                "`validation` away and the log is split"
+                f"{r.name} is both a log and a `validation` log: the validation log must differ "
+                "from the estimation log; omit `validation` to split the log"
             )
 
 

@@ -1,13 +1,13 @@
-"""Diagnosis: what a diagnosis found, as frozen nouns and as JSON."""
+"""The result of a diagnosis, as frozen dataclasses and as JSON."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
 from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import Gap
-from sysid.diagnosis.named_effects import Dropped, NamedEffect
+from sysid.diagnosis.named_effects import NamedEffect, RejectedEffect
 from sysid.diagnosis.several_logs import ONE_LOG, SeveralLogs
-from sysid.diagnosis.validation.left_over import LeftOver
+from sysid.diagnosis.validation.excess_error import ExcessError
 from sysid.diagnosis.validation.localise import Region
 from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
@@ -15,19 +15,19 @@ from sysid.estimation.vehicle.geometry import GeometryEstimate
 from sysid.structures.model import Model
 
 OF_THE_LOG = {
-    QUANTISATION.id: "its readings are coarse",
-    HELD_TELEMETRY.id: "its telemetry is held",
-    DROPOUTS.id: "some readings are lost",
+    QUANTISATION.id: "its measurements are coarse",
+    HELD_TELEMETRY.id: "its telemetry repeats",
+    DROPOUTS.id: "some measurements are lost",
 }
 """What the samples themselves show: a matter of sensor and log, that no model lacks."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A run that would tell what this log cannot.
+    """A run that would show what this log cannot.
 
     Attributes:
-        purpose: what it would tell, in a sentence.
+        purpose: what it would show, in a sentence.
         effects: ids that it is about.
         columns: ``t`` [s] and one command a track, as the log calls them.
         rows: the schedule, one row at each change: (time, command, command, …).
@@ -57,7 +57,7 @@ class Trace:
 
     Attributes:
         record: what was measured.
-        before, after: readings of both models, (N, ny).
+        before, after: measurements of both models, (N, ny).
         role: ``estimation`` or ``held-out``.
         counted: samples that count in this role, (N,) of 0 and 1.
     """
@@ -76,7 +76,7 @@ class Diagnosis:
     Attributes:
         verdict: ``effects-found``, ``no-missing-effect`` or ``unexplained``.
         story: why this verdict, in a sentence.
-        base_words: what the model before is, in words.
+        base_words: what the original model is, in words.
         effects: accepted effects, in order of acceptance.
         minor: effects too small to matter or unproven.
         candidates: (id, score) of every effect tried first, best first.
@@ -84,7 +84,7 @@ class Diagnosis:
         where_after: the same afterwards.
         gap: the proof on held-out data.
         detectable: per effect the smallest size this log would have shown, None where it cannot.
-        next_experiments: runs that would tell more.
+        next_experiments: runs that would show more.
         before, after: the models.
         residuals: residual tests before and after.
         description: a sparse description of what no effect explains, empty without one.
@@ -92,17 +92,18 @@ class Diagnosis:
         traces: records with both runs.
         path: proof on a mission's path, JSON-able, empty without one.
         seconds: time taken.
-        plainer: the base that the effects were added to where that is not the model before.
+        baseline_words: the base that the effects were added to where that is not the original
+            model.
         geometry: the vehicle's lengths, where nobody gave them and the pose contradicts those
             that are assumed.
         reading: what was done to the logs as they were read, in sentences.
-        unfollowed: that the model after does not follow the log, and what to do; empty where it
+        unfollowed: that the augmented model does not follow the log, and what to do; empty where it
             does.
-        undecided: why nothing is named although the errors are far above the noise of the readings;
-            empty elsewhere.
-        dropped: effects that were found and do not stand, with the evidence against each.
+        undecided: why nothing is named although the errors are far above the noise of the
+            measurements; empty elsewhere.
+        rejected: effects that were selected first and rejected later, each with the reason.
         several: what several logs say together; empty for one.
-        left_over: size of the errors of the model after beyond the noise, where they are
+        excess_error: size of the errors of the augmented model beyond the noise, where they are
             structured: what has no name.
     """
 
@@ -125,12 +126,12 @@ class Diagnosis:
     traces: tuple[Trace, ...] = ()
     path: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
-    plainer: str = ""
+    baseline_words: str = ""
     geometry: GeometryEstimate | None = None
     unfollowed: str = ""
     undecided: str = ""
-    dropped: tuple[Dropped, ...] = ()
-    left_over: LeftOver | None = None
+    rejected: tuple[RejectedEffect, ...] = ()
+    excess_error: ExcessError | None = None
     reading: tuple[str, ...] = ()
     several: SeveralLogs = ONE_LOG
 
@@ -149,12 +150,12 @@ class Diagnosis:
             "verdict": self.verdict,
             "story": self.story,
             "base": self.base_words,
-            "added_to": self.plainer or self.base_words,
+            "added_to": self.baseline_words or self.base_words,
             "geometry": None if self.geometry is None else self.geometry.to_json(),
             "effects": [e.to_json() for e in self.effects],
             "minor": list(self.minor),
-            "dropped": [d.to_json() for d in self.dropped],
-            "left_over": None if self.left_over is None else self.left_over.to_json(),
+            "rejected": [d.to_json() for d in self.rejected],
+            "excess_error": None if self.excess_error is None else self.excess_error.to_json(),
             **self.several.to_json(),
             "candidates": [{"id": k, "score": v} for k, v in self.candidates],
             "where": [r.to_json() for r in self.where],
@@ -162,8 +163,8 @@ class Diagnosis:
             "gap": self.gap.to_json(),
             "detectable": self.detectable,
             "next_experiments": [e.to_json() for e in self.next_experiments],
-            "model_before": before,
-            "model_after": after,
+            "original_model": before,
+            "augmented_model": after,
             "residual_tests": [r.to_json() for r in self.residuals],
             "description": self.description,
             "reading": list(self.reading),

@@ -1,4 +1,4 @@
-"""What a search has found, as the nouns and sentences of a diagnosis."""
+"""Results of a search as effects, sentences and traces of a diagnosis."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from sysid.diagnosis.diagnosis import Trace
 from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.samples import SampleEffects
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.named_sets import Named, Naming
+from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import NOT_NAMED, about
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
@@ -27,20 +27,19 @@ and by a larger share of itself, once the effect is added."""
 
 
 def named_effect(
-    base: Base, naming: Naming, n: Named, evidence: Evidence, explains: float, remains: str
+    base: Base, selection: Selection, n: SelectedEffect, evidence: Evidence, remains: str
 ) -> NamedEffect:
     """An accepted effect of the chain.
 
     Args:
-        base, naming: where it was found.
+        base, selection: where it was found.
         n: the effect.
         evidence: for it in the final model.
-        explains: share of the gap that it closes [%].
         remains: what stays on its outputs, in words.
     """
     e = about(n.id)
     names = base.parts.estimation[0].output_names
-    values = values_of(base, naming.final, n.id, naming.intervals)
+    values = values_of(base, selection.final, n.id, selection.intervals)
     return NamedEffect(
         n.id,
         e.stage,
@@ -51,20 +50,19 @@ def named_effect(
         1.0 - evidence.ratio,
         n.ties,
         sentence_of(e, values, n.ties),
-        explains,
         remains,
     )
 
 
 def sentence_of(e: Effect, values: Sequence[Value], ties: Sequence[str]) -> str:
-    """What an effect is, by the sign of its number, and how large; what it cannot be told from."""
+    """What an effect is, how large it is, and its ties; the sign of its parameter decides."""
     text = " ".join(s for s in (_by_sign(e, values), _law_in_words(e, values)) if s)
     values = [v.in_log_units for v in values]
     known = [v for v in values if v.std_error is not None or v.interval is not None][:4]
     shown = [v for v in (*known, *(v for v in values if not v.visited)) if v.words]
     if shown:
         text += f" Here {', '.join(f'{v.name} {v.shown}' for v in shown)}."
-    return text + (f" This log cannot tell it from {', '.join(ties)}." if ties else "")
+    return text + (f" This log cannot distinguish it from {', '.join(ties)}." if ties else "")
 
 
 def _law_in_words(e: Effect, values: Sequence[Value]) -> str:
@@ -75,57 +73,59 @@ def _law_in_words(e: Effect, values: Sequence[Value]) -> str:
 
 
 def _by_sign(e: Effect, values: Sequence[Value]) -> str:
-    """What the effect is; where its first number has the other sign, what that is."""
+    """What the effect is; where its first parameter has the other sign, what that is."""
     if not e.opposite or not e.parameters:
         return e.sentence
     first = e.parameters[0]
-    mine = [v for v in values if v.name.partition("[")[0] == first.name and v.visited]
-    below = [v for v in mine if v.value < first.null]
+    first_values = [v for v in values if v.name.partition("[")[0] == first.name and v.visited]
+    below = [v for v in first_values if v.value < first.null]
     if not below:
         return e.sentence
-    if len(below) == len(mine):
+    if len(below) == len(first_values):
         return e.opposite
     where = ", ".join(v.name.partition("[")[2].rstrip("]") for v in below)
     return f"{e.sentence} On {where} the opposite: {e.opposite[:1].lower()}{e.opposite[1:]}"
 
 
-def indistinct_edges(base: Base, naming: Naming, records: Sequence[Record]) -> tuple[str, ...]:
+def indistinct_edges(
+    base: Base, selection: Selection, records: Sequence[Record]
+) -> tuple[str, ...]:
     """What an edge on the command's axis lacks where no command lies between its possible places.
 
     Of a dead zone only jump less width is then known, by commands beyond the edge.
     """
-    model, found = base.search.model, []
+    model, warnings = base.search.model, []
     scales = base.scales
     u = np.concatenate([r.u for r in records]) / scales
     edges = {(e.id, p.name): p.edge for e in model.effects for p in e.parameters}
-    for k, interval in naming.intervals.items():
-        slot = model.slots[k]
-        sign = edges.get((slot.owner, slot.name), 0)
+    for k, interval in selection.intervals.items():
+        parameter = model.parameters[k]
+        sign = edges.get((parameter.owner, parameter.name), 0)
         if not sign or not interval.visited or interval.low is None or interval.high is None:
             continue
-        d = np.unique(np.round(sign * u[:, min(slot.track, u.shape[1] - 1)], 6))
+        d = np.unique(np.round(sign * u[:, min(parameter.track, u.shape[1] - 1)], 6))
         inside = d[(d > interval.low + NEAR) & (d < interval.high - NEAR)]
         if len(inside) or interval.high - interval.low < APART:
             continue
         below, above = d[d <= interval.low + NEAR], d[d >= interval.high - NEAR]
         if not len(below) or not len(above) or above[0] - below[-1] < APART:
             continue
-        i = min(slot.track, len(records[0].inputs) - 1)
+        i = min(parameter.track, len(records[0].inputs) - 1)
         name, unit = records[0].inputs[i].name, records[0].inputs[i].unit
         ends = " and ".join(f"{sign * v * scales[i]:.4g}" for v in (below[-1], above[0]))
-        found.append(
-            f"{name} has no command between {ends}{f' {unit}' if unit else ''}: where in between "
-            f"{about(slot.owner).between_edges}"
+        warnings.append(
+            f"{name} has no command between {ends}{f' {unit}' if unit else ''}, so this log does "
+            f"not determine {about(parameter.owner).between_edges}"
         )
-    return tuple(found)
+    return tuple(warnings)
 
 
-def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:
-    """Coarse, repeated and lost readings: seen in the samples, they lower no error."""
+def sample_effects(inspected: SampleEffects) -> tuple[NamedEffect, ...]:
+    """Coarse, repeated and lost measurements: seen in the samples, they lower no error."""
     seen = (
-        (QUANTISATION, "", [(c, "step", c.step) for c in found.coarse]),
-        (HELD_TELEMETRY, "s", [(c, "period", c.seconds) for c in found.held]),
-        (DROPOUTS, "", [(c, "share", c.share) for c in found.lost]),
+        (QUANTISATION, "", [(c, "step", c.step) for c in inspected.coarse]),
+        (HELD_TELEMETRY, "s", [(c, "period", c.seconds) for c in inspected.stale]),
+        (DROPOUTS, "", [(c, "share", c.share) for c in inspected.lost]),
     )
     return tuple(
         NamedEffect(
@@ -144,30 +144,32 @@ def sample_effects(found: SampleEffects) -> tuple[NamedEffect, ...]:
     )
 
 
-def absorbed(base: Base, naming: Naming) -> tuple[str, ...]:
-    """Alarms: numbers of the base that had taken over a part of a missing effect."""
-    if all(n.id in NOT_NAMED for n in naming.named) or not base.search.core:
+def absorbed(base: Base, selection: Selection) -> tuple[str, ...]:
+    """Alarms: parameters of the base that had taken over a part of a missing effect."""
+    if all(n.id in NOT_NAMED for n in selection.selected) or not base.search.core:
         return ()
-    covariance = covariance_of(base, naming.final)
-    model, found = base.search.model, []
+    covariance = covariance_of(base, selection.final)
+    model, moves = base.search.model, []
     names = base.parts.estimation[0].output_names
-    for at, k in enumerate(naming.final.free):
-        if model.slots[k].owner != "core" or k not in naming.base.free:
+    for at, k in enumerate(selection.final.free):
+        if model.parameters[k].owner != "core" or k not in selection.base.free:
             continue
-        old, new = float(naming.base.q[k]), float(naming.final.q[k])
+        old, new = float(selection.base.q[k]), float(selection.final.q[k])
         error = float(np.sqrt(max(covariance[at, at], 1e-300)))
         moved = abs(new - old)
         if moved > ABSORBED[0] * error and moved > ABSORBED[1] * abs(new):
-            slot = model.slots[k]
-            factor, unit = _per_command(base, slot.track) if slot.name == "gain" else (1.0, "")
-            found.append(
-                f"{slot.name} of {names[slot.track]} goes from {factor * old:.4g} to "
+            parameter = model.parameters[k]
+            factor, unit = (
+                _per_command(base, parameter.track) if parameter.name == "gain" else (1.0, "")
+            )
+            moves.append(
+                f"{parameter.name} of {names[parameter.track]} goes from {factor * old:.4g} to "
                 f"{factor * new:.4g}{unit} ({moved / error:.0f} standard errors)"
             )
-    if not found:
+    if not moves:
         return ()
-    ids = ", ".join(n.id for n in naming.named if n.id not in NOT_NAMED)
-    return (f"The model before had absorbed a part of {ids}: {'; '.join(found)}.",)
+    ids = ", ".join(n.id for n in selection.selected if n.id not in NOT_NAMED)
+    return (f"The original model had absorbed part of {ids}: {'; '.join(moves)}.",)
 
 
 def _per_command(base: Base, i: int) -> tuple[float, str]:
@@ -179,34 +181,34 @@ def _per_command(base: Base, i: int) -> tuple[float, str]:
     return u.scale / (y.scale * full), f" {top} per {bottom}"
 
 
-def traces(base: Base, naming: Naming) -> tuple[Trace, ...]:
+def traces(base: Base, selection: Selection) -> tuple[Trace, ...]:
     """Records with the runs of both models; what does not count is marked.
 
-    Readings of a slow sensor are joined by lines: in a row of its own fresh reading another output
-    has none.
+    Measurements of a slow sensor are joined by lines: in a row of its own fresh reading another
+    output has none.
     """
-    found = []
+    both_parts = []
     model = base.search.model
     for role, records, data in (
         ("estimation", base.parts.estimation, base.search.data),
-        ("held-out", base.parts.held, base.search.held_data),
+        ("held-out", base.parts.holdout, base.search.holdout_data),
     ):
         turned = [
             base.search.in_phase(n.q, n.effects) if role == "held-out" else n.q
-            for n in (naming.base, naming.final)
+            for n in (selection.base, selection.final)
         ]
         before, after = (data.split(run) for run in model.run(np.array(turned), data))
         weights = data.split(data.weight)
         fresh = LogFacts(tuple(records)).without_repeats.records
-        found += [
+        both_parts += [
             Trace(r, x, y, role, np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
             for r, x, y, w in zip(fresh, before, after, weights, strict=True)
         ]
-    return tuple(found)
+    return tuple(both_parts)
 
 
 def two_levels(records: Sequence[Record], scales: Array) -> tuple[str, ...]:
-    """Inputs whose commands have but two sizes: no static curve can be told from them."""
+    """Inputs whose commands have but two sizes: no static curve can be distinguished from them."""
     everything = np.concatenate([r.u for r in records]) / scales
     return tuple(
         name

@@ -1,4 +1,4 @@
-"""Whether the model after follows the log at all: if not, nothing it says of effects counts."""
+"""Whether the augmented model follows the log: if not, no effect is reported."""
 
 from collections.abc import Sequence
 
@@ -43,24 +43,24 @@ def not_followed(
     fit = 100.0 * (1.0 - size / np.maximum(spread, 1e-300))
     names = records[0].output_names
     inputs = ", ".join(records[0].input_names)
-    poor = [i for i in range(len(names)) if fit[i] < VERDICT.follows and spread[i] > 0.0]
-    loud = [i for i in poor if size[i] > VERDICT.loud * floor[i]]
-    if loud:
-        shown = ", ".join(f"{names[i]} {fit[i]:.0f} %" for i in loud)
+    poor = [i for i in range(len(names)) if fit[i] < VERDICT.min_fit and spread[i] > 0.0]
+    above_noise = [i for i in poor if size[i] > VERDICT.residual_to_noise * floor[i]]
+    if above_noise:
+        shown = ", ".join(f"{names[i]} {fit[i]:.0f} %" for i in above_noise)
         why = " ".join(f.text for f in findings if f.severity >= Severity.WARNING and _tells(f))
         return (
-            f"{ASTRAY} ({shown} fit in free run on held-out data): what "
-            "is missing cannot be told before one does. Look at sysid inspect (units, delay, "
-            "feedback, a position that integrates), fit other structures with sysid fit, or name "
-            f"the channels that belong together." + (f" Of this log: {why}" if why else "")
+            f"{ASTRAY} ({shown} fit in free run on held-out data): "
+            "missing effects cannot be diagnosed. Run sysid inspect (units, delay, feedback, a "
+            "position that integrates), fit other structures with sysid fit, or choose channels "
+            f"that belong together." + (f" About this log: {why}" if why else "")
         )
-    silent = [i for i in poor if fit[i] < VERDICT.explains]
+    silent = [i for i in poor if fit[i] < VERDICT.min_fit_of_input]
     if silent:
         shown = " and ".join(names[i] for i in silent)
-        verb = "explains" if records[0].nu == 1 else "explain"
+        verb = "does" if records[0].nu == 1 else "do"
         return (
-            f"{inputs} {verb} nothing of {shown}: {'its' if len(silent) == 1 else 'their'} "
-            "readings look like noise. Check that these are the right columns, or drive harder."
+            f"{inputs} {verb} not explain {shown}: {'its' if len(silent) == 1 else 'their'} "
+            "measurements look like noise. Check the columns, or use larger commands."
         )
     return ""
 

@@ -1,4 +1,4 @@
-"""The proof: how much of the gap the added effects close, on data not used for them."""
+"""The gap: how much of the error beyond the noise the added effects close on held-out data."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -144,7 +144,7 @@ def with_path(outputs: Gap, path: Gap) -> Gap:
     A channel that was at its floor has no gap. Intervals add as if both parts erred alike.
 
     Args:
-        outputs: of the readings.
+        outputs: of the measurements.
         path: of the increments of the pose, over all held-out windows.
     """
     old, new = zip(*(_sums(part) for part in (outputs, path)), strict=True)
@@ -190,8 +190,8 @@ def share_closed(
     100 (gap without it − gap after)/gap before, and 100 (gap after)/gap before.
 
     Args:
-        before, without, after: held-out errors (N, ny) of the model before, of the model after but
-            for the effect, and of the model after.
+        before, without, after: held-out errors (N, ny) of the original model, of the augmented
+            model but for the effect, and of the augmented model.
         floor: noise of each output, (ny,).
         served: outputs that the effect changes, (ny,).
     """
@@ -202,8 +202,8 @@ def share_closed(
     whole = float(np.sum((old - low) / (old + 1e-300)))
     if whole <= 0.0:
         return 0.0, 0.0
-    closed, left = (float(np.sum(v / (old + 1e-300))) for v in (rest - new, new - low))
-    return 100.0 * closed / whole, 100.0 * left / whole
+    closed, open_ = (float(np.sum(v / (old + 1e-300))) for v in (rest - new, new - low))
+    return 100.0 * closed / whole, 100.0 * open_ / whole
 
 
 def carries_an_output(
@@ -219,22 +219,23 @@ def carries_an_output(
     something else on that one alone. Arguments are those of ``share_closed``.
     """
     for i in np.flatnonzero(served):
-        closed, left = share_closed(before, without, after, floor, np.arange(len(served)) == i)
-        if closed > left:
+        closed, open_ = share_closed(before, without, after, floor, np.arange(len(served)) == i)
+        if closed > open_:
             return True
     return False
 
 
 def floor_of_errors(errors: Sequence[Array]) -> Array:
-    """Reading noise from what a model leaves, (ny,): third differences over √20, as for readings.
+    """Reading noise from what a model leaves, (ny,): third differences over √20, as for
+    measurements.
 
     What a model misses is smooth beside white noise, and what it explains is gone: so this is the
     better estimate where a signal is too quick for ``evidence.noise_floor``. The median absolute
-    deviation passes over the samples that are not. Of a slow sensor only fresh readings count.
+    deviation passes over the samples that are not. Of a slow sensor only fresh measurements count.
     """
-    found = np.zeros(errors[0].shape[1])
-    for i in range(len(found)):
+    floor = np.zeros(errors[0].shape[1])
+    for i in range(len(floor)):
         there = [e[np.isfinite(e[:, i]), i] for e in errors]
         third = np.concatenate([np.diff(e, n=3) for e in there])
-        found[i] = 1.4826 * np.median(np.abs(third)) / np.sqrt(20.0) if len(third) else 0.0
-    return found
+        floor[i] = 1.4826 * np.median(np.abs(third)) / np.sqrt(20.0) if len(third) else 0.0
+    return floor

@@ -1,15 +1,17 @@
-"""Effects around a given model or a base of high order, or on a plainer base where that explains
-more: what fits a log in part has absorbed a part of what is missing."""
+"""Effects around a given model or on the baseline, whichever explains more.
+
+A model that fits a log partly has absorbed part of what is missing.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 from sysid.data.column_words import may_move
 from sysid.data.record import Record
-from sysid.diagnosis.base_model import LARGEST_ORDER, plain_base
+from sysid.diagnosis.base_model import LARGEST_ORDER, fit_baseline
 from sysid.diagnosis.policies import RULE
-from sysid.diagnosis.search.naming import Progress
-from sysid.diagnosis.study import Outcome, Study
+from sysid.diagnosis.search.forward_selection import Progress
+from sysid.diagnosis.session import DiagnosisSession, SelectionResult
 from sysid.effects.catalogue import CHANGED, chain_effects
 from sysid.errors import SysidError
 from sysid.structures.model import Model
@@ -17,76 +19,87 @@ from sysid.structures.model import Model
 
 def around_model(
     model: Model,
-    study: Study,
+    session: DiagnosisSession,
     estimation: Sequence[Record],
-    held: Sequence[Record] | None,
+    holdout: Sequence[Record] | None,
     say: Progress,
-) -> Outcome:
-    """Effects around a given model as it is; or on the plainest base, where that explains more.
+) -> SelectionResult:
+    """Effects around a given model as it is; or on the baseline, where that explains more.
 
-    A model that was fitted to the very logs has absorbed what is missing: then the plainest base
+    A model that was fitted to the very logs has absorbed what is missing: then the baseline
     comes first. Else it comes where what is added to the model does not explain all of the logs, or
-    where several effects are added: some may only mend what is wrong with the model.
+    where several effects are added: some may only correct errors of the model.
     """
-    if not study.doubtful:
-        return study.searched((), say)
-    theirs = {s.sha256 for s in model.provenance.data}
-    absorbed = any(r.sha256 in theirs for r in estimation)
+    if not session.needs_explanation:
+        return session.searched((), say)
+    fitted_logs = {s.sha256 for s in model.provenance.data}
+    absorbed = any(r.sha256 in fitted_logs for r in estimation)
     if absorbed:
-        plainest = _plainest(study, estimation, held, say)
-        if plainest is not None:
-            return plainest
-    effects = study.base.search.model.effects
+        on_baseline = _on_baseline(session, estimation, holdout, say)
+        if on_baseline is not None:
+            return on_baseline
+    effects = session.base.search.model.effects
     effects = effects if absorbed else (*effects, CHANGED)
-    found = study.searched(effects, say)
-    named = [n.id for n in found.naming.named]
-    if absorbed or (len(named) == 1 and not study.unexplained(found.naming)):
-        return found
-    other = _plainest(study, estimation, held, say)
-    if other is None:
-        return found
-    simpler = len(other.naming.named) < len(named) and CHANGED.id not in named
+    result = session.searched(effects, say)
+    named = [n.id for n in result.selection.selected]
+    if absorbed or (len(named) == 1 and not session.unexplained(result.selection)):
+        return result
+    on_plain_base = _on_baseline(session, estimation, holdout, say)
+    if on_plain_base is None:
+        return result
+    simpler = len(on_plain_base.selection.selected) < len(named) and CHANGED.id not in named
     below = RULE.as_good if simpler else RULE.held_out
-    return other if other.study.explains_more(other.naming, found.naming.final, below) else found
+    return (
+        on_plain_base
+        if on_plain_base.session.explains_more(
+            on_plain_base.selection, result.selection.final, below
+        )
+        else result
+    )
 
 
 def or_on_first_order(
-    found: Outcome, estimation: Sequence[Record], held: Sequence[Record] | None, say: Progress
-) -> Outcome:
+    result: SelectionResult,
+    estimation: Sequence[Record],
+    holdout: Sequence[Record] | None,
+    say: Progress,
+) -> SelectionResult:
     """What a search on the plain base has found, or on one of first order where that explains more.
 
     Play and friction look like further poles, and a base with these poles leaves of them what no
     law explains.
     """
-    study, naming = found.study, found.naming
-    moves = any(may_move(c.name, c.unit) for c in study.base.parts.estimation[0].outputs)
-    if study.base.search.model.order == 1 or not moves or not study.doubtful:
-        return found
-    if naming.named and not study.unexplained(naming):
-        return found
-    other = _plainest(study, estimation, held, say, highest=1)
-    if other is None or not other.study.explains_more(other.naming, naming.final):
-        return found
-    return other
+    session, selection = result.session, result.selection
+    moves = any(may_move(c.name, c.unit) for c in session.base.parts.estimation[0].outputs)
+    if session.base.search.model.order == 1 or not moves or not session.needs_explanation:
+        return result
+    if selection.selected and not session.unexplained(selection):
+        return result
+    on_first_order = _on_baseline(session, estimation, holdout, say, highest=1)
+    if on_first_order is None or not on_first_order.session.explains_more(
+        on_first_order.selection, selection.final
+    ):
+        return result
+    return on_first_order
 
 
-def _plainest(
-    doubted: Study,
+def _on_baseline(
+    given: DiagnosisSession,
     estimation: Sequence[Record],
-    held: Sequence[Record] | None,
+    holdout: Sequence[Record] | None,
     say: Progress,
     highest: int = LARGEST_ORDER,
-) -> Outcome | None:
-    """Effects on the plainest base, where they explain more than the doubted model; else None."""
+) -> SelectionResult | None:
+    """Effects on the baseline, where they explain more than the given model; else None."""
     try:
-        base = plain_base(estimation, held, chain_effects(), highest)
+        base = fit_baseline(estimation, holdout, chain_effects(), highest)
     except SysidError:
         return None
-    sizes = [[len(e) for e in b.node.errors.held] for b in (base, doubted.base)]
+    sizes = [[len(e) for e in b.candidate.errors.holdout] for b in (base, given.base)]
     if sizes[0] != sizes[1]:
         return None  # an output that integrates: other samples
-    study = replace(doubted, base=base)
-    found = study.searched(base.search.model.effects, say)
-    if not study.explains_more(found.naming, doubted.base.node):
+    session = replace(given, base=base)
+    result = session.searched(base.search.model.effects, say)
+    if not session.explains_more(result.selection, given.base.candidate):
         return None
-    return replace(found, study=replace(study, doubted=doubted))
+    return replace(result, session=replace(session, given=given))

@@ -1,4 +1,4 @@
-"""Outputs that integrate, such as the position of an axis: the chain is then held to their rate."""
+"""Outputs that integrate, such as the position of an axis: their rate is modelled instead."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ def rates(records: Sequence[Record], step: int) -> tuple[Record, ...]:
 
     ẏ(t_k) = (y(t_{k+1}) − y(t_{k−1}))/(2Δ), u averaged over the step that follows t_k.
     """
-    found = []
+    records_of_rates = []
     for r in records:
         n = len(r) // step
         u = r.u[: n * step].reshape(n, step, r.nu).mean(axis=1)
@@ -28,7 +28,7 @@ def rates(records: Sequence[Record], step: int) -> tuple[Record, ...]:
         outputs = tuple(
             Channel(f"{c.name}_rate", f"{c.unit}/s" if c.unit else "") for c in r.outputs
         )
-        found.append(
+        records_of_rates.append(
             replace(
                 r,
                 u=u[1:-1],
@@ -40,4 +40,4 @@ def rates(records: Sequence[Record], step: int) -> tuple[Record, ...]:
                 t0=r.t0 + step * r.dt,
             )
         )
-    return tuple(found)
+    return tuple(records_of_rates)

@@ -1,11 +1,11 @@
-"""Why a robot did not drive as predicted: the diagnosis of its log, a name and a sentence."""
+"""The likely cause of a prediction error: one effect and a sentence, from a diagnosis."""
 
 from dataclasses import dataclass
 
 from sysid.data.record import Record
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.diagnosis import OF_THE_LOG
-from sysid.diagnosis.search.naming import Progress
+from sysid.diagnosis.search.forward_selection import Progress
 from sysid.errors import SysidError
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
@@ -31,7 +31,8 @@ def likely_cause(
 ) -> LikelyCause:
     """Diagnose a drive by the model that predicted it.
 
-    What only the samples show (coarse readings, lost ones) turns no robot aside and is no cause.
+    What only the samples show (coarse measurements, lost ones) turns no robot aside and is no
+    cause.
 
     Args:
         record: the log of the drive.
@@ -41,12 +42,12 @@ def likely_cause(
     """
     try:
         model.check(record)
-        found = diagnose([record], model=model, geometry=geometry, progress=progress)
+        diagnosis = diagnose([record], model=model, geometry=geometry, progress=progress)
     except SysidError as error:
         return LikelyCause(None, (), f"No cause can be named: {error}.")
-    causes = [e for e in found.effects if e.id not in OF_THE_LOG]
+    causes = [e for e in diagnosis.effects if e.id not in OF_THE_LOG]
     if not causes:
-        return LikelyCause(None, (), f"The diagnosis names no cause: {found.story}")
+        return LikelyCause(None, (), f"The diagnosis names no cause: {diagnosis.story}")
     first, *rest = causes
     others = tuple(e.id for e in rest)
     also = f" Also found: {', '.join(others)}." if others else ""

@@ -1,4 +1,4 @@
-"""Accepted effects and their numbers, as frozen nouns and as JSON."""
+"""Accepted effects and their parameters, as frozen dataclasses and as JSON."""
 
 import math
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ class Value:
 
     Attributes:
         name: with the output that it belongs to in brackets.
-        value: NaN where the log never goes where the number acts.
-        std_error: None where the log does not tell it.
+        value: NaN where the log never goes where the parameter acts.
+        std_error: None where the log does not determine it.
         unit: of value, error and interval.
-        interval: a 95 % interval where slopes tell no standard error; an end that the log leaves
+        interval: a 95 % interval where gradients give no standard error; an end that the log leaves
             open is None.
-        in_file: the same number in the unit of the file's input, where full drive is not declared
-            and a share of it is one of the largest command of the log; else None.
+        in_file: the same parameter in the unit of the file's input, where full drive is not
+            declared and a share of it is one of the largest command of the log; else None.
         bounded: whether it ended on the bound of the search, beyond which it may lie.
     """
 
@@ -31,12 +31,12 @@ class Value:
 
     @property
     def in_log_units(self) -> "Value":
-        """The number as a reader of the log's columns meets it."""
+        """The parameter as a reader of the log's columns meets it."""
         return self.in_file or self
 
     @property
     def visited(self) -> bool:
-        """Whether the log goes where the number acts."""
+        """Whether the log goes where the parameter acts."""
         return not math.isnan(self.value)
 
     @property
@@ -57,7 +57,7 @@ class Value:
 
     @property
     def shown(self) -> str:
-        """The number in a sentence, after its name."""
+        """The parameter in a sentence, after its name."""
         unit = f" {self.unit}" if self.unit else ""
         if not self.visited:
             return "is not seen in this log"
@@ -71,7 +71,7 @@ class Value:
 
     def to_json(self) -> dict[str, Any]:
         """{name, value, std_error, unit, interval, visited, on_bound}, and the same ``in_file``."""
-        own = {} if self.in_file is None else {"in_file": self.in_file.to_json()}
+        in_file = {} if self.in_file is None else {"in_file": self.in_file.to_json()}
         return {
             "name": self.name,
             "value": self.value if self.visited else None,
@@ -80,12 +80,8 @@ class Value:
             "interval": None if self.interval is None else list(self.interval),
             "visited": self.visited,
             "on_bound": self.bounded,
-            **own,
+            **in_file,
         }
-
-
-def _percent(share: float) -> str:
-    return "less than 1 %" if abs(share) < 1.0 else f"{share:.0f} %"
 
 
 @dataclass(frozen=True)
@@ -96,13 +92,11 @@ class NamedEffect:
         id: in the catalogue.
         stage: actuator, motor, vehicle, sensor or any.
         channels: outputs on which it shows.
-        parameters: its numbers with standard errors.
-        delta_bic, p_value, heldout_gain: evidence; the gain is the share of the held-out RMSE that
-            went when the effect came.
+        parameters: its parameters with standard errors.
+        delta_bic, p_value, heldout_gain: evidence; the gain is the relative fall of the held-out
+            RMSE, 1 − with/without.
         indistinguishable: other effects that explain this log as well.
         sentence: what it is and how large, in plain words.
-        explains_percent: share of the gap of its outputs that it closes beside the other effects;
-            None where it lowers no error.
         remains: what stays there although it is added, in words; empty where that is noise.
     """
 
@@ -115,16 +109,20 @@ class NamedEffect:
     heldout_gain: float
     indistinguishable: tuple[str, ...]
     sentence: str
-    explains_percent: float | None = None
     remains: str = ""
 
     @property
+    def error_ratio_without(self) -> float | None:
+        """Held-out RMSE without the effect over that with it; None where it lowers no error."""
+        return None if self.delta_bic == 0.0 else 1.0 / max(1.0 - self.heldout_gain, 1e-3)
+
+    @property
     def fit_words(self) -> str:
-        """How well its law fits: what it explains, and what is left; empty where unknown."""
-        if self.explains_percent is None:
+        """The held-out error without the effect, and what remains; empty where unknown."""
+        if self.error_ratio_without is None:
             return ""
-        share = f"Explains {_percent(self.explains_percent)} of the gap"
-        return f"{share}; {self.remains}." if self.remains else f"{share}."
+        ratio = f"Without it the held-out error is {self.error_ratio_without:.3g} times as large"
+        return f"{ratio}; {self.remains}." if self.remains else f"{ratio}."
 
     def to_json(self) -> dict[str, Any]:
         """As ``diagnosis.json`` holds it."""
@@ -140,14 +138,14 @@ class NamedEffect:
             },
             "indistinguishable": list(self.indistinguishable),
             "sentence": self.sentence,
-            "explains_percent": self.explains_percent,
+            "error_ratio_without": self.error_ratio_without,
             "remains": self.remains,
         }
 
 
 @dataclass(frozen=True)
-class Dropped:
-    """An effect that was found and does not stand, with the evidence against it."""
+class RejectedEffect:
+    """An effect that was selected first and rejected later, with the reason."""
 
     id: str
     reason: str

@@ -54,9 +54,9 @@ def strongest_lines(
     """
     size = np.where(lines >= between[0], size, 0.0)
     apart = APART * 2.0 * np.pi / max(span, 1e-9)
-    found: list[float] = []
+    strongest: list[float] = []
     for _ in range(count):
         best = float(np.clip(lines[int(np.argmax(size))], *between))
-        found.append(best)
+        strongest.append(best)
         size = np.where(np.abs(lines - best) < apart, 0.0, size)
-    return found
+    return strongest

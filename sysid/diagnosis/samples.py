@@ -1,15 +1,16 @@
-"""Effects that are read off the samples themselves: coarse, repeated and lost readings.
+"""Effects visible in the samples themselves: quantised, repeated and lost measurements.
 
-Quantisation: all readings lie on a lattice whose step is larger than the noise. A finer lattice
+Quantisation: all measurements lie on a lattice whose step is larger than the noise. A finer lattice
 (any converter has one) does not matter and is not named.
 
-Held telemetry: a sensor slower than the log, whose readings repeat until the next one. Only fresh
-ones count, at their own times.
+Held telemetry: a sensor slower than the log, whose measurements repeat until the next one. Only
+fresh ones count, at their own times.
 
-Dropouts: readings that jump to exactly zero and back between two neighbours alike, or that repeat
-the last reading to the last digit while the speed moves on. They are masked, with a sentence that
-says how many samples that hides. What is no dropout: rest, where the neighbours are near zero too;
-a reversal, whose neighbours have opposite signs; a clipped sensor, which repeats its largest value.
+Dropouts: measurements that jump to exactly zero and back between two neighbours alike, or that
+repeat the last reading to the last digit while the speed moves on. They are masked, with a sentence
+that says how many samples that hides. What is no dropout: rest, where the neighbours are near zero
+too; a reversal, whose neighbours have opposite signs; a clipped sensor, which repeats its largest
+value.
 """
 
 from collections.abc import Sequence
@@ -19,46 +20,46 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.reading.held import refreshes
+from sysid.data.reading.stale import refreshes
 from sysid.data.record import Array, Record
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
 
 Mask = NDArray[np.bool_]
 
 ON_LATTICE = 0.98
-"""Share of the readings that must lie on the lattice."""
+"""Share of the measurements that must lie on the lattice."""
 
 COARSE = 1.2
-"""A step matters when it is at least this many standard deviations of the readings' noise."""
+"""A step matters when it is at least this many standard deviations of the measurements' noise."""
 
 VISIBLE = 0.015
 """… and at least this share of the largest reading (95 % quantile)."""
 
 TOP = 0.98
-"""Readings beyond this share of the largest may be clipped."""
+"""Measurements beyond this share of the largest may be clipped."""
 
 LONGEST = 8
-"""Longest burst of lost readings [samples]."""
+"""Longest burst of lost measurements [samples]."""
 
-FEWEST_HELD = 10
+MIN_REPEATED_VALUES = 10
 """Values that stand twice, of which a lattice can be told: by chance all of so many lie within a
 twentieth of one of the thousands of steps that are tried once in a million times."""
 
-RECURS, FEWEST_VALUES = 4, 4
+RECURS, MIN_RECURRING_VALUES = 4, 4
 """Of fewer, a value that recurs in so many bursts is a step of a coarse sensor, where there are so
 many of them."""
 
-MOST_HELD = 100
+MAX_REPEATED_VALUES = 100
 """Such values that are compared with every step."""
 
-FEWEST_CELLS, MOST_CELLS = 4.0, 1200.0
+MIN_CELLS, MAX_CELLS = 4.0, 1200.0
 """Steps within the largest of them: a finer one is as good as none."""
 
 IN_CELL = 0.8
 """Mean cosine of the phases of values that lie on a lattice."""
 
-FEWEST = 3
-FEWEST_SHARE = 0.002
+MIN_BURSTS = 3
+MIN_BURST_SHARE = 0.002
 """Fewer clear bursts than this, or than this share of the samples, are chance."""
 
 
@@ -72,7 +73,7 @@ class Coarse:
     @property
     def sentence(self) -> str:
         """What it is and how large."""
-        return f"{self.output} is read in steps of {self.step:.4g}."
+        return f"{self.output} is quantised in steps of {self.step:.4g}."
 
 
 @dataclass(frozen=True)
@@ -89,13 +90,13 @@ class Lost:
         """What it is, how much, and what was done."""
         how = "repeat the last one" if self.holds else "are exactly zero"
         return (
-            f"{100 * self.share:.1f} % of the readings of {self.output} {how} in {self.bursts} "
-            "bursts while it moves on; they are left out."
+            f"{100 * self.share:.1f} % of the measurements of {self.output} {how} in {self.bursts} "
+            "bursts while it moves on; they are excluded."
         )
 
 
 @dataclass(frozen=True)
-class Held:
+class Stale:
     """A sensor slower than the log: rows from reading to reading, phase, share that repeats."""
 
     output: str
@@ -110,7 +111,7 @@ class Held:
         return (
             f"{self.output} is refreshed every {self.period:.3g} rows ({self.seconds:.3g} s, "
             f"mostly in row {self.phase + 1} of {round(self.period)}); {100 * self.share:.0f} % of "
-            "the rows repeat the last reading and are left out."
+            "the rows repeat the last measurement and are excluded."
         )
 
 
@@ -123,32 +124,32 @@ class SampleEffects:
         lost: outputs with dropouts.
         weights: 0 where a reading was lost or repeats the last one, 1 elsewhere, (N, ny) a
             record.
-        held: outputs whose sensor is slower than the log.
+        stale: outputs whose sensor is slower than the log.
     """
 
     coarse: tuple[Coarse, ...]
     lost: tuple[Lost, ...]
     weights: tuple[Array, ...]
-    held: tuple[Held, ...] = ()
+    stale: tuple[Stale, ...] = ()
 
     @property
     def ids(self) -> tuple[str, ...]:
         """Ids of the catalogue that were found."""
-        found = {
+        outputs_of = {
             QUANTISATION.id: self.coarse,
-            HELD_TELEMETRY.id: self.held,
+            HELD_TELEMETRY.id: self.stale,
             DROPOUTS.id: self.lost,
         }
-        return tuple(id for id, outputs in found.items() if outputs)
+        return tuple(id for id, affected in outputs_of.items() if affected)
 
     @property
     def hidden(self) -> int:
-        """Number of readings that the mask hides."""
+        """Number of measurements that the mask hides."""
         return int(sum(np.sum(w == 0.0) for w in self.weights))
 
 
 def inspect_samples(records: Sequence[Record]) -> SampleEffects:
-    """Quantisation and dropouts of every output, and the mask of lost readings.
+    """Quantisation and dropouts of every output, and the mask of lost measurements.
 
     Args:
         records: with the same channels.
@@ -156,7 +157,7 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
     weights = [np.ones(r.y.shape) for r in records]
     coarse: list[Coarse] = []
     lost: list[Lost] = []
-    held: list[Held] = []
+    stale: list[Stale] = []
     total = sum(len(r) for r in records)
     slow, few_ways = refreshes(records), _on_few_ways(records)
     for i, name in enumerate(records[0].output_names):
@@ -169,18 +170,18 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
             masks = [~fresh for fresh in refresh.fresh]
             phase = refresh.phase(0, max(round(refresh.period), 1))
             seconds = refresh.period * records[0].dt
-            held.append(Held(name, refresh.period, seconds, phase, refresh.repeated))
+            stale.append(Stale(name, refresh.period, seconds, phase, refresh.repeated))
         for holds in (False, True) if refresh is None else ():
             sure = [_bursts(r, i, step, holds, strict=True) for r in records]
             count = sum(int(np.sum(np.diff(m.astype(int), prepend=0) == 1)) for m in sure)
-            if count < max(FEWEST, FEWEST_SHARE * total):
+            if count < max(MIN_BURSTS, MIN_BURST_SHARE * total):
                 continue
-            found = [_bursts(r, i, step, holds, strict=False) for r in records]
-            found = [a | b for a, b in zip(found, sure, strict=True)]
-            bursts = sum(int(np.sum(np.diff(m.astype(int), prepend=0) == 1)) for m in found)
-            share = sum(int(m.sum()) for m in found) / total
+            bursts_of = [_bursts(r, i, step, holds, strict=False) for r in records]
+            bursts_of = [a | b for a, b in zip(bursts_of, sure, strict=True)]
+            bursts = sum(int(np.sum(np.diff(m.astype(int), prepend=0) == 1)) for m in bursts_of)
+            share = sum(int(m.sum()) for m in bursts_of) / total
             lost.append(Lost(name, share, bursts, holds))
-            masks = [a | b for a, b in zip(masks, found, strict=True)]
+            masks = [a | b for a, b in zip(masks, bursts_of, strict=True)]
         for w, m in zip(weights, masks, strict=True):
             w[m, i] = 0.0
         kept = np.concatenate([y[~m] for y, m in zip(series, masks, strict=True)])
@@ -191,10 +192,12 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
             fresh_only = [y[~m] for y, m in zip(series, masks, strict=True)]
             noise = max(reading_noise(fresh_only), step / np.sqrt(12.0))
             size = float(np.quantile(np.abs(kept), 0.95)) or 1.0
-            told = behind_noise > 0.0 or step >= COARSE * noise  # its readings gather: no chance
-            if told and step >= VISIBLE * size:
+            distinct = (
+                behind_noise > 0.0 or step >= COARSE * noise
+            )  # its measurements gather: no chance
+            if distinct and step >= VISIBLE * size:
                 coarse.append(Coarse(name, step))
-    return SampleEffects(tuple(coarse), tuple(lost), tuple(weights), tuple(held))
+    return SampleEffects(tuple(coarse), tuple(lost), tuple(weights), tuple(stale))
 
 
 def with_steps_of(seen: SampleEffects, records: Sequence[Record]) -> SampleEffects:
@@ -208,9 +211,9 @@ def with_steps_of(seen: SampleEffects, records: Sequence[Record]) -> SampleEffec
 
 
 def inspect_rates(rates: Sequence[Record], positions: Sequence[Record], step: int) -> SampleEffects:
-    """The same of rates of an output that integrates: what gets lost are its own readings.
+    """The same of rates of an output that integrates: what gets lost are its own measurements.
 
-    A difference of two readings repeats where these are coarse in the file, and a lost reading
+    A difference of two measurements repeats where these are coarse in the file, and a lost reading
     spoils two of them.
 
     Args:
@@ -231,7 +234,7 @@ def smallest_named(records: Sequence[Record]) -> dict[str, float | None]:
         series = [r.y[:, i] for r in records]
         size = float(np.quantile(np.abs(np.concatenate(series)), 0.95))
         steps.append(max(COARSE * reading_noise(series), VISIBLE * size))
-    share = max(FEWEST, FEWEST_SHARE * total) / max(total, 1)
+    share = max(MIN_BURSTS, MIN_BURST_SHARE * total) / max(total, 1)
     return {QUANTISATION.id: float(np.mean(steps)), DROPOUTS.id: float(share)}
 
 
@@ -242,10 +245,10 @@ def reading_noise(series: Sequence[Array]) -> float:
 
 
 def lattice(y: Array) -> float:
-    """Step of the lattice on which the readings lie; 0 when there is none.
+    """Step of the lattice on which the measurements lie; 0 when there is none.
 
     The step is the median distance of neighbouring distinct values; it is one only when nearly all
-    readings are whole multiples of it apart and the values are used over and over.
+    measurements are whole multiples of it apart and the values are used over and over.
     """
     values, counts = np.unique(np.round(y[np.isfinite(y)], 9), return_counts=True)
     if len(values) < 4 or len(values) > 0.35 * counts.sum():
@@ -270,44 +273,44 @@ def lattice(y: Array) -> float:
 CELLS = 8
 """Steps within the largest reading, at least: of fewer no lattice is certain."""
 
-FEWEST_STEPS = 3
+MIN_STEPS = 3
 """… and of a multiple of one that is certain."""
 
-FEWEST_IN_CELL = 5
+MIN_IN_CELL = 5
 
 SURE_LATTICE = 16.0
 """Phases of so many steps that agree: by chance once in e^16, of some hundred steps tried."""
 
 IN_MOTION, SURE_MOVING = 0.25, 3.0
-"""Readings that move by more than this share of a step in a sample are none of a steady speed, and
-gather by so many standard errors of chance."""
+"""Measurements that move by more than this share of a step in a sample are none of a steady speed,
+and gather by so many standard errors of chance."""
 
 AGREE, CLEARLY_AGREE = 0.3, 0.7
-"""Mean resultant of a step's readings: noise of a quarter of a step leaves it; one of an eighth
+"""Mean resultant of a step's measurements: noise of a quarter of a step leaves it; one of an eighth
 leaves more than those few values do that a command of one size leads to again and again."""
 
 
 PARTS, NEARBY = (2, 3, 4), np.linspace(0.98, 1.02, 9)
 """A certain step may be such a part of the true one: of a step so coarse that fewer than `CELLS`
-lie within the readings only a part is sought, and multiples are tried near by."""
+lie within the measurements only a part is sought, and multiples are tried near by."""
 
 
 class _Gathered(NamedTuple):
-    """How readings gather within steps of one length."""
+    """How measurements gather within steps of one length."""
 
     share: float
     """Mean resultant of their phases over the steps."""
     sure: bool
     """Whether chance gathers them so once in e^16."""
     moves: bool
-    """Whether readings in motion gather there, too."""
+    """Whether measurements in motion gather there, too."""
 
 
 def _on_few_ways(records: Sequence[Record]) -> bool:
     """Whether no command of any log is anything but zero or one size, either way.
 
-    Such a command drives a motor along the same few ways, over and over: the readings on them are
-    the same few values, and some step suits them by chance.
+    Such a command drives a motor along the same few ways, over and over: the measurements on them
+    are the same few values, and some step suits them by chance.
     """
     if not records[0].nu:
         return False
@@ -318,12 +321,13 @@ def _on_few_ways(records: Sequence[Record]) -> bool:
 def blurred_step(y: Array, agree: float = AGREE) -> float:
     """Step of a lattice that noise has blurred, as of ticks behind a noisy line; 0 for none.
 
-    In every interval of one step readings gather at one place. Each interval has one vote, however
-    many readings it holds: a few levels held for long are no lattice. Nor are many at equal
-    distances, as a staircase of the command leaves: readings in motion must gather there, too.
+    In every interval of one step measurements gather at one place. Each interval has one vote,
+    however many measurements it holds: a few levels held for long are no lattice. Nor are many at
+    equal distances, as a staircase of the command leaves: measurements in motion must gather there,
+    too.
 
     Args:
-        y: readings, (N,).
+        y: measurements, (N,).
         agree: mean resultant within the steps that is asked.
     """
     size = float(np.quantile(np.abs(y), 0.95)) if len(y) else 0.0
@@ -332,24 +336,24 @@ def blurred_step(y: Array, agree: float = AGREE) -> float:
     best, most = 0.0, agree  # half a step gathers them, too, but less
     change = np.abs(np.gradient(y)) if len(y) > 1 else np.zeros(len(y))
     for f in np.arange(CELLS, 1.0 / VISIBLE, 0.25) / size:
-        found = _gathered(y, change, float(f))
-        if found.sure and found.moves and found.share > most:
-            best, most = 1.0 / float(f), found.share
+        gathered = _gathered(y, change, float(f))
+        if gathered.sure and gathered.moves and gathered.share > most:
+            best, most = 1.0 / float(f), gathered.share
     for coarser in [best * k * near for k in PARTS for near in NEARBY] if best > 0.0 else []:
-        if size < FEWEST_STEPS * coarser:
+        if size < MIN_STEPS * coarser:
             continue
-        found = _gathered(y, change, 1.0 / coarser)
-        if found.moves and found.share > most:
-            best, most = coarser, found.share
+        gathered = _gathered(y, change, 1.0 / coarser)
+        if gathered.moves and gathered.share > most:
+            best, most = coarser, gathered.share
     return float(best)
 
 
 def _gathered(y: Array, change: Array, f: float) -> _Gathered:
-    """How readings `y` that change by `change` a sample gather within steps of 1/f."""
+    """How measurements `y` that change by `change` a sample gather within steps of 1/f."""
     cell, turned = np.floor(y * f).astype(np.intp), np.exp(2j * np.pi * y * f)
     cell -= cell.min()
     count = np.bincount(cell)
-    there = count >= FEWEST_IN_CELL
+    there = count >= MIN_IN_CELL
     mean = np.bincount(cell, turned.real) + 1j * np.bincount(cell, turned.imag)
     mean = mean[there] / count[there]
     total, square = abs(np.sum(mean)), float(np.sum(np.abs(mean) ** 2))
@@ -367,12 +371,12 @@ def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> M
 
     Args:
         strict: only bursts that can hardly be anything else; else what is likely a lost reading
-            once it is known that readings do get lost.
+            once it is known that measurements do get lost.
     """
     y = record.y[:, i]
-    found = np.zeros(len(y), dtype=bool)
+    lost = np.zeros(len(y), dtype=bool)
     if len(y) < 8:
-        return found
+        return lost
     ordinary = step > 0.0 or _repeats_by_chance(y)
     noise = max(reading_noise([y]), 1e-9)
     size = float(np.quantile(np.abs(y), 0.95)) or 1.0
@@ -388,16 +392,16 @@ def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> M
     for k, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         if k < 2 or stop >= len(y) or stop - k > LONGEST or abs(y[k]) >= top:
             continue
-        left, right = float(y[k - 1]), float(y[stop])
+        before, after = float(y[k - 1]), float(y[stop])
         if not holds:
-            found[k:stop] = left * right > 0.0 and min(abs(left), abs(right)) > least
-        elif abs(right - left) > least or not (strict or ordinary):
-            found[k:stop] = not ordinary or _moved_before(record, i, k, stop, least)
-    return found
+            lost[k:stop] = before * after > 0.0 and min(abs(before), abs(after)) > least
+        elif abs(after - before) > least or not (strict or ordinary):
+            lost[k:stop] = not ordinary or _moved_before(record, i, k, stop, least)
+    return lost
 
 
 def _resolution(y: Array) -> float:
-    """Last digit of most readings; infinite when there is none."""
+    """Last digit of most measurements; infinite when there is none."""
     last = _last_digits(y)
     return float(np.median(last)) if len(last) else np.inf
 
@@ -405,8 +409,8 @@ def _resolution(y: Array) -> float:
 def _last_digits(y: Array) -> Array:
     """Last digit of each reading but the first, (N − 1,); nothing where no reading changes.
 
-    Files with so many digits in all have coarser ones where readings are larger: the digit is the
-    smallest change among readings of the same power of ten or above.
+    Files with so many digits in all have coarser ones where measurements are larger: the digit is
+    the smallest change among measurements of the same power of ten or above.
     """
     change = np.round(np.abs(np.diff(y)), 9)
     moved = change > 0.0
@@ -414,16 +418,16 @@ def _last_digits(y: Array) -> Array:
         return np.zeros(0)
     size = np.maximum(np.abs(y[1:]), np.abs(y[:-1]))
     power = np.floor(np.log10(np.maximum(size, 1e-9)))
-    found = np.zeros(len(change))
+    digits = np.zeros(len(change))
     for p in np.unique(power):
         there = moved & (power >= p)
         if there.any():
-            found[power == p] = np.min(change[there])
-    return np.maximum(found, np.min(change[moved]))
+            digits[power == p] = np.min(change[there])
+    return np.maximum(digits, np.min(change[moved]))
 
 
 def _repeats_by_chance(y: Array) -> bool:
-    """Whether readings repeat hardly more often than they change by one last digit either way.
+    """Whether measurements repeat hardly more often than they change by one last digit either way.
 
     A clipped sensor repeats its largest value, and a lost one zero: neither is asked.
     """
@@ -435,29 +439,31 @@ def _repeats_by_chance(y: Array) -> bool:
 
 
 def recurring_step(y: Array) -> float:
-    """Step of a coarse sensor whose readings were interpolated onto a grid; 0 for none.
+    """Step of a coarse sensor whose measurements were interpolated onto a grid; 0 for none.
 
-    They lie on no lattice any more, but where two readings were alike the lattice value still
+    They lie on no lattice any more, but where two measurements were alike the lattice value still
     stands twice. All such values lie on one lattice through zero, however seldom each comes; a
     reading of a fine sensor that was held is a number of its own.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.diff(y) == 0.0, [0]])))
     twice = np.round(y[edges[::2]], 9)
-    held = np.unique(np.abs(twice[twice != 0.0]))
-    if len(held) < FEWEST_HELD:
+    repeated = np.unique(np.abs(twice[twice != 0.0]))
+    if len(repeated) < MIN_REPEATED_VALUES:
         return _recurring(twice)
-    some = held[:: -(-len(held) // MOST_HELD)]
-    cells = np.arange(FEWEST_CELLS, MOST_CELLS, 0.1) / held[-1]
+    some = repeated[:: -(-len(repeated) // MAX_REPEATED_VALUES)]
+    cells = np.arange(MIN_CELLS, MAX_CELLS, 0.1) / repeated[-1]
     agree = np.mean(np.cos(2.0 * np.pi * np.outer(cells, some)), axis=1)
     near = np.flatnonzero(agree > IN_CELL)
     if not len(near):
         return 0.0
     first = int(near[0]) + int(np.argmax(agree[near[0] : near[0] + 10]))
-    whole = np.maximum(np.round(held * cells[first]), 1.0)
-    if len(np.unique(whole)) < FEWEST_HELD:  # values about one settled speed agree with any step
+    whole = np.maximum(np.round(repeated * cells[first]), 1.0)
+    if (
+        len(np.unique(whole)) < MIN_REPEATED_VALUES
+    ):  # values about one settled speed agree with any step
         return _recurring(twice)
-    step = float(np.sum(held * whole) / np.sum(whole**2))
-    off = held / step
+    step = float(np.sum(repeated * whole) / np.sum(whole**2))
+    off = repeated / step
     return step if float(np.mean(np.abs(off - np.round(off)) < 0.05)) >= ON_LATTICE else 0.0
 
 
@@ -466,7 +472,7 @@ def _recurring(twice: Array) -> float:
     values, counts = np.unique(twice, return_counts=True)
     often, moving = values[counts >= RECURS], values != 0.0
     known = np.sum(counts[moving & (counts >= RECURS)])
-    if len(often) < FEWEST_VALUES or known <= 0.5 * np.sum(counts[moving]):
+    if len(often) < MIN_RECURRING_VALUES or known <= 0.5 * np.sum(counts[moving]):
         return 0.0
     gaps = np.diff(often)
     step = float(np.min(gaps[gaps > 1e-3 * float(np.median(gaps))]))

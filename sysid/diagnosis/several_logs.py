@@ -1,14 +1,14 @@
-"""Nouns of a diagnosis of several logs: what each shows, what is the same, what differs."""
+"""Results of a diagnosis of several logs: what each shows, what agrees, what differs."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
-PRESENT, ABSENT, HIDDEN = "present", "absent", "not-shown"
+SIGNIFICANT, ABSENT, INCONCLUSIVE = "significant", "absent", "inconclusive"
 """What a log says of an effect: it shows it; it would show it and does not; it cannot show it."""
 
 
 SURE = 1e-6
-"""Chances below this are told as such."""
+"""Smaller p-values are only bounded."""
 
 
 def chance(p: float) -> str:
@@ -17,12 +17,12 @@ def chance(p: float) -> str:
 
 
 @dataclass(frozen=True)
-class LogNumber:
-    """A number as one log alone has it.
+class LogParameter:
+    """A parameter as one log alone has it.
 
     Attributes:
         name: with its output in brackets.
-        value: None where the log alone does not tell it.
+        value: None where the log alone does not determine it.
         std_error: the same.
         unit: of both.
     """
@@ -58,22 +58,22 @@ class LogEffect:
 
     Attributes:
         id: of the effect.
-        state: ``present``, ``absent`` or ``not-shown``.
-        numbers: the log's own.
+        state: ``significant``, ``absent`` or ``inconclusive``.
+        parameters: the log's own.
         error_ratio: RMS error of the log with the effect over that without it; None where that
             was not measured.
     """
 
     id: str
     state: str
-    numbers: tuple[LogNumber, ...]
+    parameters: tuple[LogParameter, ...]
     error_ratio: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         """{state, parameters, error_ratio}."""
         return {
             "state": self.state,
-            "parameters": [n.to_json() for n in self.numbers],
+            "parameters": [n.to_json() for n in self.parameters],
             "error_ratio": self.error_ratio,
         }
 
@@ -84,23 +84,23 @@ class LogView:
 
     Attributes:
         name: of the log.
-        judges: whether it only judged.
+        validation: whether it was only used for validation.
         effects: what it shows of each effect that was found.
         base: gain and time constant of each output as the log alone has them.
         noise: noise of each output in this log, by name.
     """
 
     name: str
-    judges: bool
+    validation: bool
     effects: tuple[LogEffect, ...]
-    base: tuple[LogNumber, ...]
+    base: tuple[LogParameter, ...]
     noise: dict[str, float]
 
     def to_json(self) -> dict[str, Any]:
-        """{name, judges, effects: {id: …}, base, noise}."""
+        """{name, validation, effects: {id: …}, base, noise}."""
         return {
             "name": self.name,
-            "judges": self.judges,
+            "validation": self.validation,
             "effects": {e.id: e.to_json() for e in self.effects},
             "base": [n.to_json() for n in self.base],
             "noise": self.noise,
@@ -109,15 +109,15 @@ class LogView:
 
 @dataclass(frozen=True)
 class Constancy:
-    """Whether a number is the same in all logs that tell it.
+    """Whether the estimates of a parameter agree across logs.
 
     Attributes:
         owner: effect, or ``base``.
-        name, unit: of the number.
+        name, unit: of the parameter.
         value, std_error: weighted mean over the logs.
         chi_squared, degrees: Σ((value_k − mean)/error_k)², and the logs less one.
         p_value: chance of as much or more if it is the same.
-        same: whether it is, at 1 % over all numbers tested.
+        same: whether it is, at 1 % over all parameters tested.
         sentence: in words.
     """
 
@@ -155,17 +155,17 @@ class Difference:
     Attributes:
         id: ``gain-by-log`` or ``load-by-log``.
         channels: outputs on which it shows.
-        numbers: of each log (its place in ``logs``), for each output.
+        parameters: of each log (its place in ``logs``), for each output.
         p_value: chance of its gain among all that was tried.
-        explains_percent: share of the gap that it closes.
+        error_ratio_without: held-out RMSE without it over that with it.
         sentence: in words.
     """
 
     id: str
     channels: tuple[str, ...]
-    numbers: dict[str, tuple[LogNumber, ...]]
+    parameters: dict[str, tuple[LogParameter, ...]]
     p_value: float
-    explains_percent: float
+    error_ratio_without: float
     sentence: str
 
     def to_json(self) -> dict[str, Any]:
@@ -173,9 +173,9 @@ class Difference:
         return {
             "id": self.id,
             "channels": list(self.channels),
-            "logs": {k: [n.to_json() for n in v] for k, v in self.numbers.items()},
+            "logs": {k: [n.to_json() for n in v] for k, v in self.parameters.items()},
             "p_value": self.p_value,
-            "explains_percent": self.explains_percent,
+            "error_ratio_without": self.error_ratio_without,
             "sentence": self.sentence,
         }
 
@@ -186,7 +186,7 @@ class SeveralLogs:
 
     Attributes:
         logs: each log.
-        constancy: each number that two logs tell.
+        constancy: each parameter that two logs determine.
         differences: what differs and is no effect.
     """
 

@@ -1,4 +1,4 @@
-"""What is said of a log: the verdict, why, and why nothing is named where errors are loud."""
+"""The verdict of a diagnosis in words, with its reason."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from sysid.diagnosis.diagnosis import OF_THE_LOG
 from sysid.diagnosis.gap import Gap
 from sysid.diagnosis.policies import VERDICT
-from sysid.diagnosis.study import structured
+from sysid.diagnosis.session import structured
 from sysid.diagnosis.validation.model_error import ResidualStructure
 
 LONG_ENOUGH = 800
@@ -14,18 +14,17 @@ LONG_ENOUGH = 800
 the model of the errors: whitening takes 20 of each block, the terms are some 40."""
 
 ON_A_RATE = (
-    " Effects were looked for on the rate of the output, which integrates its input. Play in a "
-    "gear (backlash) is looked for on a speed, and differences of a position may be too coarse to "
-    "show it: record the speed as well."
+    " The output integrates its input, so effects were searched on its rate. Differences of a "
+    "position may be too coarse to show backlash: record the speed as well."
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Remaining:
-    """What the errors of the model after hold.
+    """What remains in the errors of the augmented model.
 
     Attributes:
-        structure: what they depend on; None where too few samples tell.
+        structure: what they depend on; None where there are too few samples.
         gap: the gap before and after.
         where: the regime that holds most of what is left beyond its size, in words; empty where
             none stands out.
@@ -45,21 +44,21 @@ class Remaining:
         """Whether their structure is more than a slight one that may be chance."""
         if self.structure is None or not self.structured:
             return False
-        sure = self.structure.p_value < VERDICT.certain and bool(self.loud)
-        return sure or self.structure.share >= VERDICT.slight
+        sure = self.structure.p_value < VERDICT.certain_p and bool(self.above_noise)
+        return sure or self.structure.share >= VERDICT.min_predicted_share
 
     @property
     def share(self) -> str:
-        """How much of them is foretold, in per cent."""
+        """How much of them is predicted, in per cent."""
         return f"{100.0 * self.structure.share:.0f} %" if self.structure is not None else ""
 
     @property
-    def loud(self) -> str:
+    def above_noise(self) -> str:
         """Outputs whose errors are far above the noise, and how far; empty where there is none."""
         return ", ".join(
             f"{name} {c.rmse_after / c.noise_floor:.1f} times"
             for name, c in self.gap.channels.items()
-            if c.rmse_after > VERDICT.loud * c.surely_noise > 0.0
+            if c.rmse_after > VERDICT.residual_to_noise * c.surely_noise > 0.0
         )
 
 
@@ -68,7 +67,7 @@ def verdict_of(ids: Sequence[str], remaining: Remaining, missing: bool) -> str:
 
     Args:
         ids: what was named.
-        remaining: what the errors of the model after hold.
+        remaining: what the errors of the augmented model hold.
         missing: whether something else shows that something is missing.
     """
     # what is a matter of the log is no missing effect and explains no error
@@ -83,7 +82,7 @@ def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool 
     Args:
         verdict: see ``verdict_of``.
         ids: what was named.
-        remaining: what the errors of the model after hold.
+        remaining: what the errors of the augmented model hold.
         on_rate: whether effects were looked for on the rate of the output.
     """
     missing = [id for id in ids if id not in OF_THE_LOG]
@@ -91,14 +90,14 @@ def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool 
         return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}"
     if verdict == "unexplained":
         return (
-            "The errors depend on what is known, so something is missing, but no effect of the "
-            "catalogue is proven to be it." + ON_A_RATE * on_rate
+            "The errors depend on inputs and outputs, so something is missing, but no effect of "
+            "the catalogue is significant." + ON_A_RATE * on_rate
         )
-    if remaining.loud:
+    if remaining.above_noise:
         return undecided(remaining)
     if remaining.structured:
         return (
-            "Nothing of the catalogue is missing: what is known predicts only "
+            "No effect of the catalogue is missing: inputs and outputs predict only "
             f"{remaining.share} of the errors beyond the noise."
         )
     return "Nothing is missing that this log could show: the errors look like noise."
@@ -106,40 +105,39 @@ def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool 
 
 def _what_remains(remaining: Remaining) -> str:
     closed = remaining.gap.closed_percent
-    if remaining.structured and (closed < VERDICT.nearly_all or remaining.loud):
+    if remaining.structured and (closed < VERDICT.nearly_all or remaining.above_noise):
         rest = 100.0 - closed
         share = "Less than 1 %" if rest < 1.0 else f"{rest:.0f} %"
-        loud = f" (errors: {remaining.loud} the noise)" if remaining.loud else ""
+        ratios = f" (errors: {remaining.above_noise} the noise)" if remaining.above_noise else ""
         where = f", mostly where {remaining.where}" if remaining.where else ""
         return (
-            f" {share} of the error beyond the noise is left{loud} and still follows inputs and "
-            f"outputs ({remaining.share} foretold by them{where}): what is named fits only in "
-            "part, or something else is missing, too."
+            f" {share} of the error beyond the noise remains{ratios}; inputs and outputs predict "
+            f"{remaining.share} of it{where}. It is partly explained, or something else is missing."
         )
-    if remaining.loud:
+    if remaining.above_noise:
         return (
-            f" The errors that remain ({remaining.loud} the noise) depend on nothing known: a "
-            "disturbance acts that no channel records, or the commands are too simple to tell."
+            f" The remaining errors ({remaining.above_noise} the noise) are not correlated with "
+            "inputs or outputs: an unrecorded disturbance acts, or the commands are too simple."
         )
     return ""
 
 
 def undecided(remaining: Remaining) -> str:
-    """Why nothing is named where errors are far above the noise of the readings."""
+    """Why no effect is reported although the errors are far above the noise."""
     if remaining.structure is None:
         return (
-            f"The log is too short to tell what is missing: the errors ({remaining.loud} the noise "
-            "of the readings) cannot be tested on so few held-out samples; record at least "
-            f"{LONG_ENOUGH} samples, or name a second log of the same system to judge by."
+            f"The log is too short for a diagnosis: the errors ({remaining.above_noise} the noise) "
+            "cannot be tested on so few held-out samples. Record at least "
+            f"{LONG_ENOUGH} samples, or give a second log of the same system."
         )
-    begin = "No effect is shown, but the errors are not noise: "
+    begin = "No effect is significant, but the errors are not noise: "
     if remaining.structured:
         return begin + (
-            f"what is known predicts only {remaining.share} of them. The rest ({remaining.loud} "
-            "the noise of the readings) no channel records."
+            f"inputs and outputs predict only {remaining.share} of them. No channel records the "
+            f"rest ({remaining.above_noise} the noise)."
         )
     return begin + (
-        f"they are larger than that of the readings ({remaining.loud}), yet depend on no "
-        "command and no speed. A load or a disturbance acts that no channel records, or the log is "
-        "too short or its commands too simple to tell."
+        f"they exceed the measurement noise ({remaining.above_noise}) but depend on no command or "
+        "speed. An unrecorded load or disturbance acts, or the log is too short or its commands "
+        "too simple."
     )

@@ -1,1 +1,1 @@
-"""Physical effects that a plant model may lack: what each does, how it looks, where to start."""
+"""The catalogue of physical effects that a plant model may lack."""

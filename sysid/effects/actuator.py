@@ -114,7 +114,7 @@ INPUT_DELAY = Effect(
     "actuator",
     Place.COMMAND,
     "d(t − θ)",
-    "The command takes effect later than the model thinks.",
+    "The command takes effect later than in the model.",
     "Every response starts late by the same time, at all levels.",
     "Steps at irregular instants.",
     (
@@ -147,7 +147,7 @@ EFFECTS = (
         "actuator",
         Place.COMMAND,
         "d → clip(d, −s−, s+)",
-        "Beyond some command the drive grows no further.",
+        "Beyond some command the drive does not increase.",
         "Large commands of different size reach one and the same speed.",
         "Steps at 60, 80, 90 and 100 % of full drive in both directions.",
         (
@@ -212,7 +212,7 @@ EFFECTS = (
         Place.COMMAND,
         "d → sign(d)(max(|d| − δ±, 0) + j·[|d| > δ±])",
         "Small commands do nothing, larger ones are short by that much.",
-        "It stands while the command is small; steady speed is a line that misses zero.",
+        "No motion at small commands; steady speed is a straight line that misses zero.",
         "A slow staircase through zero in both directions.",
         (
             EffectParameter(
@@ -257,15 +257,15 @@ EFFECTS = (
         ties=("coulomb-friction", "stiction"),
         programmes=(STAIRCASE, RAMPS, COASTING),
         weakens=True,
-        between_edges="the dead zone ends, and how far it then jumps, this log cannot "
-        "tell; it tells the difference of both.",
+        between_edges="the edge of the dead zone and the jump there; only their difference is "
+        "known.",
     ),
     Effect(
         "concave-gain",
         "actuator",
         Place.COMMAND,
         "d → d(1 − κ|d|), or d(1 − κ d²)",
-        "The harder it is driven, the less it answers, on a soft static curve.",
+        "The static gain falls with the size of the command.",
         "Steady speed against command bends towards the command axis.",
         "Steps at many levels in both directions.",
         (
@@ -275,7 +275,7 @@ EFFECTS = (
         _concave,
         inverse=inverses.out_of_concave,
         ties=("supply-sag",),
-        opposite="The harder it is driven, the more it answers to every further step.",
+        opposite="The static gain rises with the size of the command.",
         programmes=(LEVELS, ONE_AND_OTHER, COASTING),
         weakens=True,
         laws=(
@@ -284,7 +284,7 @@ EFFECTS = (
                 ("kappa",),
                 choices={"cubic": 1.0},
                 sentence="It bends by the cube of the command, as the expo of a remote control "
-                "makes it: small commands answer evenly.",
+                "makes it: small commands respond evenly.",
             ),
         ),
     ),

@@ -1,4 +1,4 @@
-"""Effect: one physical phenomenon as one pure step that does nothing at its null value."""
+"""Effect: one physical phenomenon as one pure step, the identity at its null value."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -57,8 +57,8 @@ class Context:
         torque_other: that of the other track (zero where there is none).
         drive: command as it was given, before any effect.
         turned: angle of the wheel, integrated from its speed [rad].
-        counted: angle integrated from the readings before this one [rad].
-        holds: torque with which dry friction holds a track that stands.
+        counted: angle integrated from the measurements before this one [rad].
+        holds: torque with which dry friction holds a track at standstill.
         gain: K, steady speed at full drive.
         log: which of several logs the sample belongs to, from 0.
     """
@@ -99,7 +99,7 @@ class EffectParameter:
             whose first parameter a search leaves there is not named.
         at_limit: whether it may end on the other bound, which is the method's and not physics.
         edge: +1 or −1 for an edge on the axis of the command, upward or downward: between two
-            neighbouring commands of a log nothing tells where it lies.
+            neighbouring commands of a log its position is not determined.
         as_command: whether it is also shown as the command that just overcomes it.
         measured_as: key of a mission's ``vehicle.supply`` under which a bench measures it.
     """
@@ -130,7 +130,7 @@ class Wave:
         cosine, sine: its parameters.
         line: parameter of the waves a rad.
         of_wheel: parameter of what the angle is integrated from: 1 for the wheel's speed, 0 for the
-            readings.
+            measurements.
         of_speed: whether they are shares of the speed.
         of_torque: whether they are a resistance to the torque, which shows after the motor's lag.
     """
@@ -154,7 +154,7 @@ Of the context it may look at ``t``, ``w``, ``torque`` and ``torque_other``.
 """
 
 Constants = Callable[[Any, Mapping[str, Signal], float, Signal], dict[str, Signal]]
-"""(xp, parameters, dt, share of its speed that a track keeps in a sample) → numbers."""
+"""(xp, parameters, dt, share of its speed that a track keeps in a sample) → parameters."""
 
 OnRecord = Callable[[Signal, Mapping[str, Signal], float], Signal]
 """(wheel speeds of a record (N, 2), parameters, dt) → the same behind the effect."""
@@ -174,14 +174,14 @@ class Law:
     """One of several ways in which an effect shows.
 
     Attributes:
-        parameters: its numbers; those of the other laws do nothing.
-        in_numbers: between tracks and ground, the sentence with its first number.
+        parameters: those it searches; those of the other laws do nothing.
+        in_numbers: between tracks and ground, the sentence with its first parameter.
         as_radius: whether a smaller radius of both tracks does just the same.
-        as_lag: whether readings that come late do nearly the same.
+        as_lag: whether measurements that come late do nearly the same.
         choices: in the chain, the values of the effect's parameters with ``choice`` that stand
             for this law; each law has some of the starts.
         sentence: in the chain, what it is in plain words, after the effect's own.
-        of_speed: whether its number is a share of the way for each rad/s of the wheels.
+        of_speed: whether its parameter is a share of the way for each rad/s of the wheels.
         of_changes: whether it loses way while the vehicle speeds up or slows down, as another law
             of the effect does in another manner.
     """
@@ -215,9 +215,9 @@ class Effect:
         sentence: what it is, in plain words.
         looks_like: what it looks like in data.
         experiment: what a robot should do to show it.
-        parameters: its numbers.
+        parameters: each with unit, bounds and null value.
         step: the one implementation, over numpy and jax.numpy alike.
-        constants: (xp, parameters, dt, kept) → further numbers that the step reads beside the
+        constants: (xp, parameters, dt, kept) → further parameters that the step reads beside the
             parameters and that do not change from step to step.
         states: how many states it carries.
         on_past: (xp, signal, past, parameters, context) → the effect on a whole record at once,
@@ -230,24 +230,25 @@ class Effect:
             the other effects leave of the speeds; None for none.
         at_rest: (speed, drive) → its states in steady motion; None where every state then equals
             the signal the effect acts on.
-        holds: (parameters) → torque with which it holds a track that stands.
+        holds: (parameters) → torque with which it holds a track at standstill.
         shared: whether all tracks share its parameters.
         undone: (reading, parameters) → the reading without the effect, where that is known: what
             a first reading says of the speed.
         inverse: how the command, or the torque, is chosen so that what is wanted is left of it;
             None where that is not possible, or not without knowing what comes.
-        ties: effects that many logs cannot tell from it.
-        by_hand: what tells it from its ties where no command can, and what is then seen; empty
-            where commands suffice.
-        rare: whether one of these is rather named where a log cannot tell.
+        ties: effects that many logs cannot distinguish from it.
+        by_hand: what distinguishes it from its ties where no command can, and what is then seen;
+            empty where commands suffice.
+        rare: whether one of its ties is preferred where a log cannot distinguish them.
         descriptive: whether its law says what is seen and no mechanism: then it has to explain
             nearly all, as many mechanisms look in part like it.
         contains: effects whose law is a case of its own: where one of them explains nearly as much,
             it is named.
         couples: whether it ties tracks to each other: a single one cannot have it, and the search
-            moves the numbers of all tracks together, because those of one change the others' runs.
-        opposite: the sentence where the first number lies below its null value, for an effect that
-            then does the opposite; empty where the sentence holds on both sides.
+            moves the parameters of all tracks together, because those of one change the others'
+            runs.
+        opposite: the sentence where the first parameter lies below its null value, for an effect
+            that then does the opposite; empty where the sentence holds on both sides.
         programmes: commands that show it, the best first.
         starts_from: what the search for it starts from.
         weakens: whether a base without it has a smaller gain instead, so that the search starts
@@ -261,13 +262,13 @@ class Effect:
         reverses: whether only commands of both signs can show it, so that an actuator without a
             negative side is not asked to.
         waves: its waves over the wheel's angle; a law with one has it among its parameters.
-        between_edges: what a log does not tell where no command lies between the possible places
-            of an ``edge``, as the end of a sentence.
+        between_edges: what a log does not determine where no command lies between the possible
+            positions of an ``edge``, as the end of a sentence.
         length: between tracks and ground, the length that its parameter scales; None for none.
-        in_numbers: between tracks and ground, the sentence with its number.
+        in_numbers: between tracks and ground, the sentence with its parameter.
         laws: its laws where it has several, the simplest first. Between tracks and ground each is
-            told by itself. In the chain one acts at a time: the data choose, and a later one only
-            where it is worth more than its numbers cost.
+            reported by itself. In the chain one acts at a time: the data choose, and a later one
+            only where it is worth more than its parameters cost.
     """
 
     id: str

@@ -1,4 +1,4 @@
-"""What may differ between several logs of one machine and is no effect: gain and load of each log.
+"""Differences between logs of one machine that are not effects: gain and load of each log.
 
 They are searched like effects, beside them and by the same rule, so that neither takes what is the
 other's: a battery that was fuller in one log is no curve, and a curve is no fuller battery.
@@ -14,15 +14,15 @@ MOST_LOGS = 12
 """Logs that may differ; of more a person makes groups."""
 
 
-def number_of(log: int) -> str:
-    """The name of a log's number, counted from 0."""
+def parameter_of_log(log: int) -> str:
+    """The name of a log's parameter, counted from 0."""
     return f"log{log + 1}"
 
 
 def _by_log(xp: Any, p: Mapping[str, Signal], c: Context) -> Signal:
     """The number of the log to which each sample belongs; 0 for a log that has none."""
-    mine = [k for k in range(MOST_LOGS) if number_of(k) in p]
-    return sum((xp.where(c.log == k, p[number_of(k)], 0.0) for k in mine), 0.0 * c.t)
+    logs = [k for k in range(MOST_LOGS) if parameter_of_log(k) in p]
+    return sum((xp.where(c.log == k, p[parameter_of_log(k)], 0.0) for k in logs), 0.0 * c.t)
 
 
 def _gain(
@@ -42,11 +42,11 @@ GAIN_BY_LOG = Effect(
     "any",
     Place.TORQUE,
     "T → (1 + g_log) T",
-    "The machine answers stronger or weaker in one log than in another: battery, warmth or load.",
+    "The gain of the machine differs between logs: battery, temperature or load.",
     "Every response is larger or smaller by one factor, from one log to the next.",
     "The same steps with a battery that was charged.",
     tuple(
-        EffectParameter(number_of(k), "1", 0.0, -0.7, 2.0, (0.08, -0.08))
+        EffectParameter(parameter_of_log(k), "1", 0.0, -0.7, 2.0, (0.08, -0.08))
         for k in range(1, MOST_LOGS)
     ),
     _gain,
@@ -58,11 +58,11 @@ LOAD_BY_LOG = Effect(
     "any",
     Place.TORQUE,
     "T → T − b_log",
-    "A constant load or a zero point is another one in each log: a slope, a cable, a cold sensor.",
-    "All readings of one log are higher or lower than those of another.",
+    "A constant load or zero point differs between logs: a slope, a cable, a cold sensor.",
+    "All measurements of one log are higher or lower than those of another.",
     "The same steps in both directions on level ground.",
     tuple(
-        EffectParameter(number_of(k), "speed", 0.0, -0.8, 0.8, (0.05, -0.05), "speed")
+        EffectParameter(parameter_of_log(k), "speed", 0.0, -0.8, 0.8, (0.05, -0.05), "speed")
         for k in range(MOST_LOGS)
     ),
     _load,
@@ -75,7 +75,7 @@ def for_logs(count: int, own_level: bool) -> tuple[Effect, ...]:
     """What may differ between so many logs; none for one log, or for too many.
 
     Args:
-        count: logs, those that judge included.
+        count: logs, validation logs included.
         own_level: whether the base has a level already, which is then the first log's.
     """
     if not 1 < count <= MOST_LOGS:
@@ -85,5 +85,5 @@ def for_logs(count: int, own_level: bool) -> tuple[Effect, ...]:
 
 
 def _of(e: Effect, logs: Sequence[int]) -> Effect:
-    names = {number_of(k) for k in logs}
+    names = {parameter_of_log(k) for k in logs}
     return replace(e, parameters=tuple(p for p in e.parameters if p.name in names))

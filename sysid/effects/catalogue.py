@@ -82,17 +82,17 @@ def catalogue() -> dict[str, Effect]:
     Raises:
         UsageError: an effect of another package cannot be used.
     """
-    found = {e.id: e for stage in STAGES for e in stage.EFFECTS}
+    effects = {e.id: e for stage in STAGES for e in stage.EFFECTS}
     for point in points("sysid.effects").values():
         effect = loaded(point, "effect")
         if not isinstance(effect, Effect):
             raise unusable(point, "effect", "is no sysid.effects.base.Effect")
-        if effect.id in found or effect.id in _WITHOUT_STEP:
+        if effect.id in effects or effect.id in _WITHOUT_STEP:
             raise unusable(point, "effect", f"has the name of another one, {effect.id}")
         if wrong := fault(effect):
             raise unusable(point, "effect", wrong)
-        found[effect.id] = effect
-    return found
+        effects[effect.id] = effect
+    return effects
 
 
 def effect(id: str) -> Effect:

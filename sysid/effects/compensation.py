@@ -1,4 +1,4 @@
-"""What acts between command and torque of a plant, and the drive that makes up for it.
+"""Compensation: the drive that cancels the effects between command and torque.
 
 An effect that can be undone says how (``Effect.inverse``); here the inverses of several are put
 together, against the order in which the effects act.
@@ -40,10 +40,10 @@ class Identified:
     def on(self, tracks: Sequence[int]) -> "Identified":
         """The same for tracks in another order, or one of them twice."""
         at = list(tracks)
-        numbers = {
+        parameters = {
             id: {n: v[at] for n, v in named.items()} for id, named in self.parameters.items()
         }
-        return Identified(self.effects, numbers, self.gain[at], self.full[at])
+        return Identified(self.effects, parameters, self.gain[at], self.full[at])
 
     def undone(
         self, ids: Sequence[str], wanted: Signal, speed: Signal, t: Signal, xp: Any

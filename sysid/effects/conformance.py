@@ -1,4 +1,4 @@
-"""What every effect must fulfil, tried on its own step: said before it can mislead a diagnosis."""
+"""Conformance tests of effects: what every effect must satisfy, tried on its own step."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -31,7 +31,7 @@ def fault(effect: Effect) -> str:
 
 def _fault(effect: Effect) -> str:
     if not effect.parameters or effect.place is Place.SAMPLES:
-        return "has no number, or no place in the chain"
+        return "has no parameter, or no place in the chain"
     nulls = {p.name: np.full(2, p.null) for p in effect.parameters}
     sets = max(len(p.starts) for p in effect.parameters)
     rng = np.random.default_rng(1)
@@ -39,33 +39,33 @@ def _fault(effect: Effect) -> str:
         signal, context, state = _instant(effect, rng)
         at_null, _ = _stepped(effect, signal, state, nulls, context)
         if at_null.shape != signal.shape or np.max(np.abs(at_null - signal)) > ROUNDING:
-            return "changes the signal at the null values of its numbers"
+            return "changes the signal at the null values of its parameters"
         if effect.place is Place.POSE or effect.couples or effect.shared:
             continue
         k = trial % sets
-        numbers = {
+        parameters = {
             p.name: np.full(2, p.starts[min(k, len(p.starts) - 1)]) for p in effect.parameters
         }
-        mine, _ = _stepped(effect, signal, state, numbers, context)
+        result, _ = _stepped(effect, signal, state, parameters, context)
         moved = _other_track_moved(context, rng)
         apart = signal + np.array([0.0, 0.3])
         others = tuple(s + np.array([0.0, 0.3]) for s in state)
-        theirs, _ = _stepped(effect, apart, others, numbers, moved)
-        if abs(mine[0] - theirs[0]) > ROUNDING:
+        other_result, _ = _stepped(effect, apart, others, parameters, moved)
+        if abs(result[0] - other_result[0]) > ROUNDING:
             return "ties the tracks to each other but does not say so: give it couples=True"
     return ""
 
 
 def _instant(effect: Effect, rng: np.random.Generator) -> tuple[Signal, Context, State]:
     """A signal, what is beside it, and a state in which nothing has happened yet."""
-    own = {name: rng.uniform(-1.0, 1.0, 2) for name in _PER_TRACK}
+    signals = {name: rng.uniform(-1.0, 1.0, 2) for name in _PER_TRACK}
     context = Context(
         dt=DT,
         t=np.float64(3.0),
         b=np.full(2, 1.0 - KEPT),
-        torque_other=own["torque"][::-1],
+        torque_other=signals["torque"][::-1],
         holds=np.zeros(2),
-        **own,
+        **signals,
     )
     signal = rng.uniform(-1.0, 1.0, 2)
     if effect.at_rest is not None:
@@ -92,12 +92,12 @@ def _stepped(
     effect: Effect,
     signal: Signal,
     state: State,
-    numbers: Mapping[str, Signal],
+    parameters: Mapping[str, Signal],
     context: Context,
 ) -> tuple[Signal, State]:
     constants = effect.constants
-    more = constants(np, numbers, DT, np.full(2, KEPT)) if constants else {}
-    return effect.step(np, signal, state, {**numbers, **more}, context)
+    more = constants(np, parameters, DT, np.full(2, KEPT)) if constants else {}
+    return effect.step(np, signal, state, {**parameters, **more}, context)
 
 
 SCALED = -17.0
@@ -108,8 +108,9 @@ SCALED = -17.0
 def superposes(effect: Effect, chosen: frozenset[tuple[str, float]] = frozenset()) -> bool:
     """Whether the step is linear but for a constant: a linear model of higher order does the same.
 
-    f(a x) = a f(x) + (1 − a) f(0) at random instants, for each start of its numbers; of an effect
-    with several laws, for each start of the law that the choices stand for, of all without them.
+    f(a x) = a f(x) + (1 − a) f(0) at random instants, for each start of its parameters; of an
+    effect with several laws, for each start of the law that the choices stand for, of all without
+    them.
     """
     if effect.place is Place.SAMPLES or not effect.parameters:
         return False
@@ -120,11 +121,11 @@ def superposes(effect: Effect, chosen: frozenset[tuple[str, float]] = frozenset(
         }
         if not chosen <= values.items():
             continue
-        numbers = {name: np.full(2, value) for name, value in values.items()}
+        parameters = {name: np.full(2, value) for name, value in values.items()}
         signal, context, state = _instant(effect, rng)
         state = tuple(rng.uniform(-1.0, 1.0, 2) for _ in state)
         one, scaled, none = (
-            _stepped(effect, y, s, numbers, c)[0]
+            _stepped(effect, y, s, parameters, c)[0]
             for y, s, c in (_times(f, signal, context, state) for f in (1.0, SCALED, 0.0))
         )
         if np.max(np.abs(scaled - SCALED * one - (1.0 - SCALED) * none)) > ROUNDING:

@@ -1,4 +1,4 @@
-"""Effects by which the body ties its tracks to each other.
+"""Effects by which the body couples the tracks.
 
 Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 """
@@ -24,9 +24,9 @@ def _coupling(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Sign
     half = 1.0 + damped - over
     slid = 2.0 * free / (half + xp.sqrt(half**2 + 4.0 * over))
     for _ in range(2):
-        left = inverses.before_sliding(xp, slid, p)
-        over = slid * (1.0 + 0.5 * _of_both(c.b * p["turning"] * left)) - free
-        slid = slid - over / (1.0 + 0.5 * _of_both(c.b * p["turning"] * left**2))
+        remaining = inverses.before_sliding(xp, slid, p)
+        over = slid * (1.0 + 0.5 * _of_both(c.b * p["turning"] * remaining)) - free
+        slid = slid - over / (1.0 + 0.5 * _of_both(c.b * p["turning"] * remaining**2))
     turning = xp.where(p["of_rate"] > 1.5, slid * inverses.before_sliding(xp, slid, p), turning)
     return torque - p["share"] * c.torque_other - p["turning"] * turning, s
 
@@ -63,8 +63,10 @@ def _together(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     soft = {"alone": xp.exp(-per_sample)}
     for name, sign in (("straight", 1.0), ("turning", -1.0)):
         carried = body + xp.abs(share) + sign * share
-        numbers = _mode(xp, per_sample, wheel, carried, damper)
-        soft |= {f"{name}_{part}": number for part, number in zip(_PARTS, numbers, strict=True)}
+        mode_weights = _mode(xp, per_sample, wheel, carried, damper)
+        soft |= {
+            f"{name}_{part}": number for part, number in zip(_PARTS, mode_weights, strict=True)
+        }
     return rigid | soft
 
 
@@ -105,11 +107,11 @@ def _inertia(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, St
     rigid = (p["own"] - (1.0 - c.b)) * deviation + p["other"] * other
     (body,) = s
     behind = deviation + body - c.w
-    mean, left = _of_both(deviation), _of_both(behind)
-    turns, led = deviation - mean, behind - left
-    track = p["straight_of_track"] * mean + p["straight_of_body"] * left
+    mean, mean_behind = _of_both(deviation), _of_both(behind)
+    turns, led = deviation - mean, behind - mean_behind
+    track = p["straight_of_track"] * mean + p["straight_of_body"] * mean_behind
     track = track + p["turning_of_track"] * turns + p["turning_of_body"] * led
-    carried = p["straight_body_of_track"] * mean + p["straight_body_of_body"] * left
+    carried = p["straight_body_of_track"] * mean + p["straight_body_of_body"] * mean_behind
     carried = carried + p["turning_body_of_track"] * turns + p["turning_body_of_body"] * led
     soft = p["soft"] > 0.5
     coupled = xp.where(soft, track - p["alone"] * deviation, rigid)

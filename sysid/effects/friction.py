@@ -1,4 +1,4 @@
-"""Resistance to motion: dry, viscous, of the air, and a load that is always there.
+"""Resistance to motion: dry, viscous and air friction, and a constant load.
 
 Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 """
@@ -36,8 +36,8 @@ def _sticking(xp: Any, torque: Signal, level: Signal, hold: Signal, c: Context) 
     at_zero = torque + (c.w_free - kept * c.w) / c.b
     towards = at_zero - level * way
     passes = way * (c.w_free + c.b * (torque - level * way)) < 0.0
-    left = towards / xp.where(passes, towards - c.w, 1.0)  # of the speed's distance, at zero
-    rest = 1.0 - kept / xp.where(passes, left, 1.0)
+    remaining = towards / xp.where(passes, towards - c.w, 1.0)  # of the speed's distance, at zero
+    rest = 1.0 - kept / xp.where(passes, remaining, 1.0)
     going = xp.where(xp.abs(at_zero) > hold, rest * (at_zero + level * way), 0.0)
     return xp.where(passes, (going - c.w_free) / c.b, plain)
 
@@ -149,7 +149,7 @@ EFFECTS = (
         "T → T − (c + s |T − ω|) sign ω; sticks while |T| is no larger. Of a servo with set point "
         "T and position y: T → T − c sign ẏ; sticks while |T − y| ≤ c",
         "Dry friction: a constant resistance while moving, standstill below it.",
-        "It stands at small commands and stops sooner than it should.",
+        "No motion at small commands, and early stops.",
         "A slow staircase through zero, and coasting from speed.",
         (
             EffectParameter(
@@ -189,8 +189,8 @@ EFFECTS = (
             Law(
                 ("level",),
                 choices={"of_servo": 1.0},
-                sentence="The loop of the servo pushes less than it holds within so much of the "
-                "set point: there it stays.",
+                sentence="Within this distance of the set point the servo's loop pushes less than "
+                "friction holds: there the servo stays.",
             ),
         ),
     ),

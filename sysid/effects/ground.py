@@ -1,4 +1,4 @@
-"""Ground: what effects between tracks and ground make of wheel speeds."""
+"""Ground: the effects between tracks and ground, applied to wheel speeds."""
 
 import math
 from collections.abc import Mapping
@@ -18,13 +18,13 @@ _CONTEXT = Context(*((0.0,) * len(fields(Context))))
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Vehicle effects with their numbers, applied one after the other to the wheel speeds.
+    """Vehicle effects with their parameters, applied one after the other to the wheel speeds.
 
     The vehicle then moves as rolling tracks would at the speeds that remain.
 
     Attributes:
         effects: ids; they act in the catalogue's order, slip before radii before width.
-        parameters: effect → parameter → value of the left and of the right track, (2,); numbers
+        parameters: effect → parameter → value of the left and of the right track, (2,); parameters
             that the tracks share stand twice, and those that are left out do nothing.
 
     Raises:
@@ -86,13 +86,13 @@ class Ground:
             )
         xp: Any = omega.__array_namespace__()
         for id in self.effects:
-            e, numbers = effect(id), self.parameters[id]
+            e, parameters = effect(id), self.parameters[id]
             if e.on_record is not None:
-                omega = e.on_record(omega, numbers, dt)
+                omega = e.on_record(omega, parameters, dt)
             elif e.states:
-                omega = _one_by_one(e, omega, numbers, dt)
+                omega = _one_by_one(e, omega, parameters, dt)
             else:
-                omega, _ = e.step(xp, omega, (), numbers, _CONTEXT)
+                omega, _ = e.step(xp, omega, (), parameters, _CONTEXT)
         return omega
 
     @cached_property
@@ -124,7 +124,7 @@ class Ground:
         )
 
     def start(self) -> State:
-        """What the effects remember of a vehicle that stands."""
+        """What the effects remember of a vehicle at standstill."""
         return tuple((np.zeros(2),) * n for n in self._states)
 
     def step(self, state: State, omega: tuple[Any, Any], dt: Any) -> tuple[tuple[Any, Any], State]:
@@ -148,8 +148,8 @@ class Ground:
         now, after = xp.stack([xp.asarray(w) for w in omega]), []
         context = replace(_CONTEXT, dt=dt)
         for id, last in zip(self.effects, state, strict=True):
-            now, mine = _stepped(effect(id), xp, now, last, self.parameters[id], context)
-            after.append(mine)
+            now, state_of_effect = _stepped(effect(id), xp, now, last, self.parameters[id], context)
+            after.append(state_of_effect)
         return (float(now[0]), float(now[1])) if plain else (now[0], now[1]), tuple(after)
 
     def ordered(self, tracks: tuple[int, int]) -> "Ground":
@@ -171,18 +171,18 @@ class Ground:
 
 
 def _stepped(
-    e: Effect, xp: Any, omega: Any, state: State, numbers: Mapping[str, Any], context: Context
+    e: Effect, xp: Any, omega: Any, state: State, parameters: Mapping[str, Any], context: Context
 ) -> tuple[Any, State]:
-    more = e.constants(xp, numbers, context.dt, 0.0) if e.constants else {}
-    return e.step(xp, omega, state, {**numbers, **more}, context)
+    more = e.constants(xp, parameters, context.dt, 0.0) if e.constants else {}
+    return e.step(xp, omega, state, {**parameters, **more}, context)
 
 
-def _one_by_one(e: Effect, omega: Array, numbers: Mapping[str, Array], dt: float) -> Array:
+def _one_by_one(e: Effect, omega: Array, parameters: Mapping[str, Array], dt: float) -> Array:
     """An effect on a record, sample after sample."""
     state: State = (omega[0],) * e.states
     out, context = np.empty_like(omega), replace(_CONTEXT, dt=dt)
     for k, now in enumerate(omega):
-        out[k], state = _stepped(e, np, now, state, numbers, context)
+        out[k], state = _stepped(e, np, now, state, parameters, context)
     return out
 
 

@@ -1,4 +1,4 @@
-"""How effects are undone: the signal in front of an effect that leaves what is wanted behind it."""
+"""Inverses of effects: the signal before an effect that gives the wanted signal behind it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,9 +11,9 @@ EMPTY = 0.1
 """Share of its strength below which no command makes up for an empty battery."""
 
 STANDS = 0.05
-"""Share of the larger of speed and torque below which a track counts as one that stands.
+"""Share of the larger of speed and torque below which a track counts as at standstill.
 
-There friction is against the torque, else against the motion; readings near zero change sign.
+There friction is against the torque, else against the motion; measurements near zero change sign.
 """
 
 
@@ -127,6 +127,6 @@ def against_coupling(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
     if share.shape[-1] != 2:
         return torque
     apart = 0.5 * (c.w - c.w[..., ::-1])
-    left = xp.where(p["of_rate"] > 1.5, before_sliding(xp, apart, p), 1.0)
-    torque = torque + p["turning"] * apart * left
+    remaining = xp.where(p["of_rate"] > 1.5, before_sliding(xp, apart, p), 1.0)
+    torque = torque + p["turning"] * apart * remaining
     return (torque + share * torque[..., ::-1]) / (1.0 - share * share[..., ::-1])

@@ -26,7 +26,7 @@ def lagging(xp: Any, p: Mapping[str, Signal], dt: float, kept: Signal) -> dict[s
 
     Args:
         xp: array namespace.
-        p: numbers of the effect.
+        p: parameters of the effect.
         dt: time since the sample before [s].
         kept: not used.
     """
@@ -48,7 +48,7 @@ def lagging_drive(xp: Any, p: Mapping[str, Signal], dt: float, kept: Signal) -> 
 
     Args:
         xp: array namespace.
-        p: numbers of the effect; ``lag`` [s].
+        p: parameters of the effect; ``lag`` [s].
         dt: time since the sample before [s].
         kept: α, the share of its speed that a track keeps in a sample.
     """

@@ -1,4 +1,4 @@
-"""Numbers of effects that were measured on a bench: what a mission applies, where a search looks.
+"""Effect parameters measured on a bench, for missions and as start values of a search.
 
 An effect's parameter says by ``measured_as`` which key of a mission's ``vehicle.supply`` is its
 value.
@@ -14,9 +14,9 @@ from sysid.effects.base import Effect, EffectParameter
 from sysid.errors import DataError, UsageError
 
 WIDTH = 3.0
-"""Standard errors on either side within which a measured number is looked for."""
+"""Standard errors on either side within which a measured parameter is looked for."""
 AT_LEAST = 0.1
-"""Share of the number that it may differ in any case: a battery on a bench is not as warm and
+"""Share of the parameter that it may differ in any case: a battery on a bench is not as warm and
 charged as on the floor."""
 SMALLEST = 0.01
 """Half of the narrowest interval, in parts of the effect's first start: a search needs room."""
@@ -24,14 +24,14 @@ SMALLEST = 0.01
 
 @dataclass(frozen=True)
 class Measured:
-    """A number with its standard error."""
+    """A parameter with its standard error."""
 
     value: float
     std_error: float
 
 
 def read_measured(path: str | Path) -> dict[str, Measured]:
-    """The measured numbers of a file that ``bench power`` wrote.
+    """The measured parameters of a file that ``bench power`` wrote.
 
     Raises:
         UsageError: there is no such file.
@@ -40,7 +40,7 @@ def read_measured(path: str | Path) -> dict[str, Measured]:
     path = Path(path)
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-        found = {
+        measured = {
             str(key): Measured(float(entry["value"]), float(entry["std_error"]))
             for key, entry in document["measured"].items()
         }
@@ -48,13 +48,13 @@ def read_measured(path: str | Path) -> dict[str, Measured]:
         raise UsageError(f"there is no file {path}: write one with the power bench") from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise DataError(f"{path} is no file of the power bench: write one anew") from None
-    if not all(math.isfinite(m.value) and m.std_error >= 0.0 for m in found.values()):
-        raise DataError(f"{path} holds numbers that cannot be: write it anew")
-    return found
+    if not all(math.isfinite(m.value) and m.std_error >= 0.0 for m in measured.values()):
+        raise DataError(f"{path} holds impossible values: write it anew")
+    return measured
 
 
 def within(effects: Sequence[Effect], measured: Mapping[str, Measured]) -> tuple[Effect, ...]:
-    """The effects with the measured numbers as starts, and bounds of three standard errors.
+    """The effects with the measured parameters as starts, and bounds of three standard errors.
 
     Args:
         effects: of the catalogue.
@@ -66,17 +66,17 @@ def within(effects: Sequence[Effect], measured: Mapping[str, Measured]) -> tuple
 
 
 def _narrowed(p: EffectParameter, measured: Mapping[str, Measured]) -> EffectParameter:
-    found = measured.get(p.measured_as) if p.measured_as else None
-    if found is None:
+    value = measured.get(p.measured_as) if p.measured_as else None
+    if value is None:
         return p
     room = max(
-        WIDTH * found.std_error,
-        AT_LEAST * abs(found.value),
+        WIDTH * value.std_error,
+        AT_LEAST * abs(value.value),
         SMALLEST * max(abs(s) for s in (*p.starts, 1e-3)),
     )
-    lower = min(max(found.value - room, p.lower), p.upper)
-    upper = max(min(found.value + room, p.upper), lower)
-    start = min(max(found.value, lower), upper)
+    lower = min(max(value.value - room, p.lower), p.upper)
+    upper = max(min(value.value + room, p.upper), lower)
+    start = min(max(value.value, lower), upper)
     return replace(p, lower=lower, upper=upper, starts=(start,) * len(p.starts))
 
 

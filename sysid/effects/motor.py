@@ -1,4 +1,4 @@
-"""Effects of the motor and its driver: warm, and letting go instead of braking.
+"""Effects of the motor and its driver: heating, and freewheeling instead of braking.
 
 Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 """
@@ -23,11 +23,11 @@ def _thermal(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signa
     warm = p["loss"] * s[0]
     lost = warm / (1.0 + warm)
     turns = p["emf"] * 0.5 * (c.w + c.w_free)
-    left = (torque - lost * (torque - turns)) / (1.0 - lost * p["emf"] * 0.5 * c.b)
-    current = (left - turns - p["emf"] * 0.5 * c.b * left) / c.gain
+    remaining = (torque - lost * (torque - turns)) / (1.0 - lost * p["emf"] * 0.5 * c.b)
+    current = (remaining - turns - p["emf"] * 0.5 * c.b * remaining) / c.gain
     heats = xp.where(by_current, current**2 * (1.0 + warm), c.drive**2)
     heat = s[0] + p["warming"] * (heats - s[0])
-    return xp.where(by_current, left, torque * (1.0 - warm)), (heat,)
+    return xp.where(by_current, remaining, torque * (1.0 - warm)), (heat,)
 
 
 def _cold(w: Signal, d: Signal) -> State:

@@ -1,7 +1,7 @@
-"""What comes again with every turn of a wheel.
+"""Effects that repeat with every turn of a wheel.
 
-Angles are integrated from the wheel's speed, or counted from its readings, from zero at the start
-of a record.
+Angles are integrated from the wheel's speed, or counted from its measurements, from zero at the
+start of a record.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ def _wave(xp: Any, p: P, c: Context, names: tuple[str, str, str], part: Signal) 
 
     Args:
         xp: array namespace.
-        p: numbers of the effect.
+        p: parameters of the effect.
         c: its context.
         names: parameters of cosine, sine and waves a rad.
         part: what the counted angle lacks at the start of the sample [rad].
@@ -51,7 +51,7 @@ def _still(w: Signal, d: Signal) -> State:
 def _ripple(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     # s: the speed that a torque over the angle has made so far
     part = 0.5 * c.dt * w
-    # readings are counted up to the one before: the last part of the way is this one's
+    # measurements are counted up to the one before: the last part of the way is this one's
     counted = c.counted + xp.where(p["of_speed"] > 0.5, part, 0.0)
     angle = p["per_turn"] * xp.where(p["of_wheel"] > 0.5, c.turned, counted)
     cosine = p["cosine"] + p["share_cosine"] * w

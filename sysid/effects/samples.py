@@ -1,4 +1,4 @@
-"""Effects that are seen in the samples themselves: they have no step, and no model holds them."""
+"""Effects visible in the samples themselves: they have no step and are in no model."""
 
 from sysid.effects.base import Effect, Place, nothing
 from sysid.effects.programmes import CRUISE, REVERSALS
@@ -8,8 +8,8 @@ QUANTISATION = Effect(
     "sensor",
     Place.SAMPLES,
     "y → q round(y/q)",
-    "The readings come in steps.",
-    "All readings lie on a grid that is coarser than their noise.",
+    "The measurements come in steps.",
+    "All measurements lie on a grid that is coarser than their noise.",
     "Several constant speeds.",
     (),
     nothing,
@@ -21,7 +21,7 @@ HELD_TELEMETRY = Effect(
     Place.SAMPLES,
     "y(k) = y(k − 1) between refreshes",
     "The sensor is slower than the log.",
-    "Readings repeat until the next one comes.",
+    "Measurements repeat until the next one comes.",
     "Fast reversals.",
     (),
     nothing,
@@ -32,8 +32,8 @@ DROPOUTS = Effect(
     "sensor",
     Place.SAMPLES,
     "y → 0, or the reading before, in bursts",
-    "Some readings are lost.",
-    "Readings jump to zero and back, or stand still while the speed moves on.",
+    "Some measurements are lost.",
+    "Measurements jump to zero and back, or stay constant while the speed changes.",
     "Several constant speeds.",
     (),
     nothing,

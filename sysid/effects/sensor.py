@@ -1,4 +1,4 @@
-"""Effects of the sensor: they change what is read, not what happens."""
+"""Effects of the sensor: they change the measurement, not the motion."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -43,7 +43,7 @@ EFFECTS = (
         "sensor",
         Place.READING,
         "λ ẏ = ω − y",
-        "The reading follows the speed with a lag: a filter in the sensor.",
+        "The measurement follows the speed with a lag: a filter in the sensor.",
         "Everything is smoothed and late.",
         "Fast reversals sampled fast.",
         (EffectParameter("lag", "s", 0.0, 0.0, 40.0, (1.0, 6.0), "dt"),),
@@ -64,7 +64,7 @@ EFFECTS = (
         Place.READING,
         "y → |y|",
         "The sensor does not see the direction.",
-        "No reading is negative although the command reverses.",
+        "No measurement is negative although the command reverses.",
         "Reversals.",
         (EffectParameter("on", "", 0.0, 0.0, 1.0, (1.0,), choice=True),),
         _unsigned,
@@ -78,7 +78,7 @@ EFFECTS = (
         Place.READING,
         "y → clip(y, ±s)",
         "The sensor reads no more than its limit.",
-        "Readings pile up at one largest value.",
+        "Measurements pile up at one largest value.",
         "Full drive, compared with an independent measurement of speed.",
         (EffectParameter("limit", "speed", 1e6, 0.1, 2.0, (0.7, 0.9), "speed", choice=True),),
         _saturation,
@@ -91,14 +91,14 @@ EFFECTS = (
         "sensor",
         Place.READING,
         "y + b",
-        "The sensor reads something at standstill.",
-        "The readings do not return to zero.",
+        "The sensor has an offset at standstill.",
+        "The measurements do not return to zero.",
         "A rest of ten seconds.",
         (EffectParameter("bias", "speed", 0.0, -0.5, 0.5, (0.03, -0.03), "speed"),),
         _bias,
         undone=lambda y, p: y - p["bias"],
         ties=("load-bias",),
-        by_hand="A load and a zero point shift every reading alike. Hold the wheel for some "
+        by_hand="A load and a zero point shift every measurement alike. Hold the wheel for some "
         "seconds while the log runs: what is read then is the zero point, what is gone was the "
         "load.",
         programmes=(RESTS, COASTING),
@@ -126,8 +126,8 @@ SAMPLING = Effect(
     "sensor",
     Place.READING,
     "y(k) = (1 − φ) ω(k) + φ ω(k − 1)",
-    "Readings come up to half a sample late: a speed counted over a sample, or a command passed on "
-    "between two readings.",
+    "Measurements up to half a sample late: a speed counted over a sample, or a command passed on "
+    "between two measurements.",
     "Every response begins the same part of a sample late.",
     "Fast reversals.",
     (EffectParameter("share", "1", 0.0, 0.0, MOST_SAMPLED, (0.5,), at_limit=True),),
@@ -136,5 +136,5 @@ SAMPLING = Effect(
     on_past=_counted_on,
 )
 """How the log was made, no effect of the machine: searched beside effects and by the same rule, so
-that neither takes what is the other's, and then held by the model before as by the one after. A
+that neither takes what is the other's, and then held by the original model as by the one after. A
 speed counted over a sample (ticks of an encoder, differenced) is the mean over it."""

@@ -30,8 +30,8 @@ MOST_LOSS = 0.1
 empty before a log has twenty commands."""
 
 USUAL_EMF = 0.85
-"""Share of the back-emf in the viscous term of a motor with its gear, until a log tells it: one
-under commands of a single size cannot, as it then acts like another gain."""
+"""Share of the back-emf in the viscous term of a motor with its gear, until a log determines it:
+one under commands of a single size cannot, as it then acts like another gain."""
 
 LEAST_EMF = 0.3
 """A smaller share of back-emf makes a current of the command alone: a limit of the current is then
@@ -44,8 +44,8 @@ def _amid(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     The end feels torque of long ago less: ∫ e^{−(dt−t)/τ} ω dt/τ of a speed that settles.
     """
     x = xp.maximum(-xp.log(xp.maximum(kept, 1e-9)), 1e-3)
-    left = xp.exp(-x)
-    return {"amid": (1.0 - x * left / (1.0 - left)) / (1.0 - left)}
+    remaining = xp.exp(-x)
+    return {"amid": (1.0 - x * remaining / (1.0 - remaining)) / (1.0 - remaining)}
 
 
 def _sag(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -57,8 +57,8 @@ def _sag(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, S
     current, slope = _current(0.0 * torque, p, c)
     drawn = xp.mean(d * d * slope, axis=-1, keepdims=True)
     returned = xp.mean(d * current / c.gain, axis=-1, keepdims=True)
-    left = (1.0 - share * returned) / (1.0 + share * drawn)
-    return torque * xp.where(p["current"] > 0.5, left, 1.0 - p["sag"] * load), s
+    remaining = (1.0 - share * returned) / (1.0 + share * drawn)
+    return torque * xp.where(p["current"] > 0.5, remaining, 1.0 - p["sag"] * load), s
 
 
 def _current(torque: Signal, p: P, c: Context) -> tuple[Signal, Signal]:
@@ -94,8 +94,8 @@ def _battery(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, St
 def _battery_on(xp: Any, d: Signal, past: Past, p: P, c: Context) -> Signal:
     whole = xp.cumsum(_taken(xp, c), axis=0)
     rows = xp.round(c.t / c.dt) + 0.0 * d
-    own = whole - _taken(xp, c)  # up to the sample before
-    return _discharged(xp, d, own - past(own, rows), p, c)
+    charge = whole - _taken(xp, c)  # up to the sample before
+    return _discharged(xp, d, charge - past(charge, rows), p, c)
 
 
 def _full(w: Signal, d: Signal) -> State:
@@ -129,7 +129,7 @@ EFFECTS = (
         Place.TORQUE,
         "T → T(1 − s(|d_L| + |d_R|)/2), or T → v T with "
         "1 − v = s/(1 − s)·(d_L i_L + d_R i_R)/2, i = v d − ε ω/K",
-        "The supply gives way under load, so one side slows when the other is driven.",
+        "The supply voltage drops under load, so one side slows when the other is driven.",
         "A side is slower when the other one is driven too, whatever its direction.",
         "One side at a constant command while the other steps.",
         (
@@ -159,7 +159,7 @@ EFFECTS = (
         "T → T − δ K clip(i/ρ, ±1) while d ≠ 0, i = T − ε ω",
         "Both switches of a leg of the bridge wait at each pulse: the sign of the current takes "
         "voltage away.",
-        "It stands at small commands, and brakes harder than it pulls.",
+        "No motion at small commands; braking is stronger than driving.",
         "A slow staircase through zero, and reversals from speed.",
         (
             EffectParameter("share", "drive", 0.0, 0.0, 0.5, (0.04, 0.1, 0.04, 0.1), "drive"),
@@ -178,9 +178,9 @@ EFFECTS = (
         "actuator",
         Place.TORQUE,
         "T → ε ω + clip(T − ε ω, ±l)",
-        "The bridge lets no more than some current through, that of a motor held fast at a certain "
-        "command: acceleration is capped, speed is not.",
-        "After large steps speed changes in straight lines, up and down; small steps are not "
+        "The bridge limits the current to that of a blocked motor at a certain command: "
+        "acceleration is limited, speed is not.",
+        "After large steps the speed changes in straight lines, up and down; small steps are not "
         "affected.",
         "Steps of very different size, and reversals from speed.",
         (

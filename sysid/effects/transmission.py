@@ -1,4 +1,4 @@
-"""Play between motor and wheel.
+"""Backlash between motor and wheel.
 
 Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 """
@@ -29,9 +29,9 @@ def _parts(dt: float) -> int:
 def _loose(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     # of the viscous term 1 the wheel alone keeps the share β, the motor alone 1 − β
     part = xp.log(xp.maximum(kept, 1e-9)) / _parts(dt)
-    left = 1.0 - xp.minimum(p["coast"] * (1.0 - p["inertia"]), MOST_AT_WHEEL)
+    remaining = 1.0 - xp.minimum(p["coast"] * (1.0 - p["inertia"]), MOST_AT_WHEEL)
     coasts = xp.exp(part * p["coast"])
-    alone, joined = xp.exp(part * left / p["inertia"]), xp.exp(part)
+    alone, joined = xp.exp(part * remaining / p["inertia"]), xp.exp(part)
     stops = p["rub"] / xp.maximum(1.0 - p["inertia"], LEAST_LOAD)
     return {
         "joined": joined,
@@ -41,7 +41,7 @@ def _loose(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
         "coasts": coasts,
         "coasts_bend": _bend(xp, coasts),
         "stops": -part * stops * xp.sqrt(coasts),
-        "reach": 1.0 / left,
+        "reach": 1.0 / remaining,
     }
 
 
@@ -71,9 +71,9 @@ def _together(xp: Any, speed: Signal, towards: Signal, part: Signal, p: P) -> Si
     target = towards - way * p["rub"]
     reached = target + (speed - target) * keeps
     passes = reached * way < 0.0
-    left = 1.0 - speed / xp.where(passes, speed - reached, 1.0)
+    remaining = 1.0 - speed / xp.where(passes, speed - reached, 1.0)
     back = xp.where(xp.abs(towards) > p["rub"], towards + way * p["rub"], 0.0)
-    return xp.where(passes, back * (1.0 - keeps) * left, reached)
+    return xp.where(passes, back * (1.0 - keeps) * remaining, reached)
 
 
 def _backlash(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:

@@ -1,4 +1,4 @@
-"""Effects between the tracks and the ground: they change what speeds do to the pose.
+"""Effects between tracks and ground: they change the pose that wheel speeds produce.
 
 Forward speed v = r(ω_L + ω_R)/2 and yaw rate ψ̇ = r(ω_R − ω_L)/B before slip.
 """
@@ -122,9 +122,9 @@ def _sideways(xp: Any, forward: Signal, yaw_rate: Signal, p: P) -> Signal:
 def _ahead_in_numbers(value: float, error: float, side: int) -> str:
     where = "ahead of" if value > 0.0 else "behind"
     return (
-        f"The vehicle turns about a point {abs(value):.3g} ± {error:.2g} m {where} the one whose "
-        "place is logged, which slides sideways in every turn: the centre of mass lies off the "
-        "middle, or the pose is that of a point so far off it."
+        f"The centre of rotation lies {abs(value):.3g} ± {error:.2g} m {where} the logged point, "
+        "which slides sideways in every turn: the centre of mass is off the middle, or the logged "
+        "point is."
     )
 
 
@@ -132,21 +132,21 @@ def _drift_in_numbers(value: float, error: float, side: int) -> str:
     return (
         "The vehicle slides outwards in turns that it drives, "
         f"{1000 * value:.3g} ± {1000 * error:.2g} mm/s for each m/s² of centripetal acceleration; "
-        "readings of its place that come so many ms later than those of its heading look alike."
+        "a position that comes as many ms later than the heading looks alike."
     )
 
 
 def _share_in_numbers(value: float, error: float, side: int) -> str:
     return (
         f"Wheels or tracks slip in straight drive, too: they lose {100 * value:.3g} ± "
-        f"{100 * error:.2g} % of their way at any speed, if the radius given is right."
+        f"{100 * error:.2g} % of the distance at any speed, if the given radius is right."
     )
 
 
 def _growth_in_numbers(value: float, error: float, side: int) -> str:
     return (
         "Wheels or tracks slip more the faster they turn: at 10 rad/s they lose "
-        f"{1000 * value:.3g} ± {1000 * error:.2g} % of their way; no radius does that."
+        f"{1000 * value:.3g} ± {1000 * error:.2g} % of the distance; no radius does that."
     )
 
 
@@ -174,7 +174,7 @@ def _scrub_in_numbers(value: float, error: float, side: int) -> str:
 def _slip_in_numbers(value: float, error: float, side: int) -> str:
     return (
         f"Wheels or tracks slip where the robot turns: on the spot they lose "
-        f"{100 * value:.3g} ± {100 * error:.2g} % of their way."
+        f"{100 * value:.3g} ± {100 * error:.2g} % of the distance."
     )
 
 

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from sysid.criteria.table import known_name
-from sysid.data.checks.quality import FEWEST, inspect_records
+from sysid.data.checks.quality import MIN_SAMPLES, inspect_records
 from sysid.data.facts import LogFacts
 from sysid.data.record import Record
+from sysid.data.same_kind import require_same_kind
 from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment.data_notes import notes_for
 from sysid.estimation.assessment.figures import require_samples
@@ -19,7 +20,6 @@ from sysid.estimation.selection.contest import run_contest, structures_for
 from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.standings import Entry
 from sysid.fitting.options import FitOptions
-from sysid.structures.model import SAME_CLOCK
 from sysid.structures.orders import orders_text
 from sysid.structures.own_names import options_in_generic_names
 
@@ -87,7 +87,7 @@ def identify(
     """
     facts = LogFacts.of(data)
     records = facts.records
-    require_same_channels(records, validation)
+    require_same_kind(validation, records[0])
     require_unseen(records, validation)
     inside, outside, labels = _parts(records, validation, request.split)
     for part in (inside, outside):
@@ -174,16 +174,16 @@ def require_enough(
     """Refuse a split that leaves one of its parts too short to fit on or to judge on.
 
     Raises:
-        DataError: a part has fewer than FEWEST samples.
+        DataError: a part has fewer than MIN_SAMPLES samples.
     """
     if split is None:
         return
     parts = ((sum(map(len, inside)), "fit on"), (sum(map(len, outside)), "judge on"))
     for samples, what in parts:
-        if samples < FEWEST:
+        if samples < MIN_SAMPLES:
             raise DataError(
                 f"a split at {split:g} of {sum(n for n, _ in parts)} samples leaves {samples} to "
-                f"{what}, at least {FEWEST} are needed; split elsewhere or record longer"
+                f"{what}, at least {MIN_SAMPLES} are needed; split elsewhere or record longer"
             )
 
 
@@ -213,24 +213,3 @@ def require_unseen(records: Sequence[Record], validation: Sequence[Record]) -> N
                     f"{called} cannot judge what is fitted to it; give another log to judge on, or "
                     "hold back a part of this one with `split=0.7`"
                 )
-
-
-def require_same_channels(records: Sequence[Record], validation: Sequence[Record]) -> None:
-    """Refuse validation records whose channels or sample time differ.
-
-    Raises:
-        DataError: they do.
-    """
-    first = records[0]
-    for r in validation:
-        if r.input_names != first.input_names or r.output_names != first.output_names:
-            raise DataError(
-                f"the validation log {r.name} has {', '.join(r.input_names)} -> "
-                f"{', '.join(r.output_names)} but {first.name} has "
-                f"{', '.join(first.input_names)} -> {', '.join(first.output_names)}"
-            )
-        if abs(r.dt - first.dt) > SAME_CLOCK * first.dt:
-            raise DataError(
-                f"the validation log {r.name} is sampled every {r.dt:g} s but {first.name} "
-                f"every {first.dt:g} s"
-            )

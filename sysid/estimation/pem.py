@@ -5,11 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.criteria.fit import complete_rows
 from sysid.criteria.information import information_criteria
 from sysid.data.facts import LogFacts
 from sysid.data.level import Level
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
+from sysid.data.same_kind import require_same_kind
 from sysid.errors import DataError, UsageError
 from sysid.estimation.offsets.estimated_level import fit_with_level
 from sysid.estimation.offsets.offsets import Offsets
@@ -30,7 +32,7 @@ def fit(
     options: FitOptions | None = None,
     *,
     detrend: Detrend | Offsets | str = "auto",
-    warm: Sequence[tuple[str, Array]] = (),
+    initial_guesses: Sequence[tuple[str, Array]] = (),
 ) -> Model:
     """Estimate a structure's parameters from one or several experiments.
 
@@ -43,7 +45,7 @@ def fit(
         detrend: a policy as ``sysid fit`` knows them (see ``offsets.choice.POLICIES``), offsets
             chosen before, or what to remove and to store with the model; a physical structure
             takes the records as they are.
-        warm: further named starts, e.g. from a neighbouring order.
+        initial_guesses: further named starts, e.g. from a neighbouring order.
 
     Raises:
         DataError: too few samples, a constant channel, or numbers that are not finite.
@@ -59,12 +61,12 @@ def fit(
     _check_length(structure, records, parameters)
     # a level is the coefficient of a constant input, which only polynomials have
     if any(offsets.estimated) and isinstance(structure, PolynomialStructure):
-        found = fit_with_level(structure, facts, offsets, options, parameters, warm)
+        found = fit_with_level(structure, facts, offsets, options, parameters, initial_guesses)
         if found is not None:
             plain = tuple(found.at_fit.remove(r) for r in records)
             return model_of(found.outcome, records, plain, options, found.detrend, found.level)
     plain = tuple(offsets.detrend.remove(r) for r in records)
-    outcome = fitter(structure, options)(structure, plain, options, parameters, warm)
+    outcome = fitter(structure, options)(structure, plain, options, parameters, initial_guesses)
     return model_of(outcome, records, plain, options, offsets.detrend, offsets.level)
 
 
@@ -72,7 +74,7 @@ def fit_prepared(
     structure: Structure,
     records: Sequence[Record],
     options: FitOptions,
-    warm: Sequence[tuple[str, Array]] = (),
+    initial_guesses: Sequence[tuple[str, Array]] = (),
 ) -> Model:
     """Fit to records from which offsets are removed already, which were checked as a whole.
 
@@ -81,7 +83,7 @@ def fit_prepared(
     records = tuple(records)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
-    outcome = fitter(structure, options)(structure, records, options, parameters, warm)
+    outcome = fitter(structure, options)(structure, records, options, parameters, initial_guesses)
     none = Detrend.none(structure.nu, structure.ny)
     return model_of(outcome, records, records, options, none, Level())
 
@@ -127,13 +129,8 @@ def check_data(records: Sequence[Record]) -> None:
             that never changes.
     """
     first = records[0]
+    require_same_kind(records, first)
     for r in records:
-        same = r.input_names == first.input_names and r.output_names == first.output_names
-        if not same or abs(r.dt - first.dt) > 1e-6 * first.dt:
-            raise DataError(
-                f"{r.name} and {first.name} differ in their channels or sample time; several "
-                "experiments must share both"
-            )
         for channel, values in zip((*r.inputs, *r.outputs), (*r.u.T, *r.y.T), strict=True):
             if not np.all(np.isfinite(values)):
                 raise DataError(
@@ -245,8 +242,6 @@ def model_of(
     if outliers:
         judged = [bounded_errors(*pair) for pair in zip(errors, outliers, strict=True)]
     criteria = information_criteria(judged, n_estimated)
-    joint = np.concatenate([e[r.ordinary] for e, r in zip(errors, plain, strict=True)])
-    joint = np.compress(np.all([np.isfinite(c) for c in joint.T], axis=0), joint, axis=0)
     first = records[0]
     names = [p.name for p in parameters]
     window = head_window(structure, theta)
@@ -260,7 +255,7 @@ def model_of(
         outputs=first.outputs,
         detrend=detrend,
         level=level,
-        noise_covariance=joint.T @ joint / len(joint),
+        noise_covariance=_noise_covariance(errors, plain),
         n_estimated=n_estimated,
         criteria=criteria,
         termination=outcome.termination,
@@ -277,6 +272,19 @@ def model_of(
         warnings=outcome.warnings,
         provenance=_provenance(outcome, records, options),
     )
+
+
+def _noise_covariance(errors: Sequence[Array], records: Sequence[Record]) -> Array:
+    """EᵀE/N of the errors that count fully and are finite, (ny, ny)."""
+    whole = [
+        e if r.weights is None else e[r.ordinary] for e, r in zip(errors, records, strict=True)
+    ]
+    joint = complete_rows(whole)
+    total = joint.T @ joint
+    if not np.all(np.isfinite(total)):
+        joint = joint[np.all(np.isfinite(joint), axis=1)]
+        total = joint.T @ joint
+    return np.asarray(total / len(joint))
 
 
 def _provenance(outcome: FitOutcome, records: Sequence[Record], options: FitOptions) -> Provenance:

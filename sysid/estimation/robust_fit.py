@@ -12,7 +12,7 @@ from sysid.fitting.problem import Parameter
 from sysid.fitting.robust import huber_pays
 from sysid.structures.base import Structure
 from sysid.structures.head import head_window
-from sysid.structures.outcome import FitOutcome, Fitter, Warm
+from sysid.structures.outcome import FitOutcome, Fitter, InitialGuesses
 
 ROUNDS = 4
 """Fits at most. Outliers are told apart ever better as the model becomes free of them; from one
@@ -44,7 +44,7 @@ def without_outliers(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """Fit with Huber's loss, leave out what stands out of the model's errors, and fit again.
 
@@ -59,7 +59,7 @@ def without_outliers(
         records: experiments, offsets removed.
         options: how to fit.
         parameters: names, bounds and fixed values.
-        warm: further starts.
+        initial_guesses: further starts.
 
     Returns:
         The fit, with what was left out of each record.
@@ -71,7 +71,7 @@ def without_outliers(
     rounds = RANKING_ROUNDS if ranked else ROUNDS
     for k in range(rounds):
         if k < WHOLE_ROUNDS:
-            outcome = road(structure, used, options, parameters, warm)
+            outcome = road(structure, used, options, parameters, initial_guesses)
         else:
             outcome = again(road, outcome, used, options, parameters)
         s, theta = outcome.structure, outcome.theta

@@ -3,7 +3,7 @@
 from sysid import floats
 from sysid.mission.loop import Loop
 from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import closed_loop, drive_of, scene_of
+from sysid.mission.simulator import closed_loop, scene_of, shaper_of
 from sysid.mission.spec import Mission
 from sysid.structures.model import Model
 
@@ -15,5 +15,5 @@ def loop_of(model: Model, mission: Mission) -> Loop:
         ModelError: the plant drives no robot, or lacks what a law needs.
     """
     robot, _ = as_robot(model.plant(), mission)
-    scene, drive = scene_of(mission, robot), drive_of(mission, robot)
+    scene, drive = scene_of(mission, robot), shaper_of(mission, robot)
     return closed_loop(mission, robot, scene, floats, drive)

@@ -89,10 +89,7 @@ def package_files(
     exporters = chosen(DEFAULT if formats is None else formats)
     name = name or model.structure.name
     if not model.inputs:
-        raise ModelError(
-            f"{name} has no input that could drive it: a plant needs one; fit a structure with "
-            "inputs"
-        )
+        raise ModelError(f"{name} has no input, which a plant needs; fit a structure with inputs")
     loop = None if form.controller is None else loop_of(model, form.controller)
     source = Source(
         model, name, describe(model, report, name), make_selftest(model), loop, form.double

@@ -36,8 +36,8 @@ def exporter(name: str) -> Exporter:
     """
     if name in BUILT_IN:
         module, built_in = BUILT_IN[name].split(":")
-        found: Exporter = getattr(import_module(f"sysid.export.{module}"), built_in)()
-        return found
+        built: Exporter = getattr(import_module(f"sysid.export.{module}"), built_in)()
+        return built
     if name not in points(GROUP):
         raise UsageError(f"there is no format {name!r}; choose from {', '.join(names())}")
     point = points(GROUP)[name]

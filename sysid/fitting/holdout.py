@@ -31,17 +31,17 @@ class Errors:
 
     Attributes:
         estimation: (N, ny) of each estimation record, NaN where a sample does not count.
-        held: the same of the held-out samples.
+        holdout: the same of the held-out samples.
     """
 
     estimation: tuple[Array, ...]
-    held: tuple[Array, ...]
+    holdout: tuple[Array, ...]
 
     def mean_squares(self) -> tuple[Array, Array]:
         """Mean squared errors of both parts, (ny,) each."""
         return (
             np.nanmean(np.concatenate(self.estimation) ** 2, axis=0),
-            np.nanmean(np.concatenate(self.held) ** 2, axis=0),
+            np.nanmean(np.concatenate(self.holdout) ** 2, axis=0),
         )
 
 
@@ -149,3 +149,34 @@ def tie_margin(held: Sequence[Record]) -> float:
     """
     samples = sum(len(r) * r.ny for r in held)
     return max(CLOSE, 1.0 / float(np.sqrt(2.0 * max(samples, 1))))
+
+
+def error_margin(series: Sequence[Array]) -> float:
+    """Fraction by which the RMS of held-out errors is uncertain: one standard error.
+
+    N errors with autocorrelation ρ(k) give their RMS with a relative standard error of √(Σ ρ²/2N)
+    over all lags (Bartlett 1946), which is 1/√(2N) where they are independent. Errors of a free run
+    are alike for as long as the plant remembers, so that a short record holds out few independent
+    ones, and the best of many candidates owes its lead to a transient or two.
+
+    Args:
+        series: held-out errors of each output and record, (N,) in order of time, zero where a
+            sample does not count.
+    """
+    longest = max(len(e) for e in series)
+    products, pairs = np.zeros(longest), np.zeros(longest)
+    for e in series:
+        products[: len(e)] += _lagged(e)
+        pairs[: len(e)] += _lagged((e != 0.0).astype(np.float64))
+    power, samples = products[0], pairs[0]
+    if not power > 0.0:
+        return CLOSE
+    # independent errors have products, too: of a variance of σ⁴ each pair
+    beyond = float(np.sum((products[1:] / power) ** 2 - pairs[1:] / samples**2))
+    return max(CLOSE, float(np.sqrt((1.0 + 2.0 * max(beyond, 0.0)) / (2.0 * samples))))
+
+
+def _lagged(x: Array) -> Array:
+    """Σ_t x(t) x(t + k) for k = 0 … N − 1."""
+    n = len(x)
+    return np.asarray(np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2, 2 * n)[:n])

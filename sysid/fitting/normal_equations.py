@@ -87,12 +87,14 @@ def _one_gram(record: Record, lags: int, start: int, kept: Sequence[int]) -> Arr
         [[s[start - 1 - k] if start > k else 0.0 for k in range(width)] for s in signals]
     )
     tails = np.array([[s[n - 1 - k] for k in range(width)] for s in signals])
-    for p, sp in enumerate(signals):
-        now = sp[start:]
-        for q, sq in enumerate(signals):
-            values = np.correlate(sq[start - lags :], now, "valid")[::-1]
-            g[p, 0, q, :] = values
-            g[q, :, p, 0] = values
+    for low in range(start, n, BLOCK):  # a block stays in the cache for all its lags
+        high = min(low + BLOCK, n)
+        for p, sp in enumerate(signals):
+            now = sp[low:high]
+            for q, sq in enumerate(signals):
+                g[p, 0, q, :] += np.correlate(sq[low - lags : high], now, "valid")[::-1]
+    for p in range(m):
+        g[:, :, p, 0] = g[p, 0]
     for k in range(lags):
         gain = heads[:, k, None, None] * heads[None, :, :-1]
         loss = tails[:, k, None, None] * tails[None, :, :-1]
@@ -203,15 +205,20 @@ RANK_TOLERANCE = 1e-10
 
 
 def residual_row(
-    record: Record, start: int, target: int, terms: Sequence[tuple[int, int, float]]
+    signals: Sequence[Array], start: int, target: int, terms: Sequence[tuple[int, int, float]]
 ) -> Array:
-    """target(t) − Σ c·s(t − lag) for t ≥ start, without a regressor matrix."""
-    columns = (*record.y.T, *record.u.T)
-    signals = {s: np.ascontiguousarray(columns[s]) for s in {target, *(s for s, _, _ in terms)}}
-    n = len(record)
-    if n <= start:
-        return np.zeros(0)
-    e = np.array(signals[target][start:])
-    for s, lag, c in terms:
-        e -= c * signals[s][start - lag : n - lag]
+    """target(t) − Σ c·s(t − lag) for t ≥ start, without a regressor matrix.
+
+    Args:
+        signals: outputs, then inputs, (N,) each.
+        start: first instant.
+        target: number of the signal at lag 0.
+        terms: (signal, lag, coefficient) of each regressor.
+    """
+    used = {s: np.ascontiguousarray(signals[s]) for s in {target, *(s for s, _, _ in terms)}}
+    e = np.array(used[target][start:])
+    for low in range(start, start + len(e), BLOCK):  # a block stays in the cache for all terms
+        block = e[low - start : low - start + BLOCK]
+        for s, lag, c in terms:
+            block -= c * used[s][low - lag : low - lag + len(block)]
     return e

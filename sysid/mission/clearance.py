@@ -68,7 +68,7 @@ def distance_between_segments(a: Point, b: Point, c: Point, d: Point, xp: Any) -
 
 def nearest_point(wall: Wall, x: Real, y: Real, xp: Any) -> Point:
     """The point of a wall that is nearest to (x, y) [m], q_obs of the thesis's (4.22)."""
-    found: tuple[Real, Real, Real] | None = None
+    nearest: tuple[Real, Real, Real] | None = None
     for (cx, cy), (dx, dy) in pairwise(wall.points):
         ex, ey = dx - cx, dy - cy
         length2 = ex * ex + ey * ey
@@ -76,15 +76,15 @@ def nearest_point(wall: Wall, x: Real, y: Real, xp: Any) -> Point:
         along = xp.clip(along, 0.0, 1.0)
         px, py = cx + along * ex, cy + along * ey
         gap = xp.hypot(x - px, y - py)
-        if found is None:
-            found = gap, px, py
+        if nearest is None:
+            nearest = gap, px, py
         else:
-            nearer = gap < found[0]
-            found = tuple(
-                xp.where(nearer, new, old) for new, old in zip((gap, px, py), found, strict=True)
+            nearer = gap < nearest[0]
+            nearest = tuple(
+                xp.where(nearer, new, old) for new, old in zip((gap, px, py), nearest, strict=True)
             )
-    assert found is not None  # a wall has two points at least
-    return found[1], found[2]
+    assert nearest is not None  # a wall has two points at least
+    return nearest[1], nearest[2]
 
 
 def inside(polygon: Sequence[Point], p: Point) -> bool:

@@ -153,16 +153,16 @@ class Scene(NamedTuple):
 
 
 class Figures(NamedTuple):
-    """What a filter has to know of one reading of a sensor.
+    """What a filter has to know of one measurement of a sensor.
 
     Attributes:
         variance: of its white error, quantisation included [unit²].
         bias_variance: of the bias it starts with [unit²].
         bias_drift: what the bias's variance gains a second [unit²/s].
-        interval: time between two readings [s].
-        delay: samples of the plant between the instant that a reading is of and the sample at which
-            navigation gets it.
-        dropout: probability that a reading is lost.
+        interval: time between two measurements [s].
+        delay: samples of the plant between the instant that a measurement is of and the sample at
+            which navigation gets it.
+        dropout: probability that a measurement is lost.
     """
 
     variance: float
@@ -180,15 +180,15 @@ class References(NamedTuple):
         speed: V_ref [m/s].
         psi: ψ_ref [rad] in (−π, π].
         arrived: the "end of simulation" signal: there is nothing more to drive to.
-        held: what keeps the robot from coming closer, as a number of :class:`Hold`.
+        hold: what keeps the robot from coming closer, as a number of :class:`Hold`.
         detour: it is led away from the goal on purpose, so that coming no closer is no fault.
-        gives_up: there is no way that the law could lead; ``held`` says why.
+        gives_up: there is no way that the law could lead; ``hold`` says why.
     """
 
     speed: Real
     psi: Real
     arrived: Real
-    held: Real = 0
+    hold: Real = 0
     detour: Real = False
     gives_up: Real = False
 
@@ -229,13 +229,13 @@ class NavigationInputs(NamedTuple):
     """What navigation is given at a sample ``t`` [s].
 
     Attributes:
-        readings: what the sensors read, by name: ``omega_l``, ``omega_r`` [rad/s] and the names
+        measurements: what the sensors read, by name: ``omega_l``, ``omega_r`` [rad/s] and the names
             of every sensor of the scene; NaN where a sensor read nothing.
         drive: left and right command held since the sample before [drive], 1 is full drive.
     """
 
     t: Real
-    readings: Mapping[str, Real]
+    measurements: Mapping[str, Real]
     scene: Scene
     drive: tuple[Real, Real] = (0.0, 0.0)
 
@@ -411,7 +411,7 @@ class Sensor(Protocol):
     def step(
         self, state: State, inputs: SensorInputs, dt: Real, xp: Any
     ) -> tuple[State, tuple[Real, ...]]:
-        """The readings in the order of ``names``; NaN where nothing is read at this sample."""
+        """The measurements in the order of ``names``; NaN where nothing is read at this sample."""
         ...
 
 

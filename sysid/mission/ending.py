@@ -55,7 +55,7 @@ def sentence(
         return _arrived(mission, float(_to_goal(mission, log)[-1]))
     if outcome is Outcome.TIMEOUT:
         faster = _either("raise timeout", guidance.faster)
-        led = f" while it was led out of {_HELD[Hold(int(last.held))]}" if last.detour else ""
+        led = f" while it was led out of {_HOLD_WORDS[Hold(int(last.hold))]}" if last.detour else ""
         return f"Time ran out before the goal was reached{led}: {faster}."
     if outcome is Outcome.COLLISION:
         advice = _either(guidance.wider, guidance.slower) or "lead it farther away from obstacles"
@@ -68,8 +68,8 @@ def _arrived(mission: Mission, away: float) -> str:
     if away <= mission.tolerance:
         return "The robot reached the goal within the tolerance."
     return (
-        f"The robot holds that it reached the goal, but stands {away:.2g} m from it: its wheels "
-        "slip or its sensors err; let navigation use a sensor of position, too."
+        f"The estimated pose reached the goal, but the robot is {away:.2g} m from it: its wheels "
+        "slip or its sensors err; add a position sensor to navigation."
     )
 
 
@@ -85,7 +85,7 @@ def stuck(mission: Mission, log: Mapping[str, Array], last: References) -> Stuck
     return Stuck(_stuck(mission, log, last)[0], place)
 
 
-_HELD = {
+_HOLD_WORDS = {
     Hold.NOTHING: "a place that it did not get on from",
     Hold.LOCAL_MINIMUM: "a local minimum of the field",
     Hold.OSCILLATION: "an oscillation between obstacles",
@@ -103,7 +103,7 @@ def _stuck(mission: Mission, log: Mapping[str, Array], last: References) -> tupl
     """Gave up, past the goal, held by an obstacle, standing still, or driving in circles."""
     x, y, to_go = float(log["x"][-1]), float(log["y"][-1]), _to_goal(mission, log)
     if last.gives_up:
-        return _gave_up(mission, Hold(int(last.held)), x, y)
+        return _gave_up(mission, Hold(int(last.hold)), x, y)
     closest = int(np.argmin(to_go))
     said = f"The robot came less than {STUCK.progress} m closer in {STUCK.time:g} s"
     if to_go[closest] < min(to_go[-1] - STUCK.progress, _READING.near * mission.tolerance):
@@ -114,23 +114,23 @@ def _stuck(mission: Mission, log: Mapping[str, Array], last: References) -> tupl
             f"{said}: it came within {to_go[closest]:.2g} m of the goal at "
             f"t = {log['t'][closest]:.4g} s and drove past it; {wider}."
         )
-    held = _held(mission, log, last)
-    if held is not Hold.NOTHING:
-        return StuckReason[held.name], f"{said}: {_held_words(mission, held, log['t'][-1], x, y)}."
+    hold = _hold_of(mission, log, last)
+    if hold is not Hold.NOTHING:
+        return StuckReason[hold.name], f"{said}: {_hold_words(mission, hold, log['t'][-1], x, y)}."
     return _misled(mission, log, said)
 
 
-def _gave_up(mission: Mission, held: Hold, x: float, y: float) -> tuple[StuckReason, str]:
+def _gave_up(mission: Mission, hold: Hold, x: float, y: float) -> tuple[StuckReason, str]:
     """Guidance itself found no way on."""
     advice = mission.guidance.advice
-    if held is Hold.NO_WAY_THROUGH:
+    if hold is Hold.NO_WAY_THROUGH:
         change = _either("move the goal or what walls it off", advice.closer)
         return StuckReason.NO_WAY_THROUGH, (
             f"Guidance found no way to the goal and gave up at ({x:.3g}, {y:.3g}): {change}."
         )
-    reason = StuckReason.OSCILLATION if held is Hold.OSCILLATION else StuckReason.LOCAL_MINIMUM
+    reason = StuckReason.OSCILLATION if hold is Hold.OSCILLATION else StuckReason.LOCAL_MINIMUM
     return reason, (
-        f"Guidance did not get out of {_HELD[held]} at ({x:.3g}, {y:.3g}) and gave up: "
+        f"Guidance did not leave {_HOLD_WORDS[hold]} at ({x:.3g}, {y:.3g}) and gave up: "
         f"{_either('choose another kind of guidance', advice.escape)}."
     )
 
@@ -147,7 +147,7 @@ def _misled(mission: Mission, log: Mapping[str, Array], said: str) -> tuple[Stuc
         stronger = _either(control.stronger, "export a plant that moves at such commands")
         return StuckReason.STANDS_STILL, (
             f"{said}: it stands still {to_go[-1]:.2g} m from the goal at commands up to "
-            f"{largest:.4g} µs, which the plant does not answer; {stronger}."
+            f"{largest:.4g} µs, which the plant does not follow; {stronger}."
         )
     course = _either(guidance.slower, control.steer) or "choose another law of guidance"
     return StuckReason.OFF_COURSE, (
@@ -161,17 +161,17 @@ def _to_goal(mission: Mission, log: Mapping[str, Array]) -> Array:
     return np.hypot(log["x"] - mission.goal[0], log["y"] - mission.goal[1])
 
 
-def _held(mission: Mission, log: Mapping[str, Array], last: References) -> Hold:
+def _hold_of(mission: Mission, log: Mapping[str, Array], last: References) -> Hold:
     """What held the robot: what guidance noticed, or what a potential field did at the end."""
-    if last.held:
-        return Hold(int(last.held))
+    if last.hold:
+        return Hold(int(last.hold))
     if not isinstance(mission.guidance, Holding):
         return Hold.NOTHING
     late = log["t"] >= log["t"][-1] - STUCK.time
     return mission.guidance.hold(mission.scene(), *(log[n][late] for n in ("t", "x", "y")))
 
 
-def _held_words(mission: Mission, held: Hold, t: float, x: float, y: float) -> str:
+def _hold_words(mission: Mission, hold: Hold, t: float, x: float, y: float) -> str:
     """Which obstacle or wall holds the robot, how, and what to do."""
     advice, scene = mission.guidance.advice, mission.scene()
     near = [
@@ -183,6 +183,6 @@ def _held_words(mission: Mission, held: Hold, t: float, x: float, y: float) -> s
         near.append((math.hypot(px - x, py - y), f"the wall at ({px:.3g}, {py:.3g})"))
     what = min(near)[1]
     change = _either(_either("move the goal", advice.closer), advice.escape)
-    if held is Hold.LOCAL_MINIMUM:
+    if hold is Hold.LOCAL_MINIMUM:
         return f"{what} pushes as hard as the goal pulls, a local minimum of the field; {change}"
-    return f"{what} makes it swing to and fro, an oscillation; {change}"
+    return f"{what} causes an oscillation; {change}"

@@ -154,7 +154,7 @@ def command_module(command: Command, xp: Any) -> tuple[Real, Real]:
     )
 
 
-def plain_drive(
+def plain_shaper(
     command: Command, estimate: Body, t: Real, xp: Any
 ) -> tuple[tuple[Real, Real], Command]:
     """The command module alone, and what of the command it lets through."""
@@ -163,7 +163,7 @@ def plain_drive(
     return pwm, Command(0.5 * (left + right), 0.5 * (right - left))
 
 
-Drive = Callable[[Command, Body, Real, Any], tuple[tuple[Real, Real], Command]]
+CommandShaper = Callable[[Command, Body, Real, Any], tuple[tuple[Real, Real], Command]]
 """(command, how the robot moves, t, xp) → PWM of both tracks [µs], what of the command it gives."""
 
 
@@ -181,7 +181,7 @@ class Loop:
         scene: what the run is about.
         timeout: it is given up after this time [s].
         xp: array namespace of all laws.
-        drive: makes PWM of both tracks [µs] of a command, and says what of the command it gives.
+        shaper: makes PWM of both tracks [µs] of a command, and says what of the command it gives.
         feed: what battery and bridge make of that PWM; None for nothing.
     """
 
@@ -193,7 +193,7 @@ class Loop:
     scene: Scene
     timeout: float
     xp: Any
-    drive: Drive = plain_drive
+    shaper: CommandShaper = plain_shaper
     feed: Feed | None = None
 
     def __post_init__(self) -> None:
@@ -234,8 +234,8 @@ class Loop:
     def columns(self) -> tuple[str, ...]:
         """Columns of the log: what every mission has, what the sensors read, what laws report.
 
-        Where encoders read the wheels, their readings are ``omega_l``, ``omega_r`` as in a robot's
-        log, and the speeds themselves are ``true_omega_l``, ``true_omega_r``.
+        Where encoders read the wheels, their measurements are ``omega_l``, ``omega_r`` as in a
+        robot's log, and the speeds themselves are ``true_omega_l``, ``true_omega_r``.
         """
         read = tuple(name for sensor in self.scene.sensors.values() for name in sensor.names)
         true = (f"true_{name}" if name in read else name for name in COLUMNS)
@@ -252,9 +252,9 @@ class Loop:
     ) -> tuple[LoopState, tuple[Real, ...]]:
         """Advance to the next sample of the plant.
 
-        At a control instant guidance and control use the latest reading, the one of the same
-        instant included. A reading at this sample is y(k) under the command held so far; a motion
-        that turns the tracks gives it itself, before anything is read.
+        At a control instant guidance and control use the latest measurement, the one of the same
+        instant included. A measurement at this sample is y(k) under the command held so far; a
+        motion that turns the tracks gives it itself, before anything is read.
 
         Args:
             state: after the sample before.
@@ -265,11 +265,12 @@ class Loop:
             The state after it, and its row of the log (:attr:`columns`).
         """
         scene, xp = self.scene, self.xp
-        # the reading is of what was held: what is decided before this sample reaches it only now
+        # the measurement is of what was held: what is decided before this sample reaches it only
+        # now
         moved = self._driven(state, tick)
         omega = self._turning(state, tick.t) if moved is None else moved[0]
-        state, readings = self._read(state, omega, moved, tick, draws)
-        state = self.steered(state, tick, readings)
+        state, measurements = self._read(state, omega, moved, tick, draws)
+        state = self.steered(state, tick, measurements)
         plant = state.plant
         if moved is None:
             plant, omega = self._wheels(state, tick.t)
@@ -288,18 +289,18 @@ class Loop:
         row: tuple[Real, ...] = (tick.t, *state.pwm, *omega, *body.pose, body.speed, body.yaw_rate)
         row = (*row, r.speed, r.psi, c.v_cmd, c.psi_cmd, state.rho_goal)
         for sensor in scene.sensors.values():
-            row = (*row, *(readings[name] for name in sensor.names))
+            row = (*row, *(measurements[name] for name in sensor.names))
         for part, law in self.reporting:
             row = (*row, *law.report(getattr(state, part), xp))
         return state, row
 
-    def steered(self, state: LoopState, tick: Tick, readings: Mapping[str, Real]) -> LoopState:
+    def steered(self, state: LoopState, tick: Tick, measurements: Mapping[str, Real]) -> LoopState:
         """Navigation, guidance and control at one sample: the part of a robot's computer.
 
         Args:
             state: after the sample before.
             tick: the sample.
-            readings: what the sensors read at it, the wheels among them.
+            measurements: what the sensors read at it, the wheels among them.
 
         Returns:
             The state with another estimate and PWM; plant and vehicle have not moved.
@@ -307,7 +308,7 @@ class Loop:
         drive = state.pwm[0] / PWM_FULL_SCALE, state.pwm[1] / PWM_FULL_SCALE
         for t in tick.before:
             state = self._decided(state, t)
-        seen = NavigationInputs(tick.t, readings, self.scene, drive)
+        seen = NavigationInputs(tick.t, measurements, self.scene, drive)
         remembered, estimate = self.navigation.step(state.navigation, seen, tick.dt, self.xp)
         state = state._replace(navigation=remembered, estimate=estimate)
         for t in tick.now:
@@ -353,18 +354,18 @@ class Loop:
         draws: Sequence[Sequence[Real]],
     ) -> tuple[LoopState, Mapping[str, Real]]:
         """What the sensors read at this sample; without encoders the wheels are read exactly."""
-        readings = {"omega_l": omega[0], "omega_r": omega[1]}
+        measurements = {"omega_l": omega[0], "omega_r": omega[1]}
         sensors = self.scene.sensors
         if not sensors:
-            return state, readings
+            return state, measurements
         body = (self._moved(state, omega, tick) if moved is None else moved[1])[2]
         after = []
         for sensor, last, numbers in zip(sensors.values(), state.sensors, draws, strict=True):
             seen = SensorInputs(tick.t, body, omega[0], omega[1], numbers, self.scene)
             remembered, values = sensor.step(last, seen, tick.dt, self.xp)
             after.append(remembered)
-            readings |= dict(zip(sensor.names, values, strict=True))
-        return state._replace(sensors=tuple(after)), readings
+            measurements |= dict(zip(sensor.names, values, strict=True))
+        return state._replace(sensors=tuple(after)), measurements
 
     @cached_property
     def _readout(self) -> Readout:
@@ -387,7 +388,7 @@ class Loop:
         control, command = self.control.step(state.control, given, dt, xp)
         over = references.arrived | references.gives_up
         command = Command(xp.where(over, 0.0, command.v_cmd), xp.where(over, 0.0, command.psi_cmd))
-        pwm, applied = self.drive(command, state.estimate, t, xp)
+        pwm, applied = self.shaper(command, state.estimate, t, xp)
         left, right = (xp.where(over, 0.0, p) for p in pwm)
         return state._replace(
             guidance=guidance,

@@ -260,9 +260,9 @@ def _repulsion(law: PotentialField) -> Curves:
 def _speeds(law: PotentialField, scene: Scene) -> tuple[Curves, ...]:
     """V_d against the distance to the goal without obstacles (thesis 6.27, 6.29, 6.30)."""
     distance = np.linspace(0.0, 5.0, 201)
-    found = []
+    curves = []
     for gain in ("theta", "h", "Kg"):
         values, laws = _varied(law, gain)
         speed = [field_speed(distance, 0.0 * distance, (0.0, 0.0), (), each) for each in laws]
-        found.append(Curves(gain, values, distance, np.array(speed)))
-    return tuple(found)
+        curves.append(Curves(gain, values, distance, np.array(speed)))
+    return tuple(curves)

@@ -104,20 +104,20 @@ def law_class(role: str, kind: str) -> type[BaseModel]:
     point = points(GROUP).get(f"{role}.{kind}")
     if point is None or kind not in kinds(role):
         raise UsageError(f"unknown kind {kind!r} of {role}: the kinds are {_listed(role)}")
-    found = loaded(point, "law")
-    if not (isinstance(found, type) and issubclass(found, BaseModel)):
+    law = loaded(point, "law")
+    if not (isinstance(law, type) and issubclass(law, BaseModel)):
         raise unusable(point, "law", "is no pydantic model")
-    has = {*dir(found), *found.model_fields}
+    has = {*dir(law), *law.model_fields}
     missing = [n for n in dir(ROLES[role]) if not n.startswith("_") and n not in has]
     if missing:
         raise unusable(point, "law", f"has no {', '.join(missing)}")
-    return found
+    return law
 
 
 def _built_in(place: str) -> type[BaseModel]:
     module, name = place.split(":")
-    found: type[BaseModel] = getattr(import_module(f"sysid.mission.{module}"), name)
-    return found
+    law: type[BaseModel] = getattr(import_module(f"sysid.mission.{module}"), name)
+    return law
 
 
 def _listed(role: str) -> str:
@@ -206,13 +206,13 @@ def motion_chosen(mission: Any) -> Any:
     section = mission.get("motion")
     section = {} if section is None else section
     if isinstance(section, Mapping):
-        own = section.get("kind", kind)
-        section = {**section, "kind": own}
+        law = section.get("kind", kind)
+        section = {**section, "kind": law}
     else:
-        own = kind_of("motion", section)
-    if own != kind:
+        law = kind_of("motion", section)
+    if law != kind:
         raise sentence_at(
-            place, f"the vehicle's motion is {kind}, but motion.kind is {own}: keep one"
+            place, f"the vehicle's motion is {kind}, but motion.kind is {law}: keep one"
         )
     return {**mission, "motion": section}
 
@@ -227,7 +227,7 @@ def sensor_set(section: Any) -> Mapping[str, Sensor]:
         return {}
     if not isinstance(section, Mapping):
         raise ValueError(f"sensors is {shown(section)}: write sensors: {{{kinds('sensors')[0]}: }}")
-    found: dict[str, Sensor] = {}
+    sensors: dict[str, Sensor] = {}
     problems: list[InitErrorDetails] = []
     for kind, keys in section.items():
         try:
@@ -235,8 +235,8 @@ def sensor_set(section: Any) -> Mapping[str, Sensor]:
             sensor: Any = keys
             if not isinstance(keys, ROLES["sensors"]):
                 sensor = cls.model_validate({} if keys is None else keys)
-            _check_names(sensor.names, found)
-            found[kind] = sensor
+            _check_names(sensor.names, sensors)
+            sensors[kind] = sensor
         except UsageError as error:
             problem = PydanticCustomError("sentence", "{sentence}", {"sentence": str(error)})
             problems.append({"type": problem, "loc": (str(kind),), "input": keys})
@@ -244,7 +244,7 @@ def sensor_set(section: Any) -> Mapping[str, Sensor]:
             problems += [_below(kind, e) for e in error.errors()]
     if problems:
         raise ValidationError.from_exception_data("sensors", problems)
-    return found
+    return sensors
 
 
 def default_sensor(kind: str) -> Sensor:
@@ -255,7 +255,7 @@ def default_sensor(kind: str) -> Sensor:
 
 
 def _check_names(names: tuple[str, ...], others: Mapping[str, Sensor]) -> None:
-    """Refuse a sensor whose readings have the name of something else in the log."""
+    """Refuse a sensor whose measurements have the name of something else in the log."""
     for kind, other in others.items():
         for name in {*names} & {*other.names}:
             raise UsageError(f"{name} is read by sensors.{kind} already: remove one of them")

@@ -92,8 +92,8 @@ def _effects(value: Any) -> Compensate:
     known = can_be_compensated()
     if not isinstance(named, list | tuple) or not all(id in known for id in named):
         raise ValueError(
-            f"compensate is {shown(value)}: write {IDENTIFIED}, or a list of the effects that can "
-            f"be undone, which are {', '.join(known)}"
+            f"compensate is {shown(value)}: write {IDENTIFIED}, or a list of invertible effects, "
+            f"which are {', '.join(known)}"
         )
     return tuple(named)
 

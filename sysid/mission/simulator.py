@@ -23,13 +23,22 @@ from sysid.mission.contracts import (
     TurnsTracks,
 )
 from sysid.mission.ending import sentence, stuck
-from sysid.mission.loop import COLUMNS, Drive, Loop, LoopState, Tick, Verdict, plain_drive, ticks
+from sysid.mission.loop import (
+    COLUMNS,
+    CommandShaper,
+    Loop,
+    LoopState,
+    Tick,
+    Verdict,
+    plain_shaper,
+    ticks,
+)
 from sysid.mission.noise import sensor_draws
 from sysid.mission.result import MissionResult, Outcome
 from sysid.mission.robot.compensation import compensation_of
 from sysid.mission.robot.nominal import limits_of, nominal_of
 from sysid.mission.robot.on_ground import on_ground
-from sysid.mission.robot.robot_plant import held_by
+from sysid.mission.robot.robot_plant import identified_effects
 from sysid.mission.robot.torque import motors_of
 from sysid.mission.spec import Mission
 from sysid.mission.supply import feed_of
@@ -59,12 +68,12 @@ def simulate(
 
     Two clocks run on one time line: the plant's, t = k·dt, and the controller's, t = j·period; no
     ratio between them is asked for. At a control instant guidance and control use the latest
-    wheel-speed reading, the one of the same instant included; their command is held and reaches
+    wheel-speed measurement, the one of the same instant included; their command is held and reaches
     the plant at its first sample at or after the instant. Between samples of the plant nothing
-    new is read, so a controller faster than the plant repeats itself on held readings (its
+    new is read, so a controller faster than the plant repeats itself on held measurements (its
     integral still counts time), and one slower than the plant holds its command over several.
 
-    A reading at t = k·dt is y(k) under the command held so far. For plants whose y(k) does not
+    A measurement at t = k·dt is y(k) under the command held so far. For plants whose y(k) does not
     depend on u(k) that is y(k) itself; with feed-through the logged y(k) belongs to the new u(k).
     The vehicle moves by the mission's motion, after what the plant's ``ground`` takes off the track
     speeds; navigation sees the wheels alone.
@@ -92,8 +101,8 @@ def simulate(
     if seed < 0:
         raise UsageError(f"the seed is {seed}: give a whole number of at least 0")
     informed = plant if known is None else known
-    scene, drive = scene_of(mission, informed), drive_of(mission, informed)
-    loop = closed_loop(mission, plant, scene, floats, drive)
+    scene, shaper = scene_of(mission, informed), shaper_of(mission, informed)
+    loop = closed_loop(mission, plant, scene, floats, shaper)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         state, table = run(loop, seed)
     return result_of(mission, loop, state, table)
@@ -122,8 +131,8 @@ def result_of(
         outcome = Outcome(ended)
     else:
         raise ModelError(
-            f"the mission was broken off at t = {table[-1, 0]:g} s by its other half: look what "
-            "that one says, and start both again"
+            f"the mission was interrupted at t = {table[-1, 0]:g} s by its other half; read its "
+            "message, and start both again"
         )
     (x, y, psi), last = state.body.pose, state.references
     return MissionResult(
@@ -139,7 +148,7 @@ def result_of(
     )
 
 
-def drive_of(mission: Mission, known: SteppablePlant) -> Drive:
+def shaper_of(mission: Mission, known: SteppablePlant) -> CommandShaper:
     """What makes PWM of a mission's commands, the effects undone that are to be compensated.
 
     Args:
@@ -150,7 +159,7 @@ def drive_of(mission: Mission, known: SteppablePlant) -> Drive:
         ModelError: the plant does not hold one that is named.
     """
     compensate = mission.control.compensate
-    return compensation_of(known, compensate, mission.vehicle.geometry) or plain_drive
+    return compensation_of(known, compensate, mission.vehicle.geometry) or plain_shaper
 
 
 def scene_of(mission: Mission, known: SteppablePlant) -> Scene:
@@ -164,14 +173,14 @@ def scene_of(mission: Mission, known: SteppablePlant) -> Scene:
     if wanted and isinstance(mission.motion, TurnsTracks):
         known = on_ground(known, scene)
     if mission.limits_from_plant:
-        found = limits_of(known, scene.geometry)
-        scene = scene._replace(limits=found._replace(**mission.limits.given))
+        limits = limits_of(known, scene.geometry)
+        scene = scene._replace(limits=limits._replace(**mission.limits.given))
     if not mission.control.uses_plant:
         return scene
-    drive, at_rest = drive_of(mission, driven), Body(scene.start, 0.0, 0.0)
+    shaper, at_rest = shaper_of(mission, driven), Body(scene.start, 0.0, 0.0)
 
     def pwm(command: Command) -> tuple[float, float]:
-        return drive(command, at_rest, 0.0, floats)[0]
+        return shaper(command, at_rest, 0.0, floats)[0]
 
     return scene._replace(nominal=nominal_of(known, scene.geometry, pwm))
 
@@ -181,7 +190,7 @@ def closed_loop(
     plant: SteppablePlant,
     scene: Scene,
     xp: Any = floats,
-    drive: Drive = plain_drive,
+    shaper: CommandShaper = plain_shaper,
 ) -> Loop:
     """The loop of a mission's laws, a robot plant and a scene, over an array namespace."""
     if isinstance(mission.motion, TurnsTracks):
@@ -195,8 +204,8 @@ def closed_loop(
         scene=scene,
         timeout=mission.timeout,
         xp=xp,
-        drive=drive,
-        feed=feed_of(mission.vehicle.supply, held_by(plant)),
+        shaper=shaper,
+        feed=feed_of(mission.vehicle.supply, identified_effects(plant)),
     )
 
 
@@ -224,11 +233,11 @@ def run(loop: Loop, seed: int, clock: Iterator[Tick] | None = None) -> tuple[Loo
                 break
     except (ArithmeticError, ValueError) as error:  # of plain floats, where arrays hold infinities
         raise ModelError(
-            f"a law of the mission fails at t = {tick.t:g} s ({error}): change its keys, or keep "
-            "it from dividing by zero"
+            f"a law of the mission fails at t = {tick.t:g} s ({error}): change its keys, or avoid "
+            "a division by zero"
         ) from error
     if not rows:
-        raise ModelError("the mission was over before it began: start both of its halves again")
+        raise ModelError("the mission ended before it began; start both halves again")
     return state, np.array(rows)
 
 
@@ -248,7 +257,7 @@ def _check_numbers(state: LoopState, row: tuple[float, ...]) -> None:
         if in_turn and not all(map(math.isfinite, gave)):
             raise ModelError(
                 f"the law of {part} gives {', '.join(f'{n:g}' for n in gave)} at t = {row[0]:g} s, "
-                "and the mission cannot go on with that: change its keys or mend the law"
+                "and the mission cannot continue; change its keys or correct the law"
             )
     raise ModelError(
         f"the plant's wheel speeds run away at t = {row[0]:g} s: the identified model is "

@@ -242,9 +242,9 @@ class Mission(Settings):
     @model_validator(mode="after")
     def _one_vehicle(self) -> "Mission":
         """What the motion says of the vehicle is what the vehicle says of itself."""
-        own = self.motion.told if isinstance(self.motion, Physics) else {}
-        for key, value in own.items():
-            if self.vehicle.told.get(key, value) != value:
+        of_motion = self.motion.given if isinstance(self.motion, Physics) else {}
+        for key, value in of_motion.items():
+            if self.vehicle.given.get(key, value) != value:
                 raise sentence_at(
                     ("vehicle", key), f"{key} of the vehicle is not that of motion: keep one"
                 )
@@ -254,8 +254,8 @@ class Mission(Settings):
     @property
     def physics(self) -> Mapping[str, Any]:
         """What is said of the vehicle and its floor, in either section."""
-        own = self.motion.told if isinstance(self.motion, Physics) else {}
-        return {**self.vehicle.told, **own}
+        of_motion = self.motion.given if isinstance(self.motion, Physics) else {}
+        return {**self.vehicle.given, **of_motion}
 
     @property
     def car(self) -> TrackedVehicle:
@@ -264,8 +264,8 @@ class Mission(Settings):
         Raises:
             ModelError: the numbers make no vehicle.
         """
-        motion, told = self.motion, self.physics
-        known = motion.completed(told) if isinstance(motion, Physics) else told
+        motion, physics = self.motion, self.physics
+        known = motion.completed(physics) if isinstance(motion, Physics) else physics
         return tracked_vehicle(self.vehicle.geometry, known)
 
     @model_validator(mode="after")
@@ -351,14 +351,14 @@ class Mission(Settings):
             floor=floor_of(self.physics),
         )
 
-    def with_physics(self, told: Mapping[str, Any]) -> "Mission":
+    def with_physics(self, physics: Mapping[str, Any]) -> "Mission":
         """The mission with other numbers of vehicle and floor, which are taken as they are."""
-        if not told:
+        if not physics:
             return self
-        changed: dict[str, Any] = {"vehicle": self.vehicle.model_copy(update=dict(told))}
+        changed: dict[str, Any] = {"vehicle": self.vehicle.model_copy(update=dict(physics))}
         if isinstance(self.motion, Physics):
-            own = {k: told[k] for k in self.motion.told if k in told}
-            changed["motion"] = self.motion.model_copy(update=own)
+            of_motion = {k: physics[k] for k in self.motion.given if k in physics}
+            changed["motion"] = self.motion.model_copy(update=of_motion)
         return self.model_copy(update=changed)
 
     def with_geometry(self, geometry: Geometry) -> "Mission":

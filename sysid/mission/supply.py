@@ -46,8 +46,10 @@ class Supply(Settings):
 
     def numbers(self, effect: Effect) -> dict[str, float]:
         """Parameters of an effect, null values where no key says them, and what follows of them."""
-        found = {p.name: p.null for p in effect.parameters} | self._measured(effect)
-        return found | (effect.constants(np, found, 0.0, np.ones(1)) if effect.constants else {})
+        parameters = {p.name: p.null for p in effect.parameters} | self._measured(effect)
+        return parameters | (
+            effect.constants(np, parameters, 0.0, np.ones(1)) if effect.constants else {}
+        )
 
     def _measured(self, effect: Effect) -> dict[str, float]:
         return {
@@ -81,43 +83,48 @@ class Feed:
         return PWM_FULL_SCALE * acting[0], PWM_FULL_SCALE * acting[1]
 
 
-def feed_of(supply: Supply | None, held: Sequence[str]) -> Feed | None:
+def feed_of(supply: Supply | None, identified: Sequence[str]) -> Feed | None:
     """What acts between command and plant; None where nothing does.
 
     Args:
         supply: of the mission's vehicle.
-        held: effects that the plant was identified with: these it has itself.
+        identified: effects that the plant was identified with: these it has itself.
     """
     if supply is None:
         return None
-    acting = tuple((e, supply.numbers(e)) for e in supply.effects if e.id not in held)
+    acting = tuple((e, supply.numbers(e)) for e in supply.effects if e.id not in identified)
     return Feed(acting) if acting else None
 
 
-def supply_notes(supply: Supply | None, held: Sequence[str], by_voltage: bool) -> tuple[str, ...]:
+def supply_notes(
+    supply: Supply | None, identified: Sequence[str], by_voltage: bool
+) -> tuple[str, ...]:
     """What is done with a mission's ``vehicle.supply``, in sentences.
 
     Args:
         supply: of the mission's vehicle.
-        held: effects that the plant was identified with.
+        identified: effects that the plant was identified with.
         by_voltage: whether the plant's inputs are voltages.
     """
     if supply is None:
         return ()
     said = []
-    acting = [e.id for e in supply.effects if e.id not in held]
-    doubled = [e.id for e in supply.effects if e.id in held]
+    acting = [e.id for e in supply.effects if e.id not in identified]
+    doubled = [e.id for e in supply.effects if e.id in identified]
     if acting:
         said.append(f"Between command and plant act, as vehicle.supply says: {', '.join(acting)}.")
     if acting and not by_voltage:
         said.append(
-            "The plant was identified from PWM, behind a supply and a bridge: what its fit took up "
-            "of their effects counts twice; a motor of the bench, driven by its voltage, has none."
+            "The plant was identified from PWM, so effects of supply and bridge count twice. A "
+            "motor of the test bench, driven by voltage, avoids that."
         )
     if doubled:
         said.append(
-            f"Left out of vehicle.supply, because the plant holds it already: {', '.join(doubled)}."
+            "Omitted from vehicle.supply, because the plant already contains it: "
+            f"{', '.join(doubled)}."
         )
     if supply.voltage is not None and not by_voltage:
-        said.append("vehicle.supply.voltage is not used: the plant's inputs are no voltages.")
+        said.append(
+            "vehicle.supply.voltage is not used, because the plant's inputs are not voltages."
+        )
     return tuple(said)

@@ -151,15 +151,15 @@ class Variation(Settings):
         """Accept ``true`` for what is on by default, and ``false`` for nothing."""
         if not isinstance(value, dict):
             return value
-        found = {}
+        switched = {}
         for key, given in value.items():
             if key in ("start", "friction") and given is False:
                 given = dict.fromkeys(_PARTS[key], False)
             if given is True and key != "noise" and key != "models":
                 continue  # its default
             factor = key in ("parameters", "soil") and given is False
-            found[key] = 0.0 if factor else given
-        return found
+            switched[key] = 0.0 if factor else given
+        return switched
 
     def of(self, names: Sequence[str]) -> "Variation":
         """The same sizes with these quantities alone; one that the file switched off is on again.
@@ -169,7 +169,7 @@ class Variation(Settings):
         """
         unknown = [n for n in names if n not in QUANTITIES]
         if unknown:
-            raise UsageError(f"{unknown[0]!r} cannot vary; choose of {', '.join(QUANTITIES)}")
+            raise UsageError(f"{unknown[0]!r} cannot vary; choose from {', '.join(QUANTITIES)}")
         usual = Variation(models=True)
         return Variation.model_construct(
             **{

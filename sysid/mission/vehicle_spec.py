@@ -21,7 +21,7 @@ DEFAULT_SOIL = "concrete"
 STEEPEST = 5.0
 """Rise over run: what is steeper is a wall, or an angle in degrees."""
 
-_OWN = {"L": "contact_length"}
+_FIELD_NAMES = {"L": "contact_length"}
 """Keys whose name here is not that of the vehicle's field."""
 
 
@@ -71,12 +71,12 @@ def _area(form: str, value: Any) -> Circle | HalfPlane | Polygon:
     points = value if isinstance(value, list | tuple) else ()
     if len(points) < 3 - (form == "half_plane"):
         raise ValueError(f"{form} of a patch is {shown(value)}: write {form}: [[x, y], [x, y]]")
-    found: list[Any] = [_point(p, form) for p in points]
+    corners: list[Any] = [_point(p, form) for p in points]
     if form == "polygon":
-        return Polygon(tuple(found))
-    if len(found) != 2 or found[0] == found[1]:
+        return Polygon(tuple(corners))
+    if len(corners) != 2 or corners[0] == corners[1]:
         raise ValueError("half_plane of a patch needs two different points: it lies left of them")
-    return HalfPlane(found[0], found[1])
+    return HalfPlane(corners[0], corners[1])
 
 
 def _patches(value: Any) -> tuple[Patch, ...] | None:
@@ -118,40 +118,42 @@ class Physics(Settings):
     height: Annotated[float, Field(ge=0, le=1e3)] | None = None
 
     @property
-    def told(self) -> Mapping[str, Any]:
+    def given(self) -> Mapping[str, Any]:
         """The keys that were given."""
         return {k: v for k in PHYSICS if (v := getattr(self, k)) is not None}
 
-    def completed(self, told: Mapping[str, Any]) -> Mapping[str, Any]:
+    def completed(self, given: Mapping[str, Any]) -> Mapping[str, Any]:
         """What is told of vehicle and floor, with what this motion takes for granted beside it."""
-        return told
+        return given
 
 
 PHYSICS = tuple(Physics.model_fields)
 """Names of the keys of a vehicle and its floor."""
 
 
-def tracked_vehicle(geometry: Geometry, told: Mapping[str, Any]) -> TrackedVehicle:
+def tracked_vehicle(geometry: Geometry, given: Mapping[str, Any]) -> TrackedVehicle:
     """The vehicle of these keys, the thesis's numbers where one is missing.
 
     Raises:
         ModelError: the numbers make no vehicle.
     """
-    own = {_OWN.get(k, k): v for k, v in told.items() if k not in ("soil", "patches", "slope")}
-    return TrackedVehicle(geometry, **own)
+    fields = {
+        _FIELD_NAMES.get(k, k): v for k, v in given.items() if k not in ("soil", "patches", "slope")
+    }
+    return TrackedVehicle(geometry, **fields)
 
 
-def floor_of(told: Mapping[str, Any]) -> Floor:
+def floor_of(given: Mapping[str, Any]) -> Floor:
     """The floor of these keys, flat and of :data:`DEFAULT_SOIL` where nothing is said."""
-    soil = told["soil"] if "soil" in told else soil_of(DEFAULT_SOIL)
-    return Floor(soil, told.get("patches", ()), told.get("slope", (0.0, 0.0)))
+    soil = given["soil"] if "soil" in given else soil_of(DEFAULT_SOIL)
+    return Floor(soil, given.get("patches", ()), given.get("slope", (0.0, 0.0)))
 
 
-def assumed(told: Mapping[str, Any], wanted: Sequence[str], car: TrackedVehicle) -> str:
+def assumed(given: Mapping[str, Any], wanted: Sequence[str], car: TrackedVehicle) -> str:
     """Which of the wanted numbers were taken and not given, in one sentence; empty for none.
 
     Args:
-        told: keys that were given.
+        given: keys that were given.
         wanted: keys that the motion takes.
         car: what was taken.
     """
@@ -162,7 +164,7 @@ def assumed(told: Mapping[str, Any], wanted: Sequence[str], car: TrackedVehicle)
         "L": f"the length of the tracks on the ground {car.contact_length:g} m",
         "track_width": f"their width {car.track_width:g} m",
     }
-    missing = [k for k in words if k in wanted and k not in told]
+    missing = [k for k in words if k in wanted and k not in given]
     if not missing:
         return ""
     listed = ", ".join(words[k] for k in missing)
@@ -206,7 +208,7 @@ class VehicleSpec(Physics):
     def _stands(self) -> "VehicleSpec":
         """The numbers make a vehicle."""
         try:
-            tracked_vehicle(self.geometry, self.told)
+            tracked_vehicle(self.geometry, self.given)
         except ModelError as error:
             raise ValueError(str(error)) from None
         return self

@@ -104,10 +104,10 @@ def _symmetric(rows: tuple[str, ...], n: int) -> Array:
 def _ground(model: Model) -> dict[str, Any]:
     """What stands between tracks and ground: effect → parameter → [left, right], in order."""
     ground = model.structure.ground(model.theta)
-    found = {
+    effects = {
         id: {name: v.tolist() for name, v in ground.parameters[id].items()} for id in ground.effects
     }
-    return {"ground": found} if found else {}
+    return {"ground": effects} if effects else {}
 
 
 def _fit(report: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -56,7 +56,9 @@ def assembled(
     """
     outside = [name for name in files if not _is_inside(name)]
     if outside:
-        raise ModelError(f"{outside[0]!r} is no name of a file in a package; mend its exporter")
+        raise ModelError(
+            f"{outside[0]!r} is not a valid file name in a package; correct its exporter"
+        )
     card = model_card(model, described, usage).encode("utf-8")
     covered = {selftest.NAME: selftest.to_csv(test, model).encode("utf-8"), **files}
     content = {**described, FILES: sorted(covered)}
@@ -133,10 +135,7 @@ def read_package(path: str | Path, accept_changes: bool = False) -> Package:
         return Package(
             str(path),
             described,
-            (
-                f"{path} has no hash of its content (it comes from an older version): whether it "
-                "was changed after the export cannot be seen.",
-            ),
+            (f"{path} has no hash of its content, so later changes cannot be detected.",),
         )
     covered = _covered(described, str(path))
     if described[KEY] == content_hash(described, read_members(Path(path), covered)):
@@ -144,9 +143,7 @@ def read_package(path: str | Path, accept_changes: bool = False) -> Package:
     changed = f"{path} was changed after it was exported: its content and its hash differ"
     if not accept_changes:
         description.to_plant(described, str(path))  # damage has a sentence of its own
-        raise ModelError(
-            f"{changed}; export it again, or take it as it is with `accept_changes=True`"
-        )
+        raise ModelError(f"{changed}; export it again, or accept it with `accept_changes=True`")
     return Package(str(path), described, (f"{changed}; taken as it is.",))
 
 
@@ -166,13 +163,13 @@ def files_of(path: str | Path) -> Files:
     strange = sorted(there - {MARK, CARD, *covered})
     if strange and FILES in described:
         raise ModelError(
-            f"{path} holds {strange[0]!r}, which its plant.json does not list; take it out, or "
+            f"{path} holds {strange[0]!r}, which its plant.json does not list; remove it, or "
             "export the plant again"
         )
-    found = read_members(path, (MARK, *covered))
-    if sum(map(len, found.values())) > MOST_BYTES:
+    members = read_members(path, (MARK, *covered))
+    if sum(map(len, members.values())) > MOST_BYTES:
         raise ModelError(f"{path} is too large for a plant package; export it again")
-    return found
+    return members
 
 
 def _sources(path: Path, covered: tuple[str, ...]) -> frozenset[str]:
@@ -180,11 +177,11 @@ def _sources(path: Path, covered: tuple[str, ...]) -> frozenset[str]:
     before those that the hash covers; what builds write elsewhere is nobody's source."""
     places = {Path(name).parent for name in covered} - {Path()}
     return frozenset(
-        (place / found.name).as_posix()
+        (place / entry.name).as_posix()
         for place in places
         if path.joinpath(place).is_dir()
-        for found in path.joinpath(place).iterdir()
-        if found.suffix.lower() in SOURCES
+        for entry in path.joinpath(place).iterdir()
+        if entry.suffix.lower() in SOURCES
     )
 
 

@@ -111,17 +111,17 @@ def begins_elsewhere(record: Record, simulated: Array) -> tuple[str, ...]:
 
     The run then first goes from the one to the other, which its figures count as an error.
     """
-    found = []
+    sentences = []
     for i, channel in enumerate(record.outputs):
         measured, rest = float(record.y[0, i]), float(simulated[0, i])
         if abs(measured - rest) > ELSEWHERE * float(np.ptp(record.y[:, i])):
             unit = f" {channel.unit}" if channel.unit else ""
-            found.append(
+            sentences.append(
                 f"{channel.name} begins at {measured:.4g}{unit} in the log and the plant rests at "
-                f"{rest:.4g}{unit}: the figures count the way from one to the other; `sysid "
-                "compare` judges the model from a log's own start."
+                f"{rest:.4g}{unit}: the figures include this transition. `sysid compare` starts "
+                "from the log's own state."
             )
-    return tuple(found)
+    return tuple(sentences)
 
 
 def write_replay(result: Replay, path: str | Path) -> Path:
@@ -142,15 +142,15 @@ def write_replay(result: Replay, path: str | Path) -> Path:
 
 def outside_domain(plant: Plant, u: Array) -> tuple[str, ...]:
     """A sentence for each input of u (N, nu) that leaves the range the plant was identified in."""
-    found = []
+    sentences = []
     for channel, (low, high), values in zip(plant.inputs, plant.input_range, u.T, strict=False):
         margin = 0.01 * (high - low)
         if values.min() < low - margin or values.max() > high + margin:
-            found.append(
+            sentences.append(
                 f"{channel.name} runs from {values.min():.5g} to {values.max():.5g} but the plant "
                 f"was identified from {low:.5g} to {high:.5g}: outside it extrapolates."
             )
-    return tuple(found)
+    return tuple(sentences)
 
 
 def _in_units(record: Record, plant: Plant) -> Record:

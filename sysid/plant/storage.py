@@ -50,14 +50,16 @@ def write_files(path: Path, files: Files, known: frozenset[str]) -> Path:
     path = Path(path)
     if is_zip_name(path):
         if path.is_file() and not _has_member(path, MARK):
-            raise UsageError(f"{path} is no plant package; it was left alone, choose another name")
+            raise UsageError(
+                f"{path} is not a plant package and was not changed; choose another name"
+            )
         return write_atomic(path, zip_bytes(files))
     target = Path(os.path.realpath(path))
     _check_folder(path, target, known)
     try:
         _swap_in(target, files)
     except (FileExistsError, NotADirectoryError):
-        raise UsageError(f"{path} cannot be made: a parent of it is a file") from None
+        raise UsageError(f"{path} cannot be created, because a parent is a file") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise DataError(f"{path} cannot be written ({reason}); choose another place") from None
@@ -100,10 +102,12 @@ def read_member(path: Path, name: str) -> bytes:
                 raise ModelError(f"{name} in {path} is too large; export the plant again")
             return archive.read(name)
     except (KeyError, FileNotFoundError):
-        raise ModelError(f"{path} is no plant package: it has no {name}; export it again") from None
+        raise ModelError(
+            f"{path} is not a plant package, because it has no {name}; export it again"
+        ) from None
     except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError):
         raise ModelError(
-            f"{path} is no plant package: neither a folder nor an intact zip; export it again"
+            f"{path} is not a plant package (neither a folder nor an intact zip); export it again"
         ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
@@ -148,13 +152,13 @@ def _check_folder(path: Path, target: Path, known: frozenset[str]) -> None:
     if not target.is_dir():
         return
     if target == Path.cwd() or target in Path.cwd().parents:
-        raise UsageError(f"{path} is where you are; give the plant package a folder of its own")
+        raise UsageError(f"{path} is the current folder; give the plant package its own folder")
     there = {p.relative_to(target).as_posix() for p in target.rglob("*") if not p.is_dir()}
     foreign = sorted(there - known)
     if foreign:
         raise UsageError(
-            f"{path} holds files that are not a plant package's ({foreign[0]}); it was left "
-            "alone, choose another folder"
+            f"{path} holds files that are not a plant package's ({foreign[0]}); it was not "
+            "changed; choose another folder"
         )
 
 

@@ -27,21 +27,21 @@ MOST_LINES = 5
 """Voltages with a characteristic of their own: as many as the thesis draws."""
 
 
-def motor_picture(found: MotorBench, load: float = THESIS_LOAD) -> ResponsePicture:
+def motor_picture(bench: MotorBench, load: float = THESIS_LOAD) -> ResponsePicture:
     """Characteristics, steps and steady states of a motor of the bench.
 
     Args:
-        found: what its experiments tell.
+        bench: what its experiments tell.
         load: torque at the output shaft of the loaded step [Nm].
     """
-    c, voltages = found.constants, voltages_of(found)
+    c, voltages = bench.constants, voltages_of(bench)
     panels = [torque_speed_panel(c, voltages), current_torque_panel(c, voltages)]
-    steady = [t for t in found.tests if t.has("speed")]
+    steady = [t for t in bench.tests if t.has("speed")]
     if steady:
         panels += [steady_panel(c, steady, "speed"), steady_panel(c, steady, "current")]
-    stalled = [t for t in found.tests if t.kind is Kind.STALL and t.has("torque")]
+    stalled = [t for t in bench.tests if t.kind is Kind.STALL and t.has("torque")]
     panels += [stall_panel(c, stalled)] if stalled else []
-    for log in found.drives[:1]:
+    for log in bench.drives[:1]:
         panels += drive_panels(c, log)
     if c.J > 0.0:
         volts = min(THESIS_STEP, max(voltages))
@@ -52,15 +52,15 @@ def motor_picture(found: MotorBench, load: float = THESIS_LOAD) -> ResponsePictu
     return ResponsePicture("Motor on the bench", f"{values}, gear {c.gear:g} (SI)", tuple(panels))
 
 
-def voltages_of(found: MotorBench) -> tuple[float, ...]:
+def voltages_of(bench: MotorBench) -> tuple[float, ...]:
     """The voltages of the tests without load, at most five; else fifths of the largest one."""
-    seen = [v for t in found.tests if t.kind is Kind.NO_LOAD for v in np.abs(t.voltage).tolist()]
+    seen = [v for t in bench.tests if t.kind is Kind.NO_LOAD for v in np.abs(t.voltage).tolist()]
     if not seen:
-        top = found.largest_voltage
+        top = bench.largest_voltage
         return tuple(top * k / MOST_LINES for k in range(1, MOST_LINES + 1))
     every = sorted(set(seen))
-    places = np.linspace(0, len(every) - 1, min(len(every), MOST_LINES)).round().astype(int)
-    return tuple(every[k] for k in places)
+    chosen = np.linspace(0, len(every) - 1, min(len(every), MOST_LINES)).round().astype(int)
+    return tuple(every[k] for k in chosen)
 
 
 def torque_speed_panel(c: MotorConstants, voltages: Sequence[float]) -> Panel:

@@ -124,10 +124,10 @@ def _kinds(accepted: Sequence[str], tied: Sequence[str]) -> dict[str, tuple[str,
     """Entries of the legend; none where nothing was accepted."""
     if not accepted:
         return {}
-    found = {"accepted": (style.BLUE, 5.0), "tied": (_TIED, 5.0)}
+    kinds = {"accepted": (style.BLUE, 5.0), "tied": (_TIED, 5.0)}
     if not tied:
-        found.pop("tied")
-    return {**found, "not taken": (style.MEASURED, 5.0)}
+        kinds.pop("tied")
+    return {**kinds, "not selected": (style.MEASURED, 5.0)}
 
 
 def _panel(figure: "Figure", inches: float, rows: int, left: float, right: float) -> "Axes":

@@ -171,7 +171,7 @@ def worst_size(windows: Sequence[Window], *, changed: bool) -> tuple[float, floa
 
 
 def draw_worst(figure: "Figure", windows: Sequence[Window], *, changed: bool) -> None:
-    """Measured and simulated traces where the model before errs most, the command below."""
+    """Measured and simulated traces where the original model errs most, the command below."""
     panels: list[Axes] = []
     for k, w in enumerate(windows):
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), label=f"{k}")

@@ -11,7 +11,7 @@ from sysid.diagnosis.validation.localise import regimes
 from sysid.report.diagnosis_words import held_out
 
 BINS = 26
-FEWEST = 8
+MIN_SAMPLES_IN_BIN = 8
 """A bin of a profile is shown from this many samples on."""
 SMOOTH = 5
 """Samples over which an acceleration is taken."""
@@ -45,7 +45,7 @@ class RegimeLine:
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A stretch of a record where the model before was worst: signals of one output."""
+    """A stretch of a record where the original model was worst: signals of one output."""
 
     output: str
     unit: str
@@ -66,9 +66,9 @@ def full_drive(record: Record) -> Array:
     return largest
 
 
-def profiles(found: Diagnosis, i: int) -> tuple[Profile, ...]:
+def profiles(result: Diagnosis, i: int) -> tuple[Profile, ...]:
     """Residuals of output ``i`` on held-out data against every regime variable."""
-    traces = held_out(found)
+    traces = held_out(result)
     names = list(_variables(traces[0].record, i))
     drawn = []
     for name in names:
@@ -85,24 +85,24 @@ def profiles(found: Diagnosis, i: int) -> tuple[Profile, ...]:
 
 def _variables(record: Record, i: int) -> dict[str, Array]:
     """Regime variables of output ``i`` by label, (N,) each."""
-    own, dt = min(i, record.nu - 1), record.dt
+    input_, dt = min(i, record.nu - 1), record.dt
     channel, y = record.outputs[i], record.y[:, i]
     drive = record.u / full_drive(record)
     smooth = np.convolve(np.pad(y, SMOOTH // 2, mode="edge"), np.ones(SMOOTH) / SMOOTH, "valid")
-    command = record.inputs[own]
+    command = record.inputs[input_]
     unit = channel.unit
     slope = f"{unit}²" if unit.endswith("/s") else f"{unit or '1'}/s"
-    found = {
-        f"{command.name} [{command.unit or '–'}]": record.u[:, own],
+    variables = {
+        f"{command.name} [{command.unit or '–'}]": record.u[:, input_],
         f"{channel.name} [{unit or '–'}]": y,
         f"its slope [{slope}]": np.gradient(smooth, dt),
     }
     if record.nu > 1 and record.nu == record.ny:
-        other = record.inputs[(own + 1) % record.nu]
-        found[f"{other.name} [{other.unit or '–'}]"] = record.u[:, (own + 1) % record.nu]
-    found["time [s]"] = record.t - record.t0
-    found["energy spent [s of full drive]"] = np.cumsum(np.mean(drive**2, axis=1)) * dt
-    return found
+        other = record.inputs[(input_ + 1) % record.nu]
+        variables[f"{other.name} [{other.unit or '–'}]"] = record.u[:, (input_ + 1) % record.nu]
+    variables["time [s]"] = record.t - record.t0
+    variables["energy spent [s of full drive]"] = np.cumsum(np.mean(drive**2, axis=1)) * dt
+    return variables
 
 
 def _binned(name: str, x: Array, before: Array, after: Array) -> Profile:
@@ -114,7 +114,7 @@ def _binned(name: str, x: Array, before: Array, after: Array) -> Profile:
     rows = []
     for k in range(bins):
         members = inside & (index == k)
-        if np.count_nonzero(members) >= FEWEST:
+        if np.count_nonzero(members) >= MIN_SAMPLES_IN_BIN:
             rows.append(
                 (float(x[members].mean()), *_spread(before[members]), *_spread(after[members]))
             )
@@ -127,9 +127,9 @@ def _spread(e: Array) -> tuple[float, float, float]:
     return float(low), float(e.mean()), float(high)
 
 
-def regime_lines(found: Diagnosis, i: int, most: int = 14) -> tuple[RegimeLine, ...]:
+def regime_lines(result: Diagnosis, i: int, most: int = 14) -> tuple[RegimeLine, ...]:
     """RMS errors of output ``i`` by regime on held-out data, those of most excess first."""
-    traces = held_out(found)
+    traces = held_out(result)
     masks = [regimes(t.record, i, full_drive(t.record)) for t in traces]
     kept = np.concatenate([t.counted > 0 for t in traces])
     before = np.concatenate([(t.record.y[:, i] - t.before[:, i]) ** 2 for t in traces])
@@ -145,10 +145,10 @@ def regime_lines(found: Diagnosis, i: int, most: int = 14) -> tuple[RegimeLine, 
     return tuple(sorted(lines, key=lambda line: -line.before)[:most])
 
 
-def worst_windows(found: Diagnosis, i: int, count: int = 2) -> tuple[Window, ...]:
-    """The stretches of held-out data in which the model before errs most on output ``i``."""
+def worst_windows(result: Diagnosis, i: int, count: int = 2) -> tuple[Window, ...]:
+    """The stretches of held-out data in which the original model errs most on output ``i``."""
     ranked: list[tuple[float, int, int, int]] = []
-    traces = held_out(found)
+    traces = held_out(result)
     for number, trace in enumerate(traces):
         size = _window(trace.record)
         squares = (trace.record.y[:, i] - trace.before[:, i]) ** 2
@@ -167,18 +167,18 @@ def _window(record: Record) -> int:
 
 def _peaks(sums: Array, size: int, number: int, count: int) -> list[tuple[float, int, int, int]]:
     """The highest sums whose windows do not overlap."""
-    left, found = sums.copy(), []
+    remaining, peaks = sums.copy(), []
     for _ in range(count):
-        k = int(np.argmax(left))
-        if not left[k] > 0.0:
+        k = int(np.argmax(remaining))
+        if not remaining[k] > 0.0:
             break
-        found.append((float(left[k]), number, k, size))
-        left[max(k - size, 0) : k + size] = -1.0
-    return found
+        peaks.append((float(remaining[k]), number, k, size))
+        remaining[max(k - size, 0) : k + size] = -1.0
+    return peaks
 
 
 def _cut(trace: Trace, i: int, start: int, size: int) -> Window:
-    r, own = trace.record, min(i, trace.record.nu - 1)
+    r, input_ = trace.record, min(i, trace.record.nu - 1)
     part = slice(start, start + size)
     return Window(
         r.outputs[i].name,
@@ -188,10 +188,10 @@ def _cut(trace: Trace, i: int, start: int, size: int) -> Window:
         r.y[part, i],
         trace.before[part, i],
         trace.after[part, i],
-        r.u[part, own],
-        f"{r.inputs[own].name} [{r.inputs[own].unit}]"
-        if r.inputs[own].unit
-        else r.inputs[own].name,
+        r.u[part, input_],
+        f"{r.inputs[input_].name} [{r.inputs[input_].unit}]"
+        if r.inputs[input_].unit
+        else r.inputs[input_].name,
     )
 
 

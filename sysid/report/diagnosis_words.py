@@ -1,4 +1,4 @@
-"""A diagnosis in words and figures, as the terminal and the page both say it."""
+"""Sentences and figures of a diagnosis, for the terminal and the page."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -47,35 +47,35 @@ class Moved:
     steps: float
 
 
-def headline(found: Diagnosis) -> str:
+def headline(result: Diagnosis) -> str:
     """The verdict in a few words."""
-    if found.unfollowed:
-        return found.unfollowed.partition(":")[0]
-    missing = ", ".join(e.id for e in found.effects if e.id not in OF_THE_LOG)
-    seen = "".join(f"; {OF_THE_LOG[e.id]}" for e in found.effects if e.id in OF_THE_LOG)
-    if found.verdict == "effects-found" and missing:
+    if result.unfollowed:
+        return result.unfollowed.partition(":")[0]
+    missing = ", ".join(e.id for e in result.effects if e.id not in OF_THE_LOG)
+    seen = "".join(f"; {OF_THE_LOG[e.id]}" for e in result.effects if e.id in OF_THE_LOG)
+    if result.verdict == "effects-found" and missing:
         return f"Missing: {missing}{seen}"
-    if found.verdict != "unexplained" and found.undecided:
-        return found.undecided.partition(":")[0] + seen
-    if found.verdict != "unexplained":
+    if result.verdict != "unexplained" and result.undecided:
+        return result.undecided.partition(":")[0] + seen
+    if result.verdict != "unexplained":
         return f"Nothing is missing that this log could show{seen}"
     if missing:
         return f"Missing: {missing}, and more that has no name here"
     return "Something is missing, but no effect of the catalogue explains it"
 
 
-def held_out(found: Diagnosis) -> tuple[Trace, ...]:
-    """The traces that prove: those on held-out data, or all where there are none."""
-    return tuple(t for t in found.traces if t.role == "held-out") or found.traces
+def held_out(result: Diagnosis) -> tuple[Trace, ...]:
+    """Traces for validation: those on held-out data, or all where there are none."""
+    return tuple(t for t in result.traces if t.role == "held-out") or result.traces
 
 
-def channel_lines(found: Diagnosis) -> tuple[ChannelLine, ...]:
+def channel_lines(result: Diagnosis) -> tuple[ChannelLine, ...]:
     """The figures of every output before and after."""
-    traces = held_out(found)
-    outputs = traces[0].record.outputs if traces else found.before.outputs
+    traces = held_out(result)
+    outputs = traces[0].record.outputs if traces else result.before.outputs
     units = {c.name: c.unit for c in outputs}
     lines = []
-    for name, c in found.gap.channels.items():
+    for name, c in result.gap.channels.items():
         at = [c.name for c in outputs].index(name) if name in units else -1
         gap = c.rmse_before**2 - c.noise_floor**2
         remaining = c.rmse_after**2 - c.noise_floor**2
@@ -96,14 +96,14 @@ def channel_lines(found: Diagnosis) -> tuple[ChannelLine, ...]:
 
 
 def counted(traces: Sequence[Trace], *, after: bool) -> tuple[Array, Array]:
-    """Readings and one model's free run over the samples that count, (N, ny) each."""
-    readings, runs = [], []
+    """Measurements and one model's free run over the samples that count, (N, ny) each."""
+    measurements, runs = [], []
     for t in traces:
         run = t.after if after else t.before
         kept = (t.counted > 0) & np.isfinite(run).all(axis=1) & np.isfinite(t.record.y).all(axis=1)
-        readings.append(t.record.y[kept])
+        measurements.append(t.record.y[kept])
         runs.append(run[kept])
-    return np.concatenate(readings), np.concatenate(runs)
+    return np.concatenate(measurements), np.concatenate(runs)
 
 
 def _fit(traces: Sequence[Trace], i: int, *, after: bool) -> float:
@@ -119,15 +119,15 @@ _SIZES = {QUANTISATION.id: "speed", DROPOUTS.id: "of the readings"}
 """Units of what is no effect of the catalogue's chain."""
 
 
-def detectable(found: Diagnosis) -> tuple[tuple[str, str], ...]:
+def detectable(result: Diagnosis) -> tuple[tuple[str, str], ...]:
     """(effect, the smallest size that the log would have shown, in the file's units) by name."""
-    if not found.traces:
+    if not result.traces:
         return ()
-    records = [t.record for t in found.traces]
+    records = [t.record for t in result.traces]
     full = float(np.mean(full_drive(records) / [c.scale for c in records[0].inputs]))
     u, y = records[0].inputs[0], records[0].outputs[0]
     lines = []
-    for id, size in sorted(found.detectable.items()):
+    for id, size in sorted(result.detectable.items()):
         unit = _SIZES.get(id) or effect(id).parameters[0].unit
         if size is not None and "drive" in unit and not records[0].full_drive_is_known:
             size = size / full if unit.startswith("1/") else size * full
@@ -137,11 +137,11 @@ def detectable(found: Diagnosis) -> tuple[tuple[str, str], ...]:
     return tuple(lines)
 
 
-def moved(found: Diagnosis) -> tuple[Moved, ...]:
+def moved(result: Diagnosis) -> tuple[Moved, ...]:
     """Parameters that both models have, with how far the added effects moved them."""
-    before = {p.name: p for p in found.before.parameter_table()}
+    before = {p.name: p for p in result.before.parameter_table()}
     lines = []
-    for p in found.after.parameter_table():
+    for p in result.after.parameter_table():
         old = before.get(p.name)
         if old is None or old.fixed or p.fixed:
             continue
@@ -151,57 +151,57 @@ def moved(found: Diagnosis) -> tuple[Moved, ...]:
     return tuple(lines)
 
 
-def gap_sentence(found: Diagnosis) -> str:
+def gap_sentence(result: Diagnosis) -> str:
     """How much of the gap is closed."""
-    low, high = found.gap.interval
-    parts = ", ".join(f"{of} {percent(closed)}" for of, closed in found.gap.parts.items())
+    low, high = result.gap.interval
+    parts = ", ".join(f"{of} {percent(closed)}" for of, closed in result.gap.parts.items())
     return (
-        f"{percent(found.gap.closed_percent)} of the gap is closed on held-out data "
+        f"{percent(result.gap.closed_percent)} of the gap is closed on held-out data "
         f"(90 % interval {percent(low)} to {percent(high)}{f'; {parts}' if parts else ''})."
     )
 
 
-def size_sentence(found: Diagnosis) -> str:
-    """How large what has no name is; empty where nothing is left."""
-    return "" if found.left_over is None else found.left_over.sentence
+def size_sentence(result: Diagnosis) -> str:
+    """Size of the remaining error; empty where nothing remains."""
+    return "" if result.excess_error is None else result.excess_error.sentence
 
 
 def residual_sentence(test: ResidualVerdict) -> str:
     """What the residual tests found on one model."""
-    still = "still " if test.model == "after" else ""
-    verdict = f"they {still}depend" if test.p_value < CLEAR else "not shown to depend"
+    model = {"before": "original", "after": "augmented"}[test.model]
+    verdict = "correlated" if test.p_value < CLEAR else "not significantly correlated"
     share = f"{percent(100 * max(test.share, 0.0))} of what is above the noise"
     return (
-        f"errors {test.model}: {verdict} on inputs and outputs "
+        f"errors of the {model} model: {verdict} with inputs and outputs "
         f"({p_words(test.p_value)}; predictable: {share})"
     )
 
 
-def nothing_named(found: Diagnosis) -> str:
-    """What stands in the place of effects where none is named."""
-    if found.unfollowed:
-        return "No effect is named: the model must follow the log first."
-    if found.verdict == "unexplained":
+def nothing_named(result: Diagnosis) -> str:
+    """What is shown where no effect is reported."""
+    if result.unfollowed:
+        return "No effect is reported: the model must follow the log first."
+    if result.verdict == "unexplained":
         return "No effect of the catalogue explains it."
-    if found.undecided:
-        return "No effect is proven; what the errors are made of cannot be told."
+    if result.undecided:
+        return "No effect is significant; the errors remain unexplained."
     return "No effect is missing."
 
 
 def evidence_sentence(effect: NamedEffect) -> str:
     """Why an effect was accepted."""
     if effect.id in OF_THE_LOG:
-        return "read off the samples themselves; the model stays as it is"
+        return "visible in the samples themselves; the model is unchanged"
     return (
-        f"held out, {percent(100 * effect.heldout_gain)} of the error went; "
+        f"held-out RMSE fell by {percent(100 * effect.heldout_gain)}; "
         f"ΔBIC {_whole(effect.delta_bic)}, {p_words(effect.p_value)}"
     )
 
 
-def story(found: Diagnosis) -> str:
+def story(result: Diagnosis) -> str:
     """The sentence below the headline, unless it says the same."""
-    said = headline(found).partition(";")[0]
-    text = found.story.removeprefix(said).lstrip(".:").strip()
+    said = headline(result).partition(";")[0]
+    text = result.story.removeprefix(said).lstrip(".:").strip()
     return f"{text[:1].upper()}{text[1:]}"
 
 
@@ -211,26 +211,26 @@ def score_words(score: float) -> str:
 
 
 def _whole(value: float) -> str:
-    """A number without needless digits: whole where it is large."""
+    """A parameter without needless digits: whole where it is large."""
     return f"{value:.0f}" if math.isfinite(value) and abs(value) >= 100.0 else f"{value:.3g}"
 
 
 def tie_sentence(effect: NamedEffect) -> str:
-    """What cannot be told from an effect, or nothing."""
-    if not effect.indistinguishable or "cannot tell" in effect.sentence:
+    """Effects that the log cannot distinguish from this one, or nothing."""
+    if not effect.indistinguishable or "cannot distinguish" in effect.sentence:
         return ""
     others = ", ".join(effect.indistinguishable)
-    return f"This log cannot tell it from {others}."
+    return f"This log cannot distinguish it from {others}."
 
 
-def leading_regions(found: Diagnosis, most: int = 6) -> tuple[Region, ...]:
+def leading_regions(result: Diagnosis, most: int = 6) -> tuple[Region, ...]:
     """Regimes that hold clearly more of the excess error than of the samples."""
-    lifted = [r for r in found.where if r.share_of_excess > 1.15 * r.share_of_samples]
-    return tuple((lifted or list(found.where))[:most])
+    lifted = [r for r in result.where if r.share_of_excess > 1.15 * r.share_of_samples]
+    return tuple((lifted or list(result.where))[:most])
 
 
 def region_sentence(region: Region) -> str:
-    """The finding as a person would say it, the output named first."""
+    """The finding in words, the output first."""
     output, sign, where = region.region.partition(": ")
     if not sign:
         return region.sentence
@@ -295,7 +295,7 @@ def path_table(path: Mapping[str, Any]) -> tuple[tuple[str, Any, Any, Any], ...]
             (runs.get(name) or {}).get(key) for name in ("measured", "before", "after")
         )
         if (measured, old, new) != (None, None, None):
-            rows.append((f"driven again: {label}", measured, old, new))
+            rows.append((f"closed loop: {label}", measured, old, new))
     for log in path.get("open_loop") or ():
         for key, label in _REPLAYED.items():
             if f"{key}_before_m" in log:
@@ -309,14 +309,14 @@ _DRIVEN = {
     "time_s": "time [s]",
     "path_length_m": "path length [m]",
     "min_clearance_m": "clearance [m]",
-    "path_error_rms_m": "off the measured path, RMS [m]",
+    "path_error_rms_m": "path error, RMS [m]",
 }
-_REPLAYED = {"rms": "off the measured path, RMS [m]", "end": "at the end [m]"}
+_REPLAYED = {"rms": "path error, RMS [m]", "end": "path error at the end [m]"}
 
 
 def path_lines(path: Mapping[str, Any]) -> tuple[tuple[str, tuple[tuple[str, Array], ...]], ...]:
     """(record, ((run, points (N, 2)), …)) of the replayed paths under ``traces``."""
-    found = []
+    lines_of = []
     for trace in path.get("traces") or ():
         lines = tuple(
             (name, np.array(trace[name], dtype=np.float64)[:, :2])
@@ -324,5 +324,5 @@ def path_lines(path: Mapping[str, Any]) -> tuple[tuple[str, tuple[tuple[str, Arr
             if len(trace.get(name) or ()) > 1
         )
         if lines:
-            found.append((str(trace.get("record", "")), lines))
-    return tuple(found)
+            lines_of.append((str(trace.get("record", "")), lines))
+    return tuple(lines_of)

@@ -41,7 +41,7 @@ class FitSegment:
         if len(shapes) != 1 or self.measured.shape != self.simulated.shape or 0 in shapes:
             raise DataError(
                 f"segment {self.label!r}: t {self.t.shape}, measured {self.measured.shape}, "
-                f"simulated {self.simulated.shape} and u {self.u.shape} do not fit together"
+                f"simulated {self.simulated.shape} and u {self.u.shape} have incompatible shapes"
             )
 
     @property

@@ -16,11 +16,11 @@ from sysid.report.plots import inline_svg, share_letters
 _TEMPLATE = "diagnosis.html.j2"
 
 
-def diagnosis_page(found: Diagnosis, before: str, after: str) -> str:
+def diagnosis_page(diagnosis: Diagnosis, before: str, after: str) -> str:
     """The page as text.
 
     Args:
-        found: the diagnosis, its experiments with the names of their files.
+        diagnosis: the diagnosis, its experiments with the names of their files.
         before, after: ids of the models in the workspace.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -34,31 +34,31 @@ def diagnosis_page(found: Diagnosis, before: str, after: str) -> str:
     )
     place.filters |= {"number": _number, "percent": words.percent, "fit": style.percent}
     text = place.get_template(_TEMPLATE).render(
-        found=found,
+        diagnosis=diagnosis,
         words=words,
         look=style,
-        headline=words.headline(found),
-        channels=words.channel_lines(found),
-        moved=words.moved(found),
-        regions=words.leading_regions(found, 10),
-        logs=_logs(found),
-        log_table=table_of_logs(found.several) if found.several.logs else (),
-        log_sentences=sentences(found.several),
+        headline=words.headline(diagnosis),
+        channels=words.channel_lines(diagnosis),
+        moved=words.moved(diagnosis),
+        regions=words.leading_regions(diagnosis, 10),
+        logs=_logs(diagnosis),
+        log_table=table_of_logs(diagnosis.several) if diagnosis.several.logs else (),
+        log_sentences=sentences(diagnosis.several),
         before=before,
         after=after,
-        picture=_pictures(found),
-        experiments=_experiments(found),
-        path_rows=words.path_table(found.path),
-        detectable=words.detectable(found),
-        equations=_equations(found),
+        picture=_pictures(diagnosis),
+        experiments=_experiments(diagnosis),
+        path_rows=words.path_table(diagnosis.path),
+        detectable=words.detectable(diagnosis),
+        equations=_equations(diagnosis),
     )
     text = re.sub(r"(?<=\d) %(?!\w)", "\N{NO-BREAK SPACE}%", text)
     return share_letters(text)
 
 
-def _pictures(found: Diagnosis) -> dict[str, Any]:
+def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
     """Every picture by name; those whose data are missing are left out."""
-    shown = words.leading_regions(found, 10)
+    shown = words.leading_regions(diagnosis, 10)
     drawn: dict[str, Any] = {"channels": [], "regions": "", "candidates": "", "gap": ""}
     if shown:
         drawn["regions"] = inline_svg(
@@ -67,40 +67,40 @@ def _pictures(found: Diagnosis) -> dict[str, Any]:
             lambda figure: diagnosis_drawing.draw_regions(figure, shown),
             "Shares of the excess error by regime",
         )
-    lines = words.channel_lines(found)
-    if found.grown:
+    lines = words.channel_lines(diagnosis)
+    if diagnosis.grown:
         drawn["gap"] = inline_svg(
             "gap",
             diagnosis_bars.gap_size(lines),
             lambda figure: diagnosis_bars.draw_gap(figure, lines),
             "Errors before and after by output, with the noise floor",
         )
-    if found.candidates:
-        tied = tuple(i for e in found.effects for i in e.indistinguishable)
-        facts = (found.candidates, tuple(e.id for e in found.effects), tied)
+    if diagnosis.candidates:
+        tied = tuple(i for e in diagnosis.effects for i in e.indistinguishable)
+        facts = (diagnosis.candidates, tuple(e.id for e in diagnosis.effects), tied)
         drawn["candidates"] = inline_svg(
             "candidates",
             diagnosis_bars.candidates_size(*facts),
             lambda figure: diagnosis_bars.draw_candidates(figure, *facts),
             "Candidates by score",
         )
-    drawn["paths"] = [_path(k, *entry) for k, entry in enumerate(words.path_lines(found.path))]
-    if words.held_out(found):
-        outputs = words.held_out(found)[0].record.outputs
-        drawn["channels"] = [_channel(found, k) for k in range(len(outputs))]
+    drawn["paths"] = [_path(k, *entry) for k, entry in enumerate(words.path_lines(diagnosis.path))]
+    if words.held_out(diagnosis):
+        outputs = words.held_out(diagnosis)[0].record.outputs
+        drawn["channels"] = [_channel(diagnosis, k) for k in range(len(outputs))]
     return drawn
 
 
-def _channel(found: Diagnosis, i: int) -> dict[str, Any]:
+def _channel(diagnosis: Diagnosis, i: int) -> dict[str, Any]:
     """The pictures of one output."""
-    record = words.held_out(found)[0].record
+    record = words.held_out(diagnosis)[0].record
     channel = record.outputs[i]
-    known = found.gap.channels.get(channel.name)  # a gap of the path knows no wheel speeds
+    known = diagnosis.gap.channels.get(channel.name)  # a gap of the path knows no wheel speeds
     floor = known.noise_floor if known is not None else 0.0
-    windows = diagnosis_picture.worst_windows(found, i)
-    profiles = diagnosis_picture.profiles(found, i)
-    regimes = diagnosis_picture.regime_lines(found, i)
-    unit, changed, draw = channel.unit, found.grown, diagnosis_drawing
+    windows = diagnosis_picture.worst_windows(diagnosis, i)
+    profiles = diagnosis_picture.profiles(diagnosis, i)
+    regimes = diagnosis_picture.regime_lines(diagnosis, i)
+    unit, changed, draw = channel.unit, diagnosis.grown, diagnosis_drawing
     return {
         "name": channel.name,
         "worst": inline_svg(
@@ -137,10 +137,10 @@ def _path(k: int, record: str, lines: tuple[tuple[str, Array], ...]) -> dict[str
     return {"record": record, "picture": picture}
 
 
-def _experiments(found: Diagnosis) -> list[dict[str, Any]]:
+def _experiments(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return [
         {"it": e, "picture": _schedule(k, e) if len(e.rows) > 1 else ""}
-        for k, e in enumerate(found.next_experiments)
+        for k, e in enumerate(diagnosis.next_experiments)
     ]
 
 
@@ -155,18 +155,18 @@ def _schedule(k: int, e: Experiment) -> str:
     )
 
 
-def _logs(found: Diagnosis) -> list[tuple[str, str]]:
+def _logs(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """(role, names) of the records."""
-    roles = dict.fromkeys(t.role for t in found.traces)
-    return [(r, ", ".join(dict.fromkeys(_names(found, r)))) for r in roles]
+    roles = dict.fromkeys(t.role for t in diagnosis.traces)
+    return [(r, ", ".join(dict.fromkeys(_names(diagnosis, r)))) for r in roles]
 
 
-def _names(found: Diagnosis, role: str) -> Iterable[str]:
-    return (t.record.name for t in found.traces if t.role == role)
+def _names(diagnosis: Diagnosis, role: str) -> Iterable[str]:
+    return (t.record.name for t in diagnosis.traces if t.role == role)
 
 
-def _equations(found: Diagnosis) -> tuple[str, ...]:
-    return found.after.equations()
+def _equations(diagnosis: Diagnosis) -> tuple[str, ...]:
+    return diagnosis.after.equations()
 
 
 def _number(value: Any, digits: int = 4) -> str:

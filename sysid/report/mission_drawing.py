@@ -9,8 +9,8 @@ from sysid.data.record import Array, frozen
 from sysid.errors import DataError
 from sysid.report import style
 from sysid.report.envelope import envelope
-from sysid.report.missions import estimate_drawing
-from sysid.report.missions.estimate_drawing import Estimate
+from sysid.report.missions import localization_drawing
+from sysid.report.missions.localization_drawing import PoseEstimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,7 +91,7 @@ class MissionPicture:
     speed_reference: Array | None = None
     heading_reference: Array | None = None
     min_clearance: float | None = None
-    estimate: Estimate | None = None
+    estimate: PoseEstimate | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -202,7 +202,7 @@ def _draw_scene(axes: "Axes", picture: MissionPicture) -> None:
         zorder=5,
     )
     if picture.estimate is not None:
-        estimate_drawing.draw(axes, picture.estimate)
+        localization_drawing.draw(axes, picture.estimate)
     _draw_headings(axes, picture)
     left, right, bottom, top = _scene(picture)
     axes.set_xlim(left, right, auto=True)  # "auto": the equal scale may widen the view

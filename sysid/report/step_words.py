@@ -60,15 +60,15 @@ def step_sentences(responses: Sequence[StepResponse]) -> tuple[str, ...]:
 
 def mode_sentences(modes: Sequence[OwnMode]) -> tuple[str, ...]:
     """What a signal without inputs does by itself, a sentence a mode."""
-    found = []
+    sentences = []
     for m in modes:
         if m.frequency is not None and m.damping is not None:
             hertz = with_error(m.frequency.value / math.tau, m.frequency.std_error / math.tau)
             damping = with_error(m.damping.value, m.damping.std_error)
-            found.append(f"It swings at {hertz} Hz with damping {damping}.")
+            sentences.append(f"It oscillates at {hertz} Hz with damping {damping}.")
         elif m.time_constant is not None:
-            found.append(f"It forgets with a time constant of {_seconds(m.time_constant)}.")
-    return tuple(found)
+            sentences.append(f"It decays with a time constant of {_seconds(m.time_constant)}.")
+    return tuple(sentences)
 
 
 def sentence(r: StepResponse) -> str:
@@ -77,7 +77,7 @@ def sentence(r: StepResponse) -> str:
     if r.share is not None:
         head += f", step {r.start:.6g} → {r.level:.6g}"
     if not r.settles:
-        return f"{head}: does not come to rest; the model is unstable, or slower than can be run."
+        return f"{head}: does not settle; the model is unstable, or too slow to simulate."
     if r.gain.value == 0.0:
         return f"{head}: nothing moves."
     parts = [_gain(r)]
@@ -96,7 +96,7 @@ def _gain(r: StepResponse) -> str:
     if r.integrates:
         text = f"it integrates: {text}"
     if abs(r.gain.value) <= CLEAR * r.gain.std_error and math.isfinite(r.gain.std_error):
-        text += " (not told from zero)"
+        text += " (not significant)"
     if r.file_unit:
         factor = r.file_factor
         shown = with_error(factor * r.gain.value, abs(factor) * r.gain.std_error)
@@ -114,7 +114,7 @@ def _times(r: StepResponse) -> list[str]:
     if r.oscillation is not None:
         frequency, damping = r.oscillation
         parts.append(
-            f"swings at {with_error(frequency.value, frequency.std_error)} rad/s with damping "
+            f"oscillates at {with_error(frequency.value, frequency.std_error)} rad/s with damping "
             f"{with_error(damping.value, damping.std_error)}"
         )
     return parts

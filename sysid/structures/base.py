@@ -15,7 +15,7 @@ from sysid.structures.dynamics import Dynamics
 from sysid.structures.orders import ORDER_WORDS
 
 if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter, Refitter, Warm
+    from sysid.structures.outcome import Fitter, InitialGuesses, Refitter
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Structure(Dynamics):
         """How a fit is repeated on nearly the same data; None where that is a fit like any."""
         return None
 
-    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
+    def starts(self, records: Sequence[Record], focus: Focus) -> "InitialGuesses":
         """Named starting values of θ for a search."""
         return ()
 

@@ -13,6 +13,7 @@ from sysid.data.files import write_atomic
 from sysid.data.level import Level, shifted
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
+from sysid.data.same_kind import SAME_CLOCK, difference
 from sysid.data.schema import STORED, checked
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
@@ -28,9 +29,6 @@ if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
 SCHEMA = "sysid-model/1"
-
-SAME_CLOCK = 0.01
-"""Sample times within this fraction of each other are the same clock, as when logs are read."""
 
 
 @dataclass(frozen=True)
@@ -218,18 +216,8 @@ class Model:
         Raises:
             ModelError: number of channels, names or sample time differ.
         """
-        wanted = (tuple(c.name for c in self.inputs), tuple(c.name for c in self.outputs))
-        got = (record.input_names, record.output_names)
-        if wanted != got:
-            raise ModelError(
-                f"{record.name} has {_arrow(got)} but the model was fitted to {_arrow(wanted)}; "
-                "choose the columns with `inputs` and `outputs`"
-            )
-        if not self.fits_clock(record):
-            raise ModelError(
-                f"{record.name} is sampled every {record.dt:g} s but the model every "
-                f"{self.dt:g} s; resample the log or fit a model to it"
-            )
+        if unlike := difference(record, self, "the model"):
+            raise ModelError(unlike)
 
     def fits_clock(self, record: Record) -> bool:
         """Whether a record has the model's sample time."""
@@ -494,7 +482,3 @@ def _termination(code: str) -> Termination:
         if member.code == code:
             return member
     raise ValueError(f"unknown termination {code!r}")
-
-
-def _arrow(names: tuple[tuple[str, ...], tuple[str, ...]]) -> str:
-    return f"{', '.join(names[0])} -> {', '.join(names[1])}"

@@ -57,11 +57,11 @@ class FitOutcome:
     outliers: tuple[Outliers, ...] = ()
 
 
-Warm = Sequence[tuple[str, Array]]
+InitialGuesses = Sequence[tuple[str, Array]]
 """Further starts, each with a name."""
 
 Fitter = Callable[
-    [Structure, Sequence[Record], FitOptions, tuple[Parameter, ...], Warm], FitOutcome
+    [Structure, Sequence[Record], FitOptions, tuple[Parameter, ...], InitialGuesses], FitOutcome
 ]
 """(structure, records without offsets, options, parameters, further starts) → what was found."""
 

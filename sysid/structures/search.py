@@ -26,8 +26,8 @@ from sysid.fitting.state_prior import (
 )
 from sysid.fitting.uncertainty import PART, with_infinite
 from sysid.structures.base import Structure
-from sysid.structures.outcome import FitOutcome, StartReport, Warm
-from sysid.structures.solved import Part, outcome_of, valued
+from sysid.structures.outcome import FitOutcome, InitialGuesses, StartReport
+from sysid.structures.solved import Part, outcome_of, with_covariance
 
 STATE_LEVEL = 0.99
 """Confidence beyond which initial states are estimated rather than taken as zero."""
@@ -62,9 +62,9 @@ class Search:
         self.fixed = np.array([np.nan if p.fixed is None else p.fixed for p in parameters])
 
     def run(
-        self, warm: Sequence[tuple[str, Array]]
+        self, initial_guesses: Sequence[tuple[str, Array]]
     ) -> tuple[Array, list[Part], tuple[StartReport, ...]]:
-        thetas = [(n, self._admissible(t)) for n, t in (*self._own_starts(), *warm)]
+        thetas = [(n, self._admissible(t)) for n, t in (*self._own_starts(), *initial_guesses)]
         if not thetas:
             raise ModelError(f"{self.structure.name} has no starting values; give it some")
         modes = {Initial.AUTO: Initial.ZERO}.get(self.options.initial, self.options.initial)
@@ -321,7 +321,7 @@ class Search:
 
     def _valued(self, problem: Problem, solution: Solution) -> Part:
         free = self._free(problem, self.options.initial is not Initial.BACKCAST)
-        return valued(problem, solution, np.flatnonzero(free))
+        return with_covariance(problem, solution, np.flatnonzero(free))
 
 
 def by_search(
@@ -329,10 +329,10 @@ def by_search(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """A search from every known start, problem after problem."""
-    theta, parts, starts = Search(structure, records, options, parameters).run(warm)
+    theta, parts, starts = Search(structure, records, options, parameters).run(initial_guesses)
     found = outcome_of(structure, parameters, theta, parts, starts)
     more = structure.open_directions(records)
     covariance, null = _with_open(more, found.covariance, found.null)

@@ -24,7 +24,9 @@ class Part:
     uncertainty: Uncertainty
 
 
-def valued(problem: Problem, solution: Solution, which: Index, samples: int | None = None) -> Part:
+def with_covariance(
+    problem: Problem, solution: Solution, which: Index, samples: int | None = None
+) -> Part:
     """A solved problem with the uncertainty of what it determined.
 
     Args:

@@ -44,12 +44,12 @@ def grip(
         car: lengths of the tracks.
         xp: array namespace.
     """
-    found = _on(floor.soil, load, slip, car, xp)
+    chosen = _on(floor.soil, load, slip, car, xp)
     for patch in floor.patches:
         here = patch.area.contains(*at, xp)
         other = _on(patch.soil, load, slip, car, xp)
-        found = Grip(*(xp.where(here, b, a) for a, b in zip(found, other, strict=True)))
-    return found
+        chosen = Grip(*(xp.where(here, b, a) for a, b in zip(chosen, other, strict=True)))
+    return chosen
 
 
 def _on(soil: Soil, load: Real, slip: Real, car: TrackedVehicle, xp: Any) -> Grip:

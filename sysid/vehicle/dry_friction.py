@@ -45,10 +45,10 @@ def decay(xp: Any, inertia: tuple[Any, Any], h: float) -> tuple[Any, Any]:
         inertia: T: time constants [s], (motors, runs), and their coupling [s].
         h: step [s].
     """
-    own, cross = inertia
-    if own.shape[0] == 1:
-        return -xp.expm1(-h / own), cross
-    a, d = own[0], own[1]
+    direct, cross = inertia
+    if direct.shape[0] == 1:
+        return -xp.expm1(-h / direct), cross
+    a, d = direct[0], direct[1]
     det = a * d - cross * cross
     s, t, o = h * d / det, h * a / det, -h * cross / det
     mean, half = 0.5 * (s + t), 0.5 * (s - t)
@@ -63,19 +63,19 @@ def decay(xp: Any, inertia: tuple[Any, Any], h: float) -> tuple[Any, Any]:
 
 def times(m: Pair, v: Motors) -> Motors:
     """Matrix times vector."""
-    own, cross = m
+    direct, cross = m
     if len(v) == 1:
-        return (own[0] * v[0],)
-    return own[0] * v[0] + cross * v[1], own[1] * v[1] + cross * v[0]
+        return (direct[0] * v[0],)
+    return direct[0] * v[0] + cross * v[1], direct[1] * v[1] + cross * v[0]
 
 
 def solved(m: Pair, v: Motors) -> Motors:
     """Inverse matrix times vector."""
-    own, cross = m
+    direct, cross = m
     if len(v) == 1:
-        return (v[0] / own[0],)
-    det = own[0] * own[1] - cross * cross
-    return (own[1] * v[0] - cross * v[1]) / det, (own[0] * v[1] - cross * v[0]) / det
+        return (v[0] / direct[0],)
+    det = direct[0] * direct[1] - cross * cross
+    return (direct[1] * v[0] - cross * v[1]) / det, (direct[0] * v[1] - cross * v[0]) / det
 
 
 def friction(
@@ -120,15 +120,15 @@ def _limited(xp: Any, wanted: Signal, low: Signal, high: Signal) -> tuple[Signal
 
 
 def _distance(m: Pair, a: Signal, b: Signal) -> Signal:
-    own, cross = m
-    return own[0] * (a * a) + own[1] * (b * b) + 2.0 * cross * a * b
+    direct, cross = m
+    return direct[0] * (a * a) + direct[1] * (b * b) + 2.0 * cross * a * b
 
 
 def sliding_rate(inertia: Pair, force: Motors, moving: Motors) -> Motors:
     """dw/dt = T⁻¹ force of the moving tracks while the others stand; ``moving`` is 0 or 1."""
-    own, cross = inertia
+    direct, cross = inertia
     if len(force) == 1:
-        return (moving[0] * force[0] / own[0],)
+        return (moving[0] * force[0] / direct[0],)
     a, b = moving
-    left, right = solved((own, cross * a * b), (a * force[0], b * force[1]))
+    left, right = solved((direct, cross * a * b), (a * force[0], b * force[1]))
     return a * left, b * right

@@ -193,23 +193,23 @@ def step(
         return model.part(now, drive, h, scheme.rounds)
 
     after = repeated(xp, scheme.substeps, part, _numbers(state, xp))
-    found: VehicleState = _chosen(passes, after, state, xp)
-    return found
+    chosen: VehicleState = _chosen(passes, after, state, xp)
+    return chosen
 
 
 def _numbers(state: Any, xp: Any) -> Any:
     """The state with numbers of the namespace, which a compiled loop keeps the type of."""
     if isinstance(state, tuple):
-        found = [_numbers(v, xp) for v in state]
-        return type(state)(*found) if hasattr(state, "_fields") else tuple(found)
+        numbers = [_numbers(v, xp) for v in state]
+        return type(state)(*numbers) if hasattr(state, "_fields") else tuple(numbers)
     return xp.float64(state) if type(state) is not xp.float64 else state
 
 
 def _chosen(condition: Real, one: Any, other: Any, xp: Any) -> Any:
     """``one`` or ``other``, number by number."""
     if isinstance(one, tuple):
-        found = [_chosen(condition, a, b, xp) for a, b in zip(one, other, strict=True)]
-        return type(one)(*found) if hasattr(one, "_fields") else tuple(found)
+        chosen = [_chosen(condition, a, b, xp) for a, b in zip(one, other, strict=True)]
+        return type(one)(*chosen) if hasattr(one, "_fields") else tuple(chosen)
     return xp.where(condition, one, other)
 
 
@@ -226,10 +226,10 @@ class _Model(NamedTuple):
         xp = self.xp
         cos, sin = xp.cos(now.psi), xp.sin(now.psi)
         known, free = self._free(now, drive, h, (cos, sin))
-        found = _Search(free, now.forces, _nothing_sticks(free, xp))
-        found = found._replace(speeds=_with_forces(known, free, now.forces, self.vehicle))
-        found = repeated(xp, rounds, lambda last: self._round(known, last), found)
-        return self._moved(now, self._stopped(known, found), found.forces, h)
+        search = _Search(free, now.forces, _nothing_sticks(free, xp))
+        search = search._replace(speeds=_with_forces(known, free, now.forces, self.vehicle))
+        search = repeated(xp, rounds, lambda last: self._round(known, last), search)
+        return self._moved(now, self._stopped(known, search), search.forces, h)
 
     # ------------------------------------------------------------------------- free motion
 
@@ -281,11 +281,11 @@ class _Model(NamedTuple):
         half = 0.5 * car.geometry.B
         places = tracks_at(now.x, now.y, heading, car)
         over = now.vx - half * now.yaw_rate, now.vx + half * now.yaw_rate
-        found = [
+        contacts = [
             self._contact(at, weight, car.geometry.r * omega, speed)
             for at, weight, omega, speed in zip(places, load, now.omega, over, strict=True)
         ]
-        return found[0], found[1]
+        return contacts[0], contacts[1]
 
     def _contact(self, at: Pair, load: Real, rolls: Real, over: Real) -> _Contact:
         """One track: how its slip answers a thrust (secant), and the limits of its friction."""
@@ -293,8 +293,10 @@ class _Model(NamedTuple):
         speed, apart = xp.abs(rolls), xp.abs(rolls - over)
         slip = xp.minimum(xp.maximum(apart / (speed + STANDING), SLIGHTEST), HARDEST)
         least = xp.maximum(apart, SLIGHTEST * speed)
-        found = grip(self.floor, at, load, slip, self.vehicle, xp)
-        return _Contact(least / (found.thrust + 1e-12), found.most, found.rolling, found.lateral)
+        gripped = grip(self.floor, at, load, slip, self.vehicle, xp)
+        return _Contact(
+            least / (gripped.thrust + 1e-12), gripped.most, gripped.rolling, gripped.lateral
+        )
 
     # ---------------------------------------------------------------------------- friction
 
@@ -304,19 +306,19 @@ class _Model(NamedTuple):
         r, half = car.geometry.r, 0.5 * car.geometry.B
         speeds, forces = last.speeds, last.forces
 
-        held, free, stands = [], [], []
+        passed_on, free, stands = [], [], []
         for e, w, taken, (back, forth) in zip(
             known.motor, speeds.omega, forces.motors, known.limits, strict=True
         ):
             without = w + e * taken
             needed = without / e
             stands.append((needed > -back) & (needed < forth))
-            held.append(xp.minimum(xp.maximum(needed, -back), forth))
-            free.append(without - e * held[-1])
+            passed_on.append(xp.minimum(xp.maximum(needed, -back), forth))
+            free.append(without - e * passed_on[-1])
         motors_stand = (stands[0], stands[1])
         omega = (free[0], free[1])
 
-        own, cross = known.body
+        direct, cross = known.body
         vl, vr = speeds.vx - half * speeds.yaw_rate, speeds.vx + half * speeds.yaw_rate
         was = forces.thrust
         slides = (
@@ -327,14 +329,14 @@ class _Model(NamedTuple):
         thrust, tracks_stick = friction(xp, (known.grip, cross), slides, most, most)
         dl, dr = thrust[0] - was[0], thrust[1] - was[1]
         omega = (omega[0] - r * known.motor[0] * dl, omega[1] - r * known.motor[1] * dr)
-        vl, vr = vl + own * dl + cross * dr, vr + own * dr + cross * dl
+        vl, vr = vl + direct * dl + cross * dr, vr + direct * dr + cross * dl
 
         was = forces.rolling
-        coast = (vl + own * was[0] + cross * was[1], vr + own * was[1] + cross * was[0])
+        coast = (vl + direct * was[0] + cross * was[1], vr + direct * was[1] + cross * was[0])
         most = (known.contact[0].rolling, known.contact[1].rolling)
-        rolling, tracks_stand = friction(xp, ((own, own), cross), coast, most, most)
+        rolling, tracks_stand = friction(xp, ((direct, direct), cross), coast, most, most)
         dl, dr = rolling[0] - was[0], rolling[1] - was[1]
-        vl, vr = vl - own * dl - cross * dr, vr - own * dr - cross * dl
+        vl, vr = vl - direct * dl - cross * dr, vr - direct * dr - cross * dl
         yaw_rate = (vr - vl) / car.geometry.B
 
         wanted = speeds.vy / known.mass + forces.side, yaw_rate / known.inertia + forces.turning
@@ -346,8 +348,8 @@ class _Model(NamedTuple):
             yaw_rate - known.inertia * (side.turning - forces.turning),
             omega,
         )
-        found = Forces(
-            (held[0], held[1]),
+        tried = Forces(
+            (passed_on[0], passed_on[1]),
             (thrust[0], thrust[1]),
             (rolling[0], rolling[1]),
             side.side,
@@ -355,12 +357,12 @@ class _Model(NamedTuple):
         )
         gripped = (tracks_stick[0], tracks_stick[1])
         sticks = (motors_stand, gripped, (tracks_stand[0], tracks_stand[1]), side.sticks)
-        return _Search(after, found, sticks)
+        return _Search(after, tried, sticks)
 
-    def _stopped(self, known: _Part, found: _Search) -> _Speeds:
+    def _stopped(self, known: _Part, search: _Search) -> _Speeds:
         """What sticks stands: rounding, and what the rounds left, is taken from its speed."""
-        xp, speeds = self.xp, found.speeds
-        motors, grips, tracks, straight = found.sticks
+        xp, speeds = self.xp, search.speeds
+        motors, grips, tracks, straight = search.sticks
         stand = [
             on_ground | (motor & grip & (contact.ease == 0.0))
             for on_ground, motor, grip, contact in zip(

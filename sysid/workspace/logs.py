@@ -51,8 +51,8 @@ class StoredData:
         """The model with its data, as far as they are at hand, to be compared with others."""
         from sysid.estimation.selection.comparison import Contender
 
-        records, held = self.estimation(stored), self.validation(stored)
-        return Contender(stored.id, stored.model, records, stored.report, held)
+        records, judged_on = self.estimation(stored), self.validation(stored)
+        return Contender(stored.id, stored.model, records, stored.report, judged_on)
 
     def estimation(self, stored: StoredModel) -> "tuple[Record, ...] | None":
         """What the model was fitted to, or None when it is gone or has changed."""
@@ -62,14 +62,14 @@ class StoredData:
 
     def validation(self, stored: StoredModel) -> "tuple[Record, ...] | None":
         """What the model was judged on when it was fitted, or None where that is not known."""
-        held = stored.report.get("judged_on")
-        if not isinstance(held, Mapping):
+        judged_on = stored.report.get("judged_on")
+        if not isinstance(judged_on, Mapping):
             return None
         try:
-            wanted = [(s["sha256"], s["first"], s["samples"]) for s in held["sources"]]
+            wanted = [(s["sha256"], s["first"], s["samples"]) for s in judged_on["sources"]]
         except (KeyError, TypeError):
             return None
-        return self._found(stored.model.provenance.options, held.get("files"), wanted)
+        return self._found(stored.model.provenance.options, judged_on.get("files"), wanted)
 
     def _found(
         self, options: Mapping[str, Any], files: Any, wanted: list[tuple[str, float, int]]
@@ -81,8 +81,8 @@ class StoredData:
         except (SysidError, KeyError, TypeError):
             return None
         pieces = [_piece(whole, *source) for source in wanted]
-        found = tuple(p for p in pieces if p is not None)
-        return found if found and len(found) == len(wanted) else None
+        records = tuple(p for p in pieces if p is not None)
+        return records if records and len(records) == len(wanted) else None
 
     def _prepared(self, options: Mapping[str, Any], files: list[str]) -> "tuple[Record, ...]":
         from json import dumps

@@ -22,7 +22,7 @@ from sysid.workspace.store import Workspace
 
 KEYS = {
     "verdict", "effects", "minor", "candidates", "where", "gap", "detectable",
-    "next_experiments", "model_before", "model_after", "seconds",
+    "next_experiments", "original_model", "augmented_model", "seconds",
 }  # fmt: skip
 
 
@@ -88,7 +88,7 @@ def test_story_files_and_page(here: Path, capsys: pytest.CaptureFixture[str]) ->
         "of the excess error of omega_",
         "dead-zone (actuator)",
         "± std. error",
-        "cannot tell it from stiction",
+        "cannot distinguish it from stiction",
         "of the gap is closed",
         "sysid export --model",
     ):
@@ -130,7 +130,7 @@ def test_page_and_story_without_an_effect(
         assert words in told.out
     assert said[0] in page
     document = json.loads((here / "out" / "diagnosis.json").read_text())
-    assert document["model_before"] == document["model_after"]
+    assert document["original_model"] == document["augmented_model"]
     assert document["effects"] == []
 
 
@@ -144,7 +144,7 @@ def test_document(
     (effect,) = found["effects"]
     assert set(effect) == {
         "id", "stage", "channels", "parameters", "evidence", "indistinguishable", "sentence",
-        "explains_percent", "remains",
+        "error_ratio_without", "remains",
     }  # fmt: skip
     assert set(effect["parameters"][0]) == {
         "name", "value", "std_error", "unit", "interval", "visited", "on_bound",
@@ -168,13 +168,13 @@ def test_both_models_are_ordinary_models(
 ) -> None:
     no_page(monkeypatch)
     found = diagnosed(capsys)
-    ids = [found["model_before"], found["model_after"]]
+    ids = [found["original_model"], found["augmented_model"]]
     listed = run(capsys, "models", "--json").document["models"]
     assert [m["model"] for m in listed] == ids
     assert listed[1]["fit_percent"]["omega_r"] > 95
     ranked = run(capsys, "compare", *ids, "--val", "other.csv", "--json").document
-    assert ranked["best"] == found["model_after"]
-    exported = run(capsys, "export", "--model", found["model_after"], "--json").document
+    assert ranked["best"] == found["augmented_model"]
+    exported = run(capsys, "export", "--model", found["augmented_model"], "--json").document
     assert exported["selftest"]["max_error"] < 1e-6
 
 
@@ -203,7 +203,7 @@ def test_a_mission_is_told_and_drawn(
     told = run(capsys, "diagnose", "log.csv", "--mission", "mission.yaml")
     assert told.code == 0, told.err
     assert asked == [Path("mission.yaml")]
-    assert "driven again: time [s]" in told.out
+    assert "closed loop: time [s]" in told.out
     assert "off by 0.40 m before" in told.out
     page = (here / ".sysid" / "diagnosis" / "index.html").read_text(encoding="utf-8")
     assert "log.csv: the measured path" in page
@@ -222,7 +222,7 @@ def test_diagnosed_models_say_what_they_were_judged_on(
 ) -> None:
     no_page(monkeypatch)
     document = diagnosed(capsys, "--val", "other.csv")
-    for id in (document["model_before"], document["model_after"]):
+    for id in (document["original_model"], document["augmented_model"]):
         stored = Workspace(Path(".sysid")).load(id)
         assert [Path(f).name for f in stored.report["judged_on"]["files"]] == ["other.csv"]
         records = StoredData().validation(stored)
@@ -233,10 +233,10 @@ def test_diagnosed_models_say_what_they_were_judged_on(
 def test_the_engine_takes_what_the_command_gives() -> None:
     from sysid.diagnosis.diagnose import diagnose
 
-    assert {"estimation", "held", "model", "progress"} <= set(signature(diagnose).parameters)
+    assert {"estimation", "holdout", "model", "progress"} <= set(signature(diagnose).parameters)
 
 
-# Which model is doubted ---------------------------------------------------------------------------
+# The model to diagnose ---------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -250,12 +250,12 @@ def test_the_best_model_of_these_channels_is_doubted(
     ).document["model"]
     run(capsys, "fit", one, "--structure", "arx", "--orders", "na=1 nb=1 nk=1", "--json")
     first = diagnosed(capsys)
-    assert first["model_before"] == fitted
-    # what a diagnosis made is not doubted by the next one, unless a comparison put it first
-    assert diagnosed(capsys)["model_before"] == fitted
-    run(capsys, "compare", fitted, first["model_after"], "--val", "other.csv")
-    assert diagnosed(capsys)["model_before"] == first["model_after"]
-    assert diagnosed(capsys, "--model", fitted)["model_before"] == fitted
+    assert first["original_model"] == fitted
+    # what a diagnosis made is not diagnosed by the next one, unless a comparison put it first
+    assert diagnosed(capsys)["original_model"] == fitted
+    run(capsys, "compare", fitted, first["augmented_model"], "--val", "other.csv")
+    assert diagnosed(capsys)["original_model"] == first["augmented_model"]
+    assert diagnosed(capsys, "--model", fitted)["original_model"] == fitted
 
 
 def test_nothing_is_lost(
@@ -297,7 +297,7 @@ def refused(told: Run, code: int, *words: str) -> None:
         ("missing.csv", 2, ("no file missing.csv",)),
         ("silent.csv", 1, ("output",)),
         ("log.csv --val single.csv", 1, ("single.csv",)),
-        ("log.csv --val log.csv", 2, ("would prove nothing", "leave --val")),
+        ("log.csv --val log.csv", 2, ("must differ from the estimation log", "omit --val")),
         ("log.csv --plant plant", 2, ("--plant", "--mission")),
         ("log.csv --mission none.yaml", 2, ("none.yaml",)),
         ("log.csv -o log.csv", 2, ("is a file",)),

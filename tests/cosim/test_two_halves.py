@@ -67,8 +67,8 @@ def test_in_lock_step_it_is_the_run_of_one_process(name: str, level: Level) -> N
     for column in alone.log.keys() & driven.log.keys() - unknown:
         until = -1 if column in thought else None
         # PWM goes over as mean and half difference, and time as nanoseconds: rounding only
-        expected, found = alone.log[column][:until], driven.log[column][:until]
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6, err_msg=column)
+        expected, result = alone.log[column][:until], driven.log[column][:until]
+        np.testing.assert_allclose(result, expected, rtol=0.0, atol=1e-6, err_msg=column)
     assert guided.final == pytest.approx(alone.final, abs=GUIDED.get(name, 1e-6))
 
 
@@ -81,10 +81,10 @@ def test_free_running_a_sample_late() -> None:
         time.sleep(0.01)
 
     guided, driven = both(mission, pace=Pace(patience=20.0), wait=answered)
-    for found in (guided, driven):
-        assert found.outcome is Outcome.ARRIVED
-        assert found.time_s == pytest.approx(alone.time_s, abs=0.3)
-        assert found.final[:2] == pytest.approx(alone.final[:2], abs=0.05)
+    for result in (guided, driven):
+        assert result.outcome is Outcome.ARRIVED
+        assert result.time_s == pytest.approx(alone.time_s, abs=0.3)
+        assert result.final[:2] == pytest.approx(alone.final[:2], abs=0.05)
 
 
 def test_a_half_that_is_silent_or_breaks_off_ends_the_other() -> None:
@@ -95,7 +95,7 @@ def test_a_half_that_is_silent_or_breaks_off_ends_the_other() -> None:
     assert there.receive(0.1) == Ended("broken off")
     with pytest.raises(SilenceError, match=r"said nothing for 0\.05 s"):
         play_robot(mission, Robot(), there, Pace(lock_step=True, patience=0.05))
-    with pytest.raises(SilenceError, match=r"nothing was asked of the robot for 0\.05 s"):
+    with pytest.raises(SilenceError, match=r"the robot received no reference for 0\.05 s"):
         play_robot(mission, Robot(), joined()[0], Pace(patience=0.05, speed=50.0))
     here, there = joined()
     here.send(Ended("broken off"))
@@ -115,9 +115,9 @@ def test_a_robot_of_another_kind() -> None:
     at = Body(Pose(0.0, 0.0, 0.0), 0.0, 0.0)
     times = [100.0 + 0.03 * k for k in range(40)]
     port = said(*(Seen(t, at) for t in (*times, times[-1])), Ended("collision"))
-    found = guide(goal(1, 0), port)
-    assert (found.outcome, len(found.log["t"])) == (Outcome.COLLISION, 40)
-    assert found.log["t"][-1] == pytest.approx(39 * 0.03)
+    result = guide(goal(1, 0), port)
+    assert (result.outcome, len(result.log["t"])) == (Outcome.COLLISION, 40)
+    assert result.log["t"][-1] == pytest.approx(39 * 0.03)
     with pytest.raises(ModelError, match=r"time went back from 0\.5 s to 0\.1 s: two robots"):
         guide(goal(1, 0), said(*(Seen(t, at) for t in (0.0, 0.5, 0.1))))
     with pytest.raises(ModelError, match="over before it began"):

@@ -158,8 +158,8 @@ def test_pwm_max_needs_pwm(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("other", "expected"),
     [
-        (GOOD.replace("t,u,y", "t,u2,y"), "has the inputs u2, log.csv has u"),
-        (GOOD.replace("t,u,y", "t,u,y2"), "has the outputs y2"),
+        (GOOD.replace("t,u,y", "t,u2,y"), "has u2 -> y but log.csv has u -> y"),
+        (GOOD.replace("t,u,y", "t,u,y2"), "-> y2 but log.csv has"),
         (GOOD.replace("t,u,y", "t_ms,u,y"), "is sampled every 0.0001 s, log.csv every 0.1"),
         (GOOD.replace("t,u,y", "t,u [V],y"), "u is in V in other.csv, in no unit in log.csv"),
     ],

@@ -67,6 +67,20 @@ def test_a_long_head_shows_a_small_drift(lasting: float) -> None:
     assert len(taken(300, drift=2.0 if lasting <= 1.0 else 5.0, lasting=lasting)) <= 3
 
 
+@pytest.mark.parametrize("damping", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("periods", [1.0, 1.5, 2.0])
+def test_a_reading_that_rings_is_no_rest(periods: float, damping: float) -> None:
+    """A belt that is set going by a command held from the first sample on, 15 samples of it."""
+    w = 2.0 * np.pi * periods / 15.0
+    poles = np.exp(-damping * w) * np.exp(1j * w * np.sqrt(1.0 - damping**2))
+    a = [1.0, -2.0 * poles.real, abs(poles) ** 2]
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        u = np.concatenate([np.full(15, 1.7), rng.uniform(-1.5, 1.5, 20).repeat(20)])
+        y = lfilter([0.0, sum(a)], a, u) + 0.01 * rng.standard_normal(len(u))
+        assert rest_head(Record(u, y, 0.02)) is None
+
+
 def test_the_level_is_not_that_of_a_head_that_still_rises() -> None:
     """A fan that spins up while its command is held: the level is estimated, not read off."""
     for seed in range(6):

@@ -12,7 +12,7 @@ from sysid.diagnosis.advise import (
     next_experiments,
     sampled,
 )
-from sysid.diagnosis.base_model import plain_base
+from sysid.diagnosis.base_model import fit_baseline
 from sysid.effects.catalogue import CHANGED, catalogue, effect
 from sysid.effects.programmes import LEVELS
 
@@ -62,23 +62,23 @@ def test_effects_that_cannot_be_shown_share_schedules() -> None:
 
 def test_where_no_command_helps_it_is_said_what_does() -> None:
     effects = tuple(effect(i) for i in ("actuator-lag", "sensor-lag"))
-    base = plain_base([RECORD], [RECORD], effects)
-    model, node = base.search.model, base.node
+    base = fit_baseline([RECORD], [RECORD], effects)
+    model, node = base.search.model, base.candidate
     rows = [node.q.copy(), node.q.copy()]
     for q, e in zip(rows, effects, strict=True):
         q[list(model.of(e.id))] = 0.2
     tied = {e.id: replace(node, q=q) for e, q in zip(effects, rows, strict=True)}
     found = experiment_between(base.search, tied, np.array([SIGMA, SIGMA]), SCALES, base.delay)
     assert found.rows == ()
-    assert "no command helps" in found.purpose
+    assert "No command distinguishes" in found.purpose
     assert "turn the wheel by hand" in found.purpose
 
 
 def test_a_tie_gets_the_schedule_on_which_the_models_differ_most() -> None:
     effects = tuple(effect(i) for i in ("supply-sag", "concave-gain", "cross-coupling"))
     ordered = [e for e in catalogue().values() if e in effects]
-    base = plain_base([RECORD], [RECORD], ordered)
-    model, node = base.search.model, base.node
+    base = fit_baseline([RECORD], [RECORD], ordered)
+    model, node = base.search.model, base.candidate
     q1, q2 = node.q.copy(), node.q.copy()
     q1[list(model.of("supply-sag"))] = 0.2
     q2[list(model.of("concave-gain"))] = 0.2

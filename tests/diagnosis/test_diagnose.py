@@ -11,17 +11,17 @@ from sysid.data.integrating import integrates
 from sysid.data.io import read_log
 from sysid.data.record import Channel, Record
 from sysid.diagnosis.augment import values_of
-from sysid.diagnosis.base_model import Base, divided, plain_base
+from sysid.diagnosis.base_model import Base, divided, fit_baseline
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.integrating import rates
 from sysid.diagnosis.search.admission import beyond_sampling
 from sysid.diagnosis.search.batched_search import information, search
-from sysid.diagnosis.search.named_sets import Interval
-from sysid.diagnosis.search.naming import NamingSearch
+from sysid.diagnosis.search.forward_selection import ForwardSelection
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import prepare
+from sysid.diagnosis.search.selection import Interval
 from sysid.diagnosis.search.starts import clip_level, repeats_at_top
-from sysid.diagnosis.search.supermodel import SuperModel
 from sysid.effects.catalogue import chain_effects
 from sysid.effects.friction import HEAVIEST
 from sysid.errors import DataError
@@ -104,7 +104,7 @@ def test_a_log_without_validation_is_divided_and_lost_readings_do_not_count(
     log = logs(tmp_path, "dropouts", 41)
     found = diagnose([log["est"]])
     assert [e.id for e in found.effects] == ["dropouts"]
-    assert any("left out" in w for w in found.warnings)
+    assert any("excluded" in w for w in found.warnings)
     assert np.isfinite(found.gap.before)
     held = next(t for t in found.traces if t.role == "held-out")
     assert 0.2 < np.mean(held.counted) < 0.4
@@ -134,7 +134,7 @@ def test_a_model_that_has_absorbed_the_effect_gives_way_to_the_plainest_base(
     found = diagnose([made["est"]], [made["val"]], model=model)
     assert entries(found) == [{"dead-zone"}]
     assert found.before is model
-    assert found.plainer.startswith("per track")
+    assert found.baseline_words.startswith("per track")
     assert any("absorbed" in w for w in found.warnings)
     # the gap is that of the model doubted, whose run the traces show, too
     y = made["val"].y
@@ -181,8 +181,8 @@ def test_a_log_with_more_outputs_than_inputs_is_refused(tmp_path: Path) -> None:
 # The parts ----------------------------------------------------------------------------------------
 
 
-def model() -> SuperModel:
-    return SuperModel(chain_effects(), 1, 2, np.array([10.0, 10.0]), 0.05)
+def model() -> FullModel:
+    return FullModel(chain_effects(), 1, 2, np.array([10.0, 10.0]), 0.05)
 
 
 def record(samples: int = 400, seed: int = 3) -> Record:
@@ -192,11 +192,11 @@ def record(samples: int = 400, seed: int = 3) -> Record:
     return Record(u, np.zeros_like(u), 0.05, *map(tuple, channels), name="made")
 
 
-def core(m: SuperModel, gain: float = 20.0, pole: float = -0.8) -> np.ndarray:
+def core(m: FullModel, gain: float = 20.0, pole: float = -0.8) -> np.ndarray:
     q = m.null.copy()
     for i in range(2):
-        q[m.place["core", "gain", i]] = gain + i
-        q[m.place["core", "f1", i]] = pole
+        q[m.index["core", "gain", i]] = gain + i
+        q[m.index["core", "f1", i]] = pole
     return q
 
 
@@ -205,14 +205,14 @@ def test_the_search_finds_the_numbers_of_its_own_run_from_far_away() -> None:
     scales = np.full(2, 20000.0)
     truth = core(m)
     for i in range(2):
-        truth[m.place["dead-zone", "plus", i]] = 0.2
-        truth[m.place["dead-zone", "minus", i]] = 0.1
+        truth[m.index["dead-zone", "plus", i]] = 0.2
+        truth[m.index["dead-zone", "minus", i]] = 0.1
     y = m.run(truth, prepare([r], scales, 1))[0][: len(r)]
     data = prepare([dataclasses.replace(r, y=y)], scales, 1)
-    free = (*m.of("core"), *(k for k in m.of("dead-zone") if m.slots[k].name != "jump"))
+    free = (*m.of("core"), *(k for k in m.of("dead-zone") if m.parameters[k].name != "jump"))
     start = core(m, 15.0, -0.6)
     for k in m.of("dead-zone"):
-        start[k] = 0.0 if m.slots[k].name == "jump" else 0.05
+        start[k] = 0.0 if m.parameters[k].name == "jump" else 0.05
     q, cost = search(m, start[None], [free], data, 60, 1e-12)
     np.testing.assert_allclose(q[0][list(free)], truth[list(free)], rtol=1e-5)
     assert cost.sum() < 1e-8 * np.sum(y**2)
@@ -235,25 +235,25 @@ def test_a_bound_holds_and_names_with_a_number_on_it_are_not_admitted() -> None:
     m, r = model(), record()
     scales = np.full(2, 20000.0)
     data = prepare([r], scales, 1)
-    limit = m.place["coulomb-friction", "level", 0]
+    limit = m.index["coulomb-friction", "level", 0]
     q, _ = search(m, core(m)[None], [(limit,)], data, 20)
-    assert m.slots[limit].lower <= q[0][limit] <= m.slots[limit].upper
-    s = NamingSearch(m, [r], [r], scales, 1)
+    assert m.parameters[limit].lower <= q[0][limit] <= m.parameters[limit].upper
+    s = ForwardSelection(m, [r], [r], scales, 1)
     s.origin = core(m)
     row = core(m)
-    row[limit] = m.slots[limit].upper
-    assert not s.admissible(s.node(("coulomb-friction",), row, (*s.core, limit)))
+    row[limit] = m.parameters[limit].upper
+    assert not s.admissible(s.candidate(("coulomb-friction",), row, (*s.core, limit)))
 
 
 def test_little_friction_is_none_at_its_null_however_far_the_search_may_go() -> None:
     m, r = model(), record()
-    s = NamingSearch(m, [r], [r], np.full(2, 20000.0), 1)
+    s = ForwardSelection(m, [r], [r], np.full(2, 20000.0), 1)
     s.origin = core(m)
-    level = m.place["coulomb-friction", "level", 0]
+    level = m.index["coulomb-friction", "level", 0]
     for size, stands in ((0.01, True), (0.0, False)):
         row = core(m)
-        row[level] = size * m.slots[level].upper / HEAVIEST
-        node = s.node(("coulomb-friction",), row, (*s.core, level))
+        row[level] = size * m.parameters[level].upper / HEAVIEST
+        node = s.candidate(("coulomb-friction",), row, (*s.core, level))
         assert s.admissible(node) is stands
 
 
@@ -292,12 +292,14 @@ def test_a_position_is_known_for_the_integral_of_its_drive() -> None:
 def test_an_effect_that_was_left_alone_is_accounted_for_though_it_was_no_candidate() -> None:
     # a swap may name what the first round of candidates did not hold
     m, r = model(), record()
-    s = NamingSearch(m, [r], [r], np.full(2, 20000.0), 1)
+    s = ForwardSelection(m, [r], [r], np.full(2, 20000.0), 1)
     s.origin = core(m)
-    base, row = s.node((), core(m), s.core), core(m)
-    row[m.place["coulomb-friction", "level", 0]] = 1.0
-    levels = tuple(m.place["coulomb-friction", "level", i] for i in range(2))
-    found = s.account(base, s.node(("coulomb-friction",), row, (*s.core, *levels)), m.effects, [])
+    base, row = s.candidate((), core(m), s.core), core(m)
+    row[m.index["coulomb-friction", "level", 0]] = 1.0
+    levels = tuple(m.index["coulomb-friction", "level", i] for i in range(2))
+    found = s.account(
+        base, s.candidate(("coulomb-friction",), row, (*s.core, *levels)), m.effects, []
+    )
     assert [n.id for n in found] == ["coulomb-friction"]
     assert set(found[0].rivals) == {"coulomb-friction"}
     assert found[0].touched.tolist() == [True, False]
@@ -313,20 +315,20 @@ def test_a_lightly_damped_swing_is_followed_by_the_plainest_base() -> None:
         y[k] = 0.004 * u[k - 1] + 0.003 * u[k - 2] - f1 * y[k - 1] - f2 * y[k - 2]
     y += 0.01 * np.std(y) * rng.standard_normal(len(y)) + 0.4
     log = Record(u[:, None], y[:, None], 0.02, (Channel("torque"),), (Channel("angle"),), name="a")
-    base = plain_base([log], None, chain_effects())
-    assert base.node.held_rmse < 0.02 * np.std(y)
+    base = fit_baseline([log], None, chain_effects())
+    assert base.candidate.holdout_rmse < 0.02 * np.std(y)
 
 
 def test_a_lag_below_one_sample_is_the_sampling_and_no_effect() -> None:
     m, r = model(), record()
-    s = NamingSearch(m, [r], [r], np.full(2, 20000.0), 1)
+    s = ForwardSelection(m, [r], [r], np.full(2, 20000.0), 1)
     s.origin = core(m)
     for id in ("input-delay", "actuator-lag", "sensor-lag"):
         slots = m.of(id)[:2]
         for samples, stands in ((0.5, False), (1.5, True)):
             row = core(m)
             row[list(slots)] = samples * m.dt
-            node = s.node((id,), row, (*s.core, *slots))
+            node = s.candidate((id,), row, (*s.core, *slots))
             assert s.admissible(node) == stands, (id, samples)
             row[slots[1]] = 0.5 * m.dt
             assert beyond_sampling(m, id, row).tolist() == [stands, False]
@@ -334,16 +336,16 @@ def test_a_lag_below_one_sample_is_the_sampling_and_no_effect() -> None:
 
 def test_a_share_of_the_largest_command_is_told_in_the_unit_of_the_input() -> None:
     # throttle up to 80 %: a share of that is no share of full throttle
-    m = SuperModel(chain_effects(), 1, 1, np.array([10.0]), 0.05)
+    m = FullModel(chain_effects(), 1, 1, np.array([10.0]), 0.05)
     u = np.full((100, 1), 80.0)
     u[50:] = 20.0
     log = Record(u, 0.0 * u, 0.05, (Channel("throttle", "%"),), (Channel("v", "m/s"),), name="a")
     scales = np.array([80.0])
-    s = NamingSearch(m, [log], [log], scales, 1)
-    row, at = m.null.copy(), m.place["input-saturation", "plus", 0]
-    row[m.place["core", "gain", 0]], row[m.place["core", "f1", 0]] = 20.0, -0.8
+    s = ForwardSelection(m, [log], [log], scales, 1)
+    row, at = m.null.copy(), m.index["input-saturation", "plus", 0]
+    row[m.index["core", "gain", 0]], row[m.index["core", "f1", 0]] = 20.0, -0.8
     row[at] = 0.75
-    node = s.node(("input-saturation",), row, (*s.core, at))
+    node = s.candidate(("input-saturation",), row, (*s.core, at))
     base = Base(divided([log], None), s, node, scales, 1, False, "")
     value = values_of(base, node, "input-saturation", {at: Interval(0.7, 0.8)})[0]
     assert (value.value, value.unit) == (0.75, "drive")

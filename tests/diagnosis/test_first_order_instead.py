@@ -8,7 +8,7 @@ import pytest
 
 from sysid.data.record import Channel, Record
 from sysid.diagnosis import given_model
-from sysid.diagnosis.base_model import plain_base
+from sysid.diagnosis.base_model import fit_baseline
 from sysid.diagnosis.given_model import or_on_first_order
 from sysid.effects.catalogue import chain_effects
 
@@ -29,14 +29,16 @@ def outcome(
         search=SimpleNamespace(model=SimpleNamespace(order=order)),
         parts=SimpleNamespace(estimation=(log,)),
     )
-    study = SimpleNamespace(base=base, doubtful=doubtful, unexplained=lambda naming: unexplained)
-    return SimpleNamespace(study=study, naming=SimpleNamespace(named=named, final=None))
+    study = SimpleNamespace(
+        base=base, needs_explanation=doubtful, unexplained=lambda naming: unexplained
+    )
+    return SimpleNamespace(session=study, selection=SimpleNamespace(selected=named, final=None))
 
 
 def better(more: bool) -> Any:
     """What was found on first order, and whether it explains more."""
     found = outcome(1, ("backlash",))
-    found.study.explains_more = lambda naming, node: more
+    found.session.explains_more = lambda naming, node: more
     return found
 
 
@@ -60,7 +62,7 @@ def better(more: bool) -> Any:
 def test_first_order_is_taken_where_it_explains_more(
     found: Any, other: Any, taken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(given_model, "_plainest", lambda *_, **__: other)
+    monkeypatch.setattr(given_model, "_on_baseline", lambda *_, **__: other)
     result: Any = or_on_first_order(found, [LOG], None, lambda text, share: None)
     assert (result is other) is taken
     assert taken or result is found
@@ -77,7 +79,7 @@ def test_a_plain_base_keeps_to_the_highest_order_asked_for() -> None:
     y += 1e-3 * rng.standard_normal(len(y))
     log = Record(u[:, None], y[:, None], 0.02, (Channel("u", "V"),), (Channel("speed"),), name="m")
     orders = [
-        plain_base([log], None, chain_effects(), **highest).search.model.order
+        fit_baseline([log], None, chain_effects(), **highest).search.model.order
         for highest in ({}, {"highest": 1})
     ]
     assert orders[0] > 1

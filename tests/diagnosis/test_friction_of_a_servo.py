@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array, Channel, Record
-from sysid.diagnosis.base_model import plain_base
+from sysid.diagnosis.base_model import fit_baseline
 from sysid.diagnosis.diagnose import diagnose
 from sysid.effects.catalogue import chain_effects
 
@@ -51,7 +51,7 @@ def test_it_stays_short_of_its_set_point(stays: float) -> None:
 
 
 def test_nothing_of_torque_or_speed_is_offered() -> None:
-    base = plain_base([logged(1, 0.2)], [logged(2, 0.2)], chain_effects())
+    base = fit_baseline([logged(1, 0.2)], [logged(2, 0.2)], chain_effects())
     offered = {e.id for e in base.search.model.effects}
     assert {"dead-time", "freewheel", "backlash", "stiction", "actuator-lag"}.isdisjoint(offered)
     assert {"coulomb-friction", "dead-zone", "rate-limit"} <= offered

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Channel, Record
-from sysid.diagnosis.base_model import plain_base
+from sysid.diagnosis.base_model import fit_baseline
 from sysid.effects.catalogue import effect
 
 EFFECTS = tuple(effect(id) for id in ("dead-zone", "gravity-load", "speed-ripple"))
@@ -27,6 +27,6 @@ def test_waves_over_an_angle_are_offered_to_speeds(
         y[k] = 0.8 * y[k - 1] + 0.2 * u[k - 1]
     y += 0.01 * rng.standard_normal(len(u))
     log = Record(u[:, None], y[:, None], 0.02, (Channel("u", "V"),), (Channel(name, unit),))
-    base = plain_base([log], None, EFFECTS)
+    base = fit_baseline([log], None, EFFECTS)
     assert not base.on_rate
     assert tuple(e.id for e in base.search.model.effects if e in EFFECTS) == offered

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import CHANGED, about, catalogue, chain_effects
 from sysid.effects.conformance import fault
@@ -74,7 +74,7 @@ def test_a_step_that_acts_at_its_null_or_fails_is_seen() -> None:
 def test_tracks_that_any_effect_couples_are_moved_together() -> None:
     """A coupling effect under another name: its lanes must not share a shifted copy."""
     mine = replace(about("cross-coupling"), id="somebody-elses")
-    model = SuperModel((mine,), 1, 2, np.array([10.0, 10.0]), 0.05)
+    model = FullModel((mine,), 1, 2, np.array([10.0, 10.0]), 0.05)
     q = model.null.copy()
     core, own = model.of("core"), model.of("somebody-elses")
     assert not model.joined(q, core)

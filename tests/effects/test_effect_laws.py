@@ -7,16 +7,16 @@ import pytest
 
 from sysid.data.record import Channel, Record
 from sysid.diagnosis.search.candidates import CandidateSearch
-from sysid.diagnosis.search.named_sets import Judged, Node
-from sysid.diagnosis.search.starts import free_slots
-from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.search.full_model import FullModel
+from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
+from sysid.diagnosis.search.starts import free_parameters
 from sysid.effects.base import Law
 from sysid.effects.catalogue import effect
 from sysid.structures.augmented.structure import Augmented
 
 DT, KEPT, GAIN, SIGMA = 0.05, 0.8, 20.0, 0.05
 SAG = effect("supply-sag")
-MODEL = SuperModel((SAG,), 1, 2, np.array([10.0, 10.0]), DT)
+MODEL = FullModel((SAG,), 1, 2, np.array([10.0, 10.0]), DT)
 
 
 def logged(numbers: dict[str, float], seed: int) -> Record:
@@ -32,7 +32,7 @@ def logged(numbers: dict[str, float], seed: int) -> Record:
     return Record(u, y, DT, inputs, (Channel("omega_l", "rad/s"), Channel("omega_r", "rad/s")))
 
 
-def tried(numbers: dict[str, float]) -> tuple[CandidateSearch, Judged]:
+def tried(numbers: dict[str, float]) -> tuple[CandidateSearch, ScoredCandidate]:
     search = CandidateSearch(MODEL, [logged(numbers, 1)], [logged(numbers, 2)], np.ones(2), 1)
     start = MODEL.null
     start[list(MODEL.of("core"))] = [GAIN, -KEPT] * 2
@@ -42,8 +42,8 @@ def tried(numbers: dict[str, float]) -> tuple[CandidateSearch, Judged]:
     return search, found
 
 
-def numbers_of(node: Node) -> dict[str, float]:
-    return {p.name: float(node.q[MODEL.place[SAG.id, p.name, -1]]) for p in SAG.parameters}
+def numbers_of(node: CandidateModel) -> dict[str, float]:
+    return {p.name: float(node.q[MODEL.index[SAG.id, p.name, -1]]) for p in SAG.parameters}
 
 
 @pytest.mark.parametrize(
@@ -58,20 +58,20 @@ def numbers_of(node: Node) -> dict[str, float]:
 def test_the_data_choose_the_law(hidden: dict[str, float]) -> None:
     search, found = tried(hidden)
     # five standard errors and more of what this noise leaves of them
-    assert numbers_of(found.node) == pytest.approx(hidden, abs=0.02)
-    assert search.admissible(found.node)
+    assert numbers_of(found.candidate) == pytest.approx(hidden, abs=0.02)
+    assert search.admissible(found.candidate)
     core = len(MODEL.of("core"))
-    assert len(found.node.free) == core + (2 if hidden["current"] == 2.0 else 1)
+    assert len(found.candidate.free) == core + (2 if hidden["current"] == 2.0 else 1)
 
 
 def test_a_start_holds_only_the_numbers_of_its_law() -> None:
     starts = MODEL.starts(SAG)
-    at = {p.name: MODEL.place[SAG.id, p.name, -1] for p in SAG.parameters}
+    at = {p.name: MODEL.index[SAG.id, p.name, -1] for p in SAG.parameters}
     assert [s[at["current"]] for s in starts] == [0.0, 0.0, 1.0, 1.0, 2.0, 2.0]
     for start, moved in zip(starts, (1, 1, 1, 1, 2, 2), strict=True):
         q = MODEL.null
         q[list(start)] = list(start.values())
-        assert len(free_slots(MODEL, SAG, q, (0, 1))) == moved
+        assert len(free_parameters(MODEL, SAG, q, (0, 1))) == moved
 
 
 def test_an_effect_without_laws_moves_all_but_its_choices() -> None:

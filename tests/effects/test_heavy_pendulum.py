@@ -3,8 +3,8 @@
 import numpy as np
 
 from sysid.data.record import Channel, Record
-from sysid.diagnosis.search.naming import NamingSearch
-from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.search.forward_selection import ForwardSelection
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.effects.catalogue import effect
 
 DT, FINE, TAU, GAIN = 0.02, 20, 0.1, 10.0
@@ -32,14 +32,14 @@ def test_a_weight_heavier_than_the_usual_speed_is_admissible() -> None:
     logs = [swinging(1), swinging(2)]
     speed = np.quantile(np.abs(logs[0].y), 0.95, axis=0)
     assert speed < HEAVY / 1.5
-    model = SuperModel((gravity,), 1, 1, speed, DT)
-    search = NamingSearch(model, logs[:1], logs[1:], np.ones(1), 1)
+    model = FullModel((gravity,), 1, 1, speed, DT)
+    search = ForwardSelection(model, logs[:1], logs[1:], np.ones(1), 1)
     start = model.null
     start[list(model.of("core"))] = [3.0, -0.8]
     base = search.base(start[None])
     search.origin = base.q
     (found,) = search.candidates(base, [gravity])
     assert found.evidence.accepted
-    assert search.admissible(found.node)
-    size = np.hypot(*(found.node.q[model.place[gravity.id, n, 0]] for n in ("cosine", "sine")))
+    assert search.admissible(found.candidate)
+    size = np.hypot(*(found.candidate.q[model.index[gravity.id, n, 0]] for n in ("cosine", "sine")))
     assert abs(size - HEAVY) < 0.02 * HEAVY  # what a step of a fifth of τ leaves

@@ -6,13 +6,13 @@ import pytest
 from sysid.data.record import Channel, Record
 from sysid.diagnosis.over_angle import over_angle, strongest_lines
 from sysid.diagnosis.search.candidates import CandidateSearch
-from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.effects.catalogue import effect
 from sysid.structures.augmented.structure import Augmented
 
 DT, KEPT, GAIN, SIGMA = 0.05, 0.8, 20.0, 0.1
 EFFECTS = (effect("gravity-load"), effect("speed-ripple"))
-MODEL = SuperModel(EFFECTS, 1, 1, np.array([10.0]), DT)
+MODEL = FullModel(EFFECTS, 1, 1, np.array([10.0]), DT)
 
 RIPPLE = {"cosine": 0.0, "sine": 0.0, "per_turn": 1.0, "of_wheel": 1.0}
 SHARES = {"share_cosine": 0.0, "share_sine": 0.0, "of_speed": 0.0}
@@ -62,8 +62,8 @@ def test_the_right_law_is_found_with_its_size(name: str) -> None:
     search.origin = base.q
     best = search.candidates(base, EFFECTS)[0]
     assert best.id == id
-    assert search.admissible(best.node)
-    q = {p.name: float(best.node.q[MODEL.place[id, p.name, 0]]) for p in effect(id).parameters}
+    assert search.admissible(best.candidate)
+    q = {p.name: float(best.candidate.q[MODEL.index[id, p.name, 0]]) for p in effect(id).parameters}
     # a weight may be fitted with waves a rad of its own: a drifting angle is straightened by them
     choices = ("of_speed", "of_load")
     assert [q.get(n) for n in choices] == [numbers.get(n) for n in choices]

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array, Channel, Record
-from sysid.diagnosis.search.named_sets import Judged
-from sysid.diagnosis.search.naming import NamingSearch
-from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.search.forward_selection import ForwardSelection
+from sysid.diagnosis.search.full_model import FullModel
+from sysid.diagnosis.search.selection import ScoredCandidate
 from sysid.effects.base import Context
 from sysid.effects.catalogue import effect
 
 DT, KEPT, GAIN, SIGMA = 0.05, 0.8, 20.0, 0.1
 TWIST = effect("twist-limit")
 RIVALS = (effect("input-saturation"), TWIST, effect("cross-coupling"))
-MODEL = SuperModel(RIVALS, 1, 2, np.array([10.0, 10.0]), DT)
+MODEL = FullModel(RIVALS, 1, 2, np.array([10.0, 10.0]), DT)
 NONE = {"forward": 1e3, "turning": 1e3, "side": 1e3}
 
 
@@ -50,9 +50,11 @@ def logged(limits: dict[str, float], seed: int, straight: bool = False) -> Recor
     return Record(u, y, DT, inputs, (Channel("omega_l", "rad/s"), Channel("omega_r", "rad/s")))
 
 
-def tried(limits: dict[str, float], straight: bool = False) -> tuple[NamingSearch, list[Judged]]:
+def tried(
+    limits: dict[str, float], straight: bool = False
+) -> tuple[ForwardSelection, list[ScoredCandidate]]:
     logs = [logged(limits, seed, straight) for seed in (1, 2)]
-    search = NamingSearch(MODEL, logs[:1], logs[1:], np.ones(2), 1)
+    search = ForwardSelection(MODEL, logs[:1], logs[1:], np.ones(2), 1)
     start = MODEL.null
     start[list(MODEL.of("core"))] = [GAIN, -KEPT] * 2
     base = search.base(start[None])
@@ -69,8 +71,8 @@ def test_it_is_told_from_limits_of_sides_and_from_a_tie_of_both(limits: dict[str
     assert first.evidence.accepted
     for name, value in limits.items():
         # five standard errors and more of what this noise leaves
-        assert first.node.q[MODEL.place[TWIST.id, name, -1]] == pytest.approx(value, abs=0.01)
-    assert search.admissible(first.node)
+        assert first.candidate.q[MODEL.index[TWIST.id, name, -1]] == pytest.approx(value, abs=0.01)
+    assert search.admissible(first.candidate)
 
 
 def test_driven_straight_ahead_it_is_no_more_than_each_sides_limit() -> None:

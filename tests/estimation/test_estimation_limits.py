@@ -302,7 +302,7 @@ def test_no_record_and_unlike_records_are_refused() -> None:
     record = system.record(100, 0.1)
     with pytest.raises(DataError, match="at least one log"):
         fit(system.model_structure, [])
-    with pytest.raises(DataError, match="share both"):
+    with pytest.raises(DataError, match="is sampled every"):
         fit(system.model_structure, [record, replace(record, dt=0.2)])
     with pytest.raises(DataError, match="leave it out"):
         fit(system.model_structure, [record, record.rows(0, 2)])
@@ -354,7 +354,9 @@ def test_output_error_ends_in_the_global_minimum(ratio: float, hold: int) -> Non
         record, theta = noisy_motor(seed, ratio, hold)
         options = FitOptions(initial=Initial.ZERO)
         found = fit(structure, [record], options).criteria["loss"]
-        helped = fit(structure, [record], options, warm=[("truth", theta)]).criteria["loss"]
+        helped = fit(structure, [record], options, initial_guesses=[("truth", theta)]).criteria[
+            "loss"
+        ]
         worse += found > helped * (1.0 + 1e-6)
     # 98 % of runs is the aim; more than two misses in 25 have probability 1.4 % then
     assert worse <= 2
@@ -375,7 +377,7 @@ def test_every_start_is_recorded() -> None:
 def test_a_warm_start_is_tried() -> None:
     system = SYSTEMS["oe"]
     record = system.record(300, 0.2)
-    model = fit(system.model_structure, [record], warm=[("neighbour", system.truth)])
+    model = fit(system.model_structure, [record], initial_guesses=[("neighbour", system.truth)])
     assert "neighbour" in {s.start for s in model.starts}
 
 

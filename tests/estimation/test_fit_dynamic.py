@@ -10,7 +10,6 @@ from sysid_datasets.multibody import Machine, columns, drive, random_schedule, s
 
 from sysid.data.record import Channel, Record
 from sysid.errors import DataError, ModelError, UsageError
-from sysid.estimation.vehicle.drive import Drives, drives_of
 from sysid.estimation.vehicle.dynamic_motion import Weighed, fit_weighed
 from sysid.estimation.vehicle.dynamic_motors import (
     motors_of_bench,
@@ -22,6 +21,7 @@ from sysid.estimation.vehicle.dynamic_numbers import numbers_of
 from sysid.estimation.vehicle.judged import whole
 from sysid.estimation.vehicle.numbers import VehicleNumber
 from sysid.estimation.vehicle.slip_fit import Part
+from sysid.estimation.vehicle.trajectory import Trajectories, trajectories_of
 from sysid.estimation.vehicle.vehicle_fit import fit_vehicle
 from sysid.vehicle.kinematics import Geometry
 from sysid.vehicle.motors import Bench
@@ -53,16 +53,18 @@ def made() -> Record:
 
 
 @pytest.fixture(scope="module")
-def drives() -> Drives:
+def trajectories() -> Trajectories:
     pytest.importorskip("mujoco", reason="the extra physics is not installed")
-    return drives_of([made()], Geometry())
+    return trajectories_of([made()], Geometry())
 
 
 @pytest.fixture(scope="module")
-def weighed(drives: Drives) -> Weighed:
+def weighed(trajectories: Trajectories) -> Weighed:
     """One fit for all tests here: it is compiled for some seconds."""
     motors = motors_of_bench(Bench(), {"inertia": 1e-9})
-    return fit_weighed(whole(drives.each), Geometry(), [made()], drives, Geometry(), motors)
+    return fit_weighed(
+        whole(trajectories.each), Geometry(), [made()], trajectories, Geometry(), motors
+    )
 
 
 def named(numbers: tuple[VehicleNumber, ...]) -> dict[str, VehicleNumber]:
@@ -70,7 +72,7 @@ def named(numbers: tuple[VehicleNumber, ...]) -> dict[str, VehicleNumber]:
 
 
 def test_it_weighs_the_vehicle_of_another_engine(weighed: Weighed) -> None:
-    found = named(weighed.numbers())
+    numbers = named(weighed.numbers())
     moment, _ = MACHINE.scrub
     truth = {
         "mass": MACHINE.mass,
@@ -78,13 +80,13 @@ def test_it_weighs_the_vehicle_of_another_engine(weighed: Weighed) -> None:
         "turning_resistance": moment,
     }
     for name, value in truth.items():
-        number = found[name]
+        number = numbers[name]
         assert number.identifiable, number.sentence
-        # contacts that sink in and lift leave a hundredth beside the error of the readings
+        # contacts that sink in and lift leave a hundredth beside the error of the measurements
         assert abs(number.value - value) < FAR * np.hypot(number.std_error, 0.01 * value), name
     # isotropic points creep, which the model holds as a wider vehicle only: within a fifth
-    assert found["yaw_inertia"].value == pytest.approx(MACHINE.yaw_inertia, rel=0.2)
-    assert "1 % of that is" in found["mass"].sentence
+    assert numbers["yaw_inertia"].value == pytest.approx(MACHINE.yaw_inertia, rel=0.2)
+    assert "1 % of that is" in numbers["mass"].sentence
 
 
 def test_errors_of_the_bench_are_errors_of_the_mass(weighed: Weighed) -> None:
@@ -94,38 +96,42 @@ def test_errors_of_the_bench_are_errors_of_the_mass(weighed: Weighed) -> None:
 
 
 @pytest.mark.slow
-def test_straight_runs_do_not_tell_what_turns_would(weighed: Weighed, drives: Drives) -> None:
-    windows = drives.each[0].windows()
-    ahead = windows[drives.each[0].at[windows[:, 1]] <= STRAIGHT]
-    found = named(weighed.refitted([Part(drives.each[0], ahead)]).numbers())
-    assert found["mass"].identifiable
+def test_straight_runs_do_not_tell_what_turns_would(
+    weighed: Weighed, trajectories: Trajectories
+) -> None:
+    windows = trajectories.each[0].windows()
+    ahead = windows[trajectories.each[0].at[windows[:, 1]] <= STRAIGHT]
+    numbers = named(weighed.refitted([Part(trajectories.each[0], ahead)]).numbers())
+    assert numbers["mass"].identifiable
     for name, manoeuvre in (
         ("yaw_inertia", "quick turns on the spot"),
         ("turning_resistance", "slow, steady turns on the spot"),
         ("centre_of_mass", "turns on the spot"),
     ):
-        assert not found[name].identifiable, name
-        assert manoeuvre in found[name].sentence
+        assert not numbers[name].identifiable, name
+        assert manoeuvre in numbers[name].sentence
 
 
 def test_without_a_torque_only_ratios_are_told(weighed: Weighed) -> None:
     powered = replace(weighed.fit.powered, torque_known=False)
-    found = named(numbers_of(replace(weighed.fit, powered=powered)))
-    assert not found["mass"].identifiable
-    assert "`motors`" in found["mass"].sentence
-    assert found["mass"].to_json()["in_model"] is False
+    numbers = named(numbers_of(replace(weighed.fit, powered=powered)))
+    assert not numbers["mass"].identifiable
+    assert "`motors`" in numbers["mass"].sentence
+    assert numbers["mass"].to_json()["in_model"] is False
     m = MACHINE.motor
     lag = (m.inertia + 0.5 * MACHINE.mass * MACHINE.r**2) / m.damping
-    assert found["straight_lag"].value == pytest.approx(lag, rel=0.03)
+    assert numbers["straight_lag"].value == pytest.approx(lag, rel=0.03)
 
 
-def test_paths_are_foretold_better_than_by_rolling_wheels(weighed: Weighed, drives: Drives) -> None:
-    parts = whole(drives.each)
+def test_paths_are_foretold_better_than_by_rolling_wheels(
+    weighed: Weighed, trajectories: Trajectories
+) -> None:
+    parts = whole(trajectories.each)
     after = weighed.errors(parts)
     # pose noise at both ends of a window, and no more than twice that
     assert np.sqrt(np.mean(after[:, :2] ** 2)) < 2.0 * np.sqrt(2.0) * 0.001 * 2.0
-    read = weighed.readings(drives.each[0])
-    assert read.shape == drives.each[0].pose.shape
+    read = weighed.measurements(trajectories.each[0])
+    assert read.shape == trajectories.each[0].pose.shape
 
 
 # What is known of the motors ---------------------------------------------------------------------

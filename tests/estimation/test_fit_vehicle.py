@@ -14,7 +14,7 @@ from sysid.data.io import read_log
 from sysid.data.preparation import Preparation
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array, Record
-from sysid.estimation.vehicle.logs import read_drives
+from sysid.estimation.vehicle.logs import read_vehicle_logs
 from sysid.estimation.vehicle.vehicle_fit import VehicleFit, fit_vehicle
 from sysid.mission.motion.slip import Slip
 from sysid.mission.spec import load_mission
@@ -46,7 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_it_finds_every_number_of_the_vehicle(folder: Path) -> None:
-    found = _fitted(SKID, folder)
+    fitted = _fitted(SKID, folder)
     truth = {
         "radius_left": 0.15,
         "radius_right": 0.152,
@@ -62,12 +62,12 @@ def test_it_finds_every_number_of_the_vehicle(folder: Path) -> None:
         "width_ratio": 1.5,
     }
     for name, value in truth.items():
-        number = found.number(name)
+        number = fitted.number(name)
         assert number.identifiable
         assert abs(number.value - value) < FAR * number.std_error, name
         assert number.std_error < 0.02, name
     # lags of 137 and 61 ms in rows of 50 ms: known far better than a row
-    assert found.number("pose_lag").std_error < 0.01
+    assert fitted.number("pose_lag").std_error < 0.01
 
 
 def test_lost_readings_of_the_wheels_are_no_turns(folder: Path) -> None:
@@ -75,40 +75,40 @@ def test_lost_readings_of_the_wheels_are_no_turns(folder: Path) -> None:
     whole = record(SKID, folder)
     y = whole.y.copy()
     y[np.random.default_rng(5).random(y.shape) < 0.02] = 0.0
-    found = fit_vehicle([replace(whole, y=y)], geometry=NOMINAL)
-    assert any("stand far out" in note for note in found.notes)
+    fitted = fit_vehicle([replace(whole, y=y)], geometry=NOMINAL)
+    assert any("stand far out" in note for note in fitted.notes)
     for name, value in (("radius_left", 0.15), ("radius_right", 0.152), ("effective_width", 0.9)):
-        number, plain = found.number(name), _fitted(SKID, folder).number(name)
+        number, plain = fitted.number(name), _fitted(SKID, folder).number(name)
         assert abs(number.value - value) < FAR * number.std_error, name
         assert number.std_error < 3.0 * plain.std_error, name
 
 
 def test_it_foretells_paths_that_it_was_not_fitted_to(folder: Path) -> None:
-    found = _fitted(SKID, folder)
-    assert found.after.heading < 0.1 * found.before.heading
-    assert found.after.path < 0.2 * found.before.path
-    assert all(f.after.heading < 0.1 * f.before.heading for f in found.folds)
-    assert found.drift[1].per_metre is not None
-    assert found.drift[1].per_metre < 0.05  # noise of the pose and speeds between rows
+    fitted = _fitted(SKID, folder)
+    assert fitted.after.heading < 0.1 * fitted.before.heading
+    assert fitted.after.path < 0.2 * fitted.before.path
+    assert all(f.after.heading < 0.1 * f.before.heading for f in fitted.folds)
+    assert fitted.drift[1].per_metre is not None
+    assert fitted.drift[1].per_metre < 0.05  # noise of the pose and speeds between rows
 
 
 def test_slip_in_turns_is_told_from_a_width(folder: Path) -> None:
-    found = _fitted(TURNING, folder)
+    fitted = _fitted(TURNING, folder)
     for name, value in (("slip_turning", 0.2), ("effective_width", 1.2), ("pose_lag", 0.4)):
-        number = found.number(name)
+        number = fitted.number(name)
         assert number.in_model
         assert abs(number.value - value) < FAR * number.std_error, name
-    curve = found.curves["turning"]
+    curve = fitted.curves["turning"]
     assert curve[-1].slip > curve[0].slip + 0.05
 
 
 def test_what_a_straight_drive_does_not_tell_is_said(folder: Path) -> None:
-    found = fit_vehicle([record(SKID, folder, straight=True)], geometry=NOMINAL)
-    told = {n.name: n for n in found.numbers}
-    assert told["radius_left"].identifiable or told["radius_right"].identifiable
+    fitted = fit_vehicle([record(SKID, folder, straight=True)], geometry=NOMINAL)
+    shown = {n.name: n for n in fitted.numbers}
+    assert shown["radius_left"].identifiable or shown["radius_right"].identifiable
     for name in ("effective_width", "marker_y", "icr_y_left"):
-        assert not told[name].identifiable
-    assert "turns on the spot" in told["effective_width"].sentence
+        assert not shown[name].identifiable
+    assert "turns on the spot" in shown["effective_width"].sentence
 
 
 def test_a_pose_that_jumps_is_left_out(folder: Path) -> None:
@@ -117,9 +117,9 @@ def test_a_pose_that_jumps_is_left_out(folder: Path) -> None:
     pose = log.pose.copy()
     pose[500:, 0] += 3.0
     jumped = Record(log.u, log.y, log.dt, log.inputs, log.outputs, pose, name="jumped.csv")
-    found = fit_vehicle([jumped], geometry=NOMINAL)
-    assert any("jumps 1 time" in n for n in found.notes)
-    assert found.after.path < 1.5 * _fitted(SKID, folder).after.path
+    fitted = fit_vehicle([jumped], geometry=NOMINAL)
+    assert any("jumps 1 time" in n for n in fitted.notes)
+    assert fitted.after.path < 1.5 * _fitted(SKID, folder).after.path
 
 
 def test_readings_that_repeat_are_no_measurements(folder: Path) -> None:
@@ -128,10 +128,10 @@ def test_readings_that_repeat_are_no_measurements(folder: Path) -> None:
     rows = np.arange(len(log))
     pose, omega = log.pose[rows - rows % 5], log.y[rows - rows % 4]
     held = Record(log.u, omega, log.dt, log.inputs, log.outputs, pose, name="held.csv")
-    found = fit_vehicle([held], geometry=NOMINAL)
-    # speeds between readings every 0.2 s are no better than a line: 1 % and a tenth of a row
-    assert found.number("effective_width").value == pytest.approx(0.9, rel=0.02)
-    assert found.number("pose_lag").value == pytest.approx(0.137, abs=0.02)
+    fitted = fit_vehicle([held], geometry=NOMINAL)
+    # speeds between measurements every 0.2 s are no better than a line: 1 % and a tenth of a row
+    assert fitted.number("effective_width").value == pytest.approx(0.9, rel=0.02)
+    assert fitted.number("pose_lag").value == pytest.approx(0.137, abs=0.02)
 
 
 @pytest.mark.slow
@@ -165,10 +165,10 @@ def test_wheels_and_pose_may_stand_in_two_files(
     log = written(tmp_path / "wheels.csv", {k: named[k] for k in ("t", *WHEELS)})
     late = {"t": named["t"] + 5.0} | _pose(named)
     pose = written(tmp_path / "pose.csv", late)
-    found = run(capsys, "fit-vehicle", log, "--join", pose, "--json").document
-    width = next(p for p in found["parameters"] if p["name"] == "effective_width")
+    result = run(capsys, "fit-vehicle", log, "--join", pose, "--json").document
+    width = next(p for p in result["parameters"] if p["name"] == "effective_width")
     assert abs(width["value"] - 0.9) < FAR * width["std_error"]
-    assert "compare with plain" in found["before"]
+    assert "compare with plain" in result["before"]
 
 
 @pytest.mark.parametrize(
@@ -184,11 +184,11 @@ def test_speeds_go_by_many_names(tmp_path: Path, names: tuple[str, ...]) -> None
     scale = 0.15 if "m/s" in names[0] else 1.0
     speeds = {n: scale * named[WHEELS[k * 2 // len(names)]] for k, n in enumerate(names)}
     log = written(tmp_path / "log.csv", {"t": named["t"], **speeds, **_pose(named)})
-    records, _ = read_drives([log], ReadOptions(), Preparation())
-    found = fit_vehicle(records, geometry=NOMINAL)
-    width = found.number("effective_width")
+    records, _ = read_vehicle_logs([log], ReadOptions(), Preparation())
+    fitted = fit_vehicle(records, geometry=NOMINAL)
+    width = fitted.number("effective_width")
     assert abs(width.value - 0.9) < FAR * width.std_error
-    assert any("commanded" in n for n in found.notes) == ("cmd" in names[0])
+    assert any("commanded" in n for n in fitted.notes) == ("cmd" in names[0])
 
 
 def _pose(named: Mapping[str, Array]) -> dict[str, Array]:
@@ -221,6 +221,6 @@ def test_what_cannot_be_is_refused_in_one_sentence(
         "pwm": written(tmp_path / "pwm.csv", {"t": named["t"], **pwm, **_pose(named)}),
         "short": written(tmp_path / "short.csv", named),
     }
-    found = run(capsys, "fit-vehicle", *(a.format(**logs) for a in arguments))
-    assert found.code in (1, 2)
-    assert words in found.err
+    result = run(capsys, "fit-vehicle", *(a.format(**logs) for a in arguments))
+    assert result.code in (1, 2)
+    assert words in result.err

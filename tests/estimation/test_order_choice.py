@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from sysid.data.checks.delay import estimate_delays
 from sysid.data.facts import LogFacts
@@ -22,7 +23,7 @@ from sysid.estimation.selection.orders import (
     searching,
 )
 from sysid.estimation.soundness import bounded_run
-from sysid.fitting.holdout import hold_out, tie_margin
+from sysid.fitting.holdout import error_margin, hold_out, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.structures.held_out_error import free_run_error
 from sysid.structures.linear.arx import ARX
@@ -90,6 +91,22 @@ def test_a_tie_is_one_standard_error_of_the_rms() -> None:
     # 4000 draws show a standard deviation to 1.1 %
     assert tie_margin([motor(n)]) == pytest.approx(measured, rel=0.05)
     assert tie_margin([motor(60_000)]) == 0.01
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
+def test_errors_that_are_alike_tell_less(memory: float) -> None:
+    """The RMS of errors e(t) = ρ e(t−1) + w(t) scatters so in two blocks of 120 of 400 samples."""
+    draws = lfilter([1.0], [1.0, -memory], np.random.default_rng(1).standard_normal((600, 450)))
+    counted = np.zeros(400)
+    counted[140:200] = counted[340:400] = 1.0
+    draws = draws[:, 50:] * counted
+    sizes = np.sqrt(np.sum(draws**2, axis=1) / 120.0)
+    measured = np.std(sizes) / np.mean(sizes)
+    # ρ(k)² sum to (1 + ρ²)/(1 − ρ²), of which a single draw of 120 samples shows a third or so
+    # too much or too little
+    margins = [error_margin([e]) for e in draws]
+    assert np.median(margins) == pytest.approx(measured, rel=0.2)
+    assert min(margins) >= 1.0 / np.sqrt(240.0)
 
 
 def test_the_smallest_of_those_that_tie_leads() -> None:

@@ -41,23 +41,23 @@ def test_both_numbers_come_back_with_errors_that_hold() -> None:
     away = []
     for _ in range(60):
         missed = [true[way] + 0.01 * rng.normal(size=2) for way in ways]
-        found = square_result(returned(ways, missed, SIDE, NOMINAL))
-        for truth, number in ((1.01, found.wheel_ratio), (1.03, found.width_ratio)):
+        squares = square_result(returned(ways, missed, SIDE, NOMINAL))
+        for truth, number in ((1.01, squares.wheel_ratio), (1.03, squares.width_ratio)):
             assert number is not None
             assert number[1] is not None
             away.append((number[0] - truth) / number[1])
-    assert found.worst[1] is not None
-    assert found.worst[1] < 0.1 * found.worst[0]
+    assert squares.worst[1] is not None
+    assert squares.worst[1] < 0.1 * squares.worst[0]
     # Student's t with 8 degrees of freedom has a standard deviation of 1.15; ± 0.1 is 2 σ of 120
     assert 0.9 < np.std(away) < 1.4
 
 
 def test_squares_one_way_tell_neither() -> None:
     missed = [ideal_return(1.01, 1.03, SIDE, NOMINAL.B, True)] * 3
-    found = square_result(returned([True] * 3, missed, SIDE, NOMINAL))
-    assert found.wheel_ratio is None
-    assert found.width_ratio is None
-    assert "drive some counter-clockwise" in found.sentence
+    squares = square_result(returned([True] * 3, missed, SIDE, NOMINAL))
+    assert squares.wheel_ratio is None
+    assert squares.width_ratio is None
+    assert "drive some counter-clockwise" in squares.sentence
 
 
 def _square(clockwise: bool) -> Array:
@@ -82,8 +82,8 @@ def test_squares_are_found_in_logs(capsys: pytest.CaptureFixture[str], tmp_path:
         written(tmp_path / f"{way}.csv", columns(skid, _square(way), seed=way + 1))
         for way in (True, False)
     ]
-    found = run(capsys, "fit-vehicle", *logs, "--geometry", "r=0.1,B=0.4", "--json").document
-    squares = found["squares"]
+    result = run(capsys, "fit-vehicle", *logs, "--geometry", "r=0.1,B=0.4", "--json").document
+    squares = result["squares"]
     assert squares["runs"] == {"cw": 1, "ccw": 1}
     # a start of 1 mm and 1 mrad over sides of 1.5 m
     assert squares["E_d"]["value"] == pytest.approx(1.01, abs=1e-3)
@@ -100,8 +100,8 @@ def test_a_table_of_returns_is_enough(capsys: pytest.CaptureFixture[str], tmp_pa
     ]
     table.write_text("direction,x,y\n" + "".join(f"{n},{x},{y}\n" for n, x, y in rows))
     options = ("--returns", table, "--side", SIDE, "--geometry", "r=0.1,B=0.4")
-    found = run(capsys, "fit-vehicle", *options, "--json").document
-    assert found["squares"]["E_d"]["value"] == pytest.approx(1.01, abs=1e-6)
+    result = run(capsys, "fit-vehicle", *options, "--json").document
+    assert result["squares"]["E_d"]["value"] == pytest.approx(1.01, abs=1e-6)
     assert len(read_returns(table, SIDE, NOMINAL)) == 4
     assert "E_d" in run(capsys, "fit-vehicle", *options).out
 
@@ -125,6 +125,6 @@ def test_bad_returns_are_refused(
 ) -> None:
     table = tmp_path / "returns.csv"
     table.write_text(text)
-    found = run(capsys, "fit-vehicle", "--returns", table, *options)
-    assert found.code in (1, 2)
-    assert words in found.err
+    result = run(capsys, "fit-vehicle", "--returns", table, *options)
+    assert result.code in (1, 2)
+    assert words in result.err

@@ -74,14 +74,14 @@ def test_what_only_adds_multiplies_and_divides_has_the_same_bits_on_arm(tmp_path
     subprocess.run([*command, "plant.c", "driver.c", "-lm"], cwd=tmp_path, check=True)
     u = model.detrend.u_offset + np.random.default_rng(5).normal(size=(200, 2))
     rows = "\n".join(" ".join(f"{v:.17g}" for v in row) for row in u)
-    told = []
+    shown = []
     for way in ([f"./{here.name}"], ["qemu-arm", "./by_arm"]):
         done = subprocess.run(
             way, cwd=tmp_path, input=rows, capture_output=True, text=True, check=True
         )
-        told.append(done.stdout)
-    assert told[0].count("\n") == len(u)
-    assert told[0] == told[1]
+        shown.append(done.stdout)
+    assert shown[0].count("\n") == len(u)
+    assert shown[0] == shown[1]
 
 
 @needs_compiler

@@ -81,20 +81,22 @@ def second(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @needs_compiler
 def test_the_closed_loop_in_c_drives_the_mission_as_python_does(second: Path) -> None:
     ran(second, str(COMPILER), *STRICT, "-o", "loop_selftest", *sources(second), "-lm")
-    found = errors(second)
+    deviations = errors(second)
     # the programs stop with an error beyond these; here they are seen to be far below
-    assert found["closed-loop"] < 1e-12
-    assert found["later"] == 0
-    assert all(found[name] < 1e-14 for name in ("guidance", "control", "command", "navigation"))
+    assert deviations["closed-loop"] < 1e-12
+    assert deviations["later"] == 0
+    assert all(
+        deviations[name] < 1e-14 for name in ("guidance", "control", "command", "navigation")
+    )
 
 
 @needs_compiler
 def test_the_first_mission_is_driven_in_c_as_well(tmp_path: Path) -> None:
     c = exported(tmp_path, load_mission(MISSIONS / "goal_1m.yaml"))
     ran(c, str(COMPILER), *QUICK, "-o", "loop_selftest", *sources(c), "-lm")
-    found = errors(c)
-    assert found["closed-loop"] < 1e-12
-    assert found["later"] == 0
+    deviations = errors(c)
+    assert deviations["closed-loop"] < 1e-12
+    assert deviations["later"] == 0
 
 
 @pytest.mark.slow
@@ -107,9 +109,9 @@ def test_every_law_of_a_mission_with_filter_and_sensors_is_written(tmp_path: Pat
     assert np.hypot(log["x"] - log["x_est"], log["y"] - log["y_est"]).max() < 0.1
     c = exported(tmp_path, mission)
     ran(c, str(COMPILER), *QUICK, "-o", "loop_selftest", *sources(c), "-lm")
-    found = errors(c)
-    assert "closed-loop" not in found  # its noise is Python's
-    assert max(found.values()) < 1e-12
+    deviations = errors(c)
+    assert "closed-loop" not in deviations  # its noise is Python's
+    assert max(deviations.values()) < 1e-12
     assert "does not drive the mission itself" in (c / "report.md").read_text(encoding="utf-8")
 
 
@@ -117,9 +119,9 @@ def test_every_law_of_a_mission_with_filter_and_sensors_is_written(tmp_path: Pat
 def test_single_precision_keeps_what_it_states(tmp_path: Path) -> None:
     c = exported(tmp_path, load_mission(MISSIONS / "goal_1m.yaml"), double=False)
     ran(c, str(COMPILER), *QUICK, "-o", "loop_selftest", *sources(c), "-lm")
-    found = errors(c)
-    assert 1e-9 < found["closed-loop"] < single(robot_model()).loop
-    assert abs(found["later"]) <= 1
+    deviations = errors(c)
+    assert 1e-9 < deviations["closed-loop"] < single(robot_model()).loop
+    assert abs(deviations["later"]) <= 1
 
 
 CHANGED = r"""
@@ -352,12 +354,12 @@ int main(void)
     (c / "changed.c").write_text(main, encoding="utf-8")
     ran(c, str(COMPILER), *QUICK, "-o", "changed", "changed.c", "command.c", "-lm")
     loop = loop_of(model, mission)
-    known = loop.drive.identified  # type: ignore[attr-defined]
+    known = loop.shaper.identified  # type: ignore[attr-defined]
     numbers = {"dead-zone": {**known.parameters["dead-zone"], "plus": np.array([0.15, 0.3])}}
-    other = replace(loop.drive, identified=replace(known, parameters=numbers))  # type: ignore[type-var]
+    other = replace(loop.shaper, identified=replace(known, parameters=numbers))  # type: ignore[type-var]
     body = Body(Pose(0.0, 0.0, 0.0), 0.0, 0.0)
     expected, _ = other(Command(0.4, 0.1), body, 0.0, floats)
-    plain, _ = loop.drive(Command(0.4, 0.1), body, 0.0, floats)
-    found = [float(v) for v in ran(c, "./changed").split()]
-    assert found == pytest.approx(expected, rel=1e-13)
-    assert found[1] > plain[1] + 1.0
+    plain, _ = loop.shaper(Command(0.4, 0.1), body, 0.0, floats)
+    result = [float(v) for v in ran(c, "./changed").split()]
+    assert result == pytest.approx(expected, rel=1e-13)
+    assert result[1] > plain[1] + 1.0

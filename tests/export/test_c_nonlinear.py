@@ -259,10 +259,10 @@ def test_c_equals_python(tmp_path: Path, case: str) -> None:
     changed = [t.value for t in tunable_parameters(other)]
     assert len(changed) == len(tunable_parameters(model))
     expected = other.simulate(u)
-    found = driven(programs["driver"], u, changed)
-    assert not np.allclose(found, model.simulate(u), rtol=0, atol=1e-6)
+    outputs = driven(programs["driver"], u, changed)
+    assert not np.allclose(outputs, model.simulate(u), rtol=0, atol=1e-6)
     np.testing.assert_allclose(
-        found, expected, rtol=0, atol=EXACT * float(np.max(np.ptp(expected, axis=0)))
+        outputs, expected, rtol=0, atol=EXACT * float(np.max(np.ptp(expected, axis=0)))
     )
 
 
@@ -291,9 +291,9 @@ def test_a_step_runs_in_jax_as_in_numpy(case: str) -> None:
     rng = np.random.default_rng(1)
     x = 0.3 * rng.normal(size=model.structure.n_states(model.theta))
     u = rng.normal(size=len(model.inputs))
-    for found, expected in zip(step(jnp.asarray(x), jnp.asarray(u)), step(x, u), strict=True):
+    for result, expected in zip(step(jnp.asarray(x), jnp.asarray(u)), step(x, u), strict=True):
         # one step: some 1e-16 of numbers of size one
-        np.testing.assert_allclose(np.asarray(found), expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(np.asarray(result), expected, rtol=0, atol=1e-12)
 
 
 @needs_compiler

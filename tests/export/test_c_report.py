@@ -35,12 +35,12 @@ def test_operations_of_a_line(line: str, count: Count) -> None:
 
 def rows(text: str) -> dict[str, list[str]]:
     """Cells of the table of functions by the function, the first of each."""
-    found: dict[str, list[str]] = {}
+    collected: dict[str, list[str]] = {}
     for line in text.splitlines():
         if re.match(r"\| `\w+_step` \|", line):
             cells = [c.strip() for c in line.strip("|").split("|")]
-            found.setdefault(cells[0].strip("`"), cells[1:])
-    return found
+            collected.setdefault(cells[0].strip("`"), cells[1:])
+    return collected
 
 
 def test_a_plant_alone_has_its_report() -> None:
@@ -65,8 +65,8 @@ def test_sizes_are_those_of_the_compiler(tmp_path: Path) -> None:
     for name, content in files.items():
         if name.startswith("c/") and name.count("/") == 1:
             (tmp_path / name[2:]).write_bytes(content)
-    told = rows((tmp_path / "report.md").read_text(encoding="utf-8"))
-    names = [n.removesuffix("_step") for n in told]
+    table = rows((tmp_path / "report.md").read_text(encoding="utf-8"))
+    names = [n.removesuffix("_step") for n in table]
     assert {"plant", "guidance", "control", "command", "navigation", "controller"} <= set(names)
     prints = "".join(
         f'printf("%zu %zu\\n", sizeof({n}_state), sizeof({n}_parameters));\n' for n in names
@@ -78,5 +78,5 @@ def test_sizes_are_those_of_the_compiler(tmp_path: Path) -> None:
     out = subprocess.run([tmp_path / "sizes"], capture_output=True, text=True, check=True).stdout
     for name, line in zip(names, out.splitlines(), strict=True):
         # a struct without members holds one byte in C, and a struct of structs what fills it up
-        for shown, size in zip(told[f"{name}_step"][1:3], map(int, line.split()), strict=True):
+        for shown, size in zip(table[f"{name}_step"][1:3], map(int, line.split()), strict=True):
             assert abs(int(shown.removesuffix(" B")) - size) <= (4 if name == "controller" else 1)

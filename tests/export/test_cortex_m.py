@@ -32,12 +32,12 @@ def replayed(folder: Path, form: Form = PLANT_ALONE, **instead: str) -> Result:
 
 @needs_emulator
 def test_the_loop_runs_there_and_every_step_is_counted(tmp_path: Path) -> None:
-    found = replayed(tmp_path, Form(load_mission(MISSIONS / "goal_1m.yaml"), double=False))
-    assert found.failed == ""
-    assert found.passed
-    assert found.max_error is not None
-    assert 1e-9 < found.max_error < 1e-4
-    means = {name: c["mean"] for name, c in found.instructions.items()}
+    replay_result = replayed(tmp_path, Form(load_mission(MISSIONS / "goal_1m.yaml"), double=False))
+    assert replay_result.failed == ""
+    assert replay_result.passed
+    assert replay_result.max_error is not None
+    assert 1e-9 < replay_result.max_error < 1e-4
+    means = {name: c["mean"] for name, c in replay_result.instructions.items()}
     laws = ("guidance_step", "control_step", "command_step")
     assert set(means) == {*laws, "plant_step", "controller_step", "motion_step", "navigation_step"}
     # the controller is its laws and what copies numbers between them
@@ -45,7 +45,7 @@ def test_the_loop_runs_there_and_every_step_is_counted(tmp_path: Path) -> None:
     assert means["controller_step"] < 1.5 * sum(means[n] for n in laws)
     # four transfer functions of second order: some 40 operations, as many loads, a few stores
     assert 40 < means["plant_step"] < 200
-    assert all(c["mean"] <= c["most"] for c in found.instructions.values())
+    assert all(c["mean"] <= c["most"] for c in replay_result.instructions.values())
 
 
 @needs_emulator

@@ -56,8 +56,8 @@ class _Point:
 @pytest.fixture(autouse=True)
 def others(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two formats of other packages, one of them broken."""
-    found = [_Point("table", Table), _Point("broken", ImportError("No module named 'fmu'"))]
-    monkeypatch.setattr(registry, "points", lambda group: {p.name: p for p in found})
+    result = [_Point("table", Table), _Point("broken", ImportError("No module named 'fmu'"))]
+    monkeypatch.setattr(registry, "points", lambda group: {p.name: p for p in result})
 
 
 def test_every_format_of_the_package_loads_and_is_called_what_it_calls_itself() -> None:

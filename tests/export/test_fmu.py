@@ -84,10 +84,12 @@ def test_a_plant_whose_output_jumps_with_its_input_gives_what_python_gives(
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(content)
     replays = replays_of(files, plant, read_csv(files[NAME], plant, "plant"))
-    found = CoSimulated("libcosimpy" if late else "FMPy", replays, late).replay(tmp_path, files)
-    assert found.failed == ""
-    assert found.max_error is not None
-    assert found.max_error < 1e-9
+    replay_result = CoSimulated("libcosimpy" if late else "FMPy", replays, late).replay(
+        tmp_path, files
+    )
+    assert replay_result.failed == ""
+    assert replay_result.max_error is not None
+    assert replay_result.max_error < 1e-9
 
 
 @fmpy

@@ -91,9 +91,9 @@ class Instance:
         return self.values("Set", [self.library.places[name]], (kind * 1)(on), "Boolean")
 
     def get(self, *names: str) -> list[float]:
-        found = (ctypes.c_double * len(names))()
-        assert self.values("Get", [self.library.places[n] for n in names], found) == OK, self.said
-        return list(found)
+        result = (ctypes.c_double * len(names))()
+        assert self.values("Get", [self.library.places[n] for n in names], result) == OK, self.said
+        return list(result)
 
     def enter(self) -> int:
         zero, no = ctypes.c_double(0.0), ctypes.c_int(0)
@@ -111,9 +111,9 @@ class Instance:
         time, step = ctypes.c_double(k * STEP), ctypes.c_double(length)
         if self.library.second:
             return self.call("DoStep", time, step, ctypes.c_int(1))
-        told = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
+        shown = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
         reached = ctypes.byref(ctypes.c_double())
-        return self.call("DoStep", time, step, ctypes.c_bool(True), *told, reached)
+        return self.call("DoStep", time, step, ctypes.c_bool(True), *shown, reached)
 
     def run(self, first: int, samples: int) -> np.ndarray:
         """Outputs after each of some steps under inputs that change."""
@@ -228,15 +228,15 @@ def test_a_parameter_may_change_between_two_steps(library: Library) -> None:
     one = library.instance().begin()
     state, changed = model.plant().initial_state(), replace(model, theta=theta).plant()
     plant, rows = model.plant(), []
-    found = one.run(0, 3)
+    result = one.run(0, 3)
     assert one.put(**{name: theta[0]}) == OK
-    found = np.vstack([found, one.run(3, 3)])
+    result = np.vstack([result, one.run(3, 3)])
     for k in range(6):
         now = plant if k < 3 else changed
         u = np.array([1e4 * np.sin(k), 8e3 * np.cos(2 * k)])
         state, _ = now.step(state, u)
         rows.append(now.readout(state, u))
-    assert found == pytest.approx(np.array(rows), rel=1e-12)
+    assert result == pytest.approx(np.array(rows), rel=1e-12)
 
 
 def test_a_start_in_the_middle_of_motion(library: Library) -> None:

@@ -167,8 +167,8 @@ class Instance:
         self.slave.setReal([self.places[n] for n in values], list(values.values()))
 
     def get(self, *names: str) -> list[float]:
-        found: list[float] = self.slave.getReal([self.places[n] for n in names])
-        return found
+        collected: list[float] = self.slave.getReal([self.places[n] for n in names])
+        return collected
 
     def step(self, k: int) -> None:
         self.slave.doStep(currentCommunicationPoint=k * STEP, communicationStepSize=STEP)
@@ -200,15 +200,15 @@ def test_without_a_delay_the_units_end_where_simulate_ends(
     mission = load_mission(MISSION)
     driven = simulate(mission, robot_of(robot_model()))
     expected = [driven.time_s, *driven.final]
-    found = end_of(package, tmp_path, mission, pose_from_inputs=given)
-    assert found == pytest.approx(expected, abs=1e-9)
+    end = end_of(package, tmp_path, mission, pose_from_inputs=given)
+    assert end == pytest.approx(expected, abs=1e-9)
 
 
 def test_another_goal_needs_no_other_export(package: Path, tmp_path: Path) -> None:
     mission = load_mission(MISSION).model_copy(update={"goal": (0.6, 0.4)})
     driven = simulate(mission, robot_of(robot_model()))
-    found = end_of(package, tmp_path, mission, goal_x=0.6, goal_y=0.4)
-    assert found == pytest.approx([driven.time_s, *driven.final], abs=1e-9)
+    end = end_of(package, tmp_path, mission, goal_x=0.6, goal_y=0.4)
+    assert end == pytest.approx([driven.time_s, *driven.final], abs=1e-9)
 
 
 def test_what_stands_between_controller_and_plant_is_refused(tmp_path: Path) -> None:

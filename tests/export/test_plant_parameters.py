@@ -21,12 +21,12 @@ from sysid.structures.linear.arx import ARX
 
 def test_every_number_of_a_plant_is_listed_with_name_unit_value_and_words() -> None:
     model = robot_model("oe")
-    found = {t.name: t for t in tunable_parameters(model)}
+    result = {t.name: t for t in tunable_parameters(model)}
     by_name = {p.name: v for p, v in zip(model.parameters, model.theta, strict=True)}
-    b1 = found["b1_omega_l_pwm_l"]
+    b1 = result["b1_omega_l_pwm_l"]
     assert (b1.value, b1.unit) == (by_name["b1[omega_l,pwm_l]"], "(rad/s)/µs")
     assert b1.words == "b1[omega_l,pwm_l]"
-    assert len(found) == len(model.theta)  # no operating point: it is zero
+    assert len(result) == len(model.theta)  # no operating point: it is zero
 
 
 def test_what_a_step_does_not_read_is_no_parameter() -> None:
@@ -51,8 +51,8 @@ def test_parameters_and_operating_point_act_from_the_next_step_on(tmp_path: Path
         state, y = plants[k >= 25].step(state, now)
         rows.append(y)
     program = build(tmp_path, model, "driver")["driver"]
-    found = driven(program, u, [t.value for t in tunable_parameters(other)], at=25)
-    np.testing.assert_allclose(found, rows, rtol=0, atol=1e-11)
+    outputs = driven(program, u, [t.value for t in tunable_parameters(other)], at=25)
+    np.testing.assert_allclose(outputs, rows, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -105,9 +105,9 @@ def test_a_number_by_which_a_structure_decides_stays_as_it_is() -> None:
 def test_a_long_row_of_numbers_is_an_array() -> None:
     structure = ARX.from_orders({"na": 30, "nb": 2, "nk": 1}, 1, 1)
     theta = np.concatenate([0.01 * np.arange(1.0, 31.0), [1.0, 2.0]])
-    found = {t.name: t.value for t in tunable_parameters(hand_made(structure, theta))}
-    assert found["a[29]"] == theta[29]
-    assert found["b2"] == 2.0
+    result = {t.name: t.value for t in tunable_parameters(hand_made(structure, theta))}
+    assert result["a[29]"] == theta[29]
+    assert result["b2"] == 2.0
 
 
 @needs_compiler

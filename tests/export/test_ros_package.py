@@ -59,10 +59,10 @@ def test_verify_builds_the_nodes_and_they_drive_as_python_does(
     """The compiler takes every warning for an error."""
     monkeypatch.setattr(ros_nodes, "built", lambda package, build: nodes)
     files = {DRIVE: (ros / "drive.csv").read_bytes()}
-    found = RosNodes().replay(ros.parent, files)
-    assert (found.failed, found.skipped, found.passed) == ("", "", True)
-    assert found.max_error is not None
-    assert found.max_error < 1e-9
+    replay_result = RosNodes().replay(ros.parent, files)
+    assert (replay_result.failed, replay_result.skipped, replay_result.passed) == ("", "", True)
+    assert replay_result.max_error is not None
+    assert replay_result.max_error < 1e-9
     shorter = {DRIVE: b"\n".join(files[DRIVE].splitlines()[:20])}
     assert "Python drives 19" in RosNodes().replay(ros.parent, shorter).failed
     assert "no nodes of ROS" in RosNodes().replay(ros.parent, {}).skipped
@@ -88,8 +88,8 @@ def test_launched_nodes_talk_and_leave_on_a_signal(ros: Path, nodes: Path, tmp_p
         }
 
         def publishers() -> dict[str, list[str]]:
-            told: Any = master.getSystemState("/test")
-            return dict(told[2][0])
+            system_state: Any = master.getSystemState("/test")
+            return dict(system_state[2][0])
 
         def until(holds: Callable[[], bool]) -> None:
             last = time.monotonic() + 60.0

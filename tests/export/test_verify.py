@@ -36,15 +36,15 @@ def changed(package: Path, change: Callable[[dict[str, Any]], None]) -> None:
 
 @needs_compiler
 def test_every_runtime_that_is_here_gives_what_python_gave(package: Path) -> None:
-    found = verify(package)
-    ran = [r for r in found.results if not r.skipped]
-    assert found.passed
+    results = verify(package)
+    ran = [r for r in results.results if not r.skipped]
+    assert results.passed
     assert {"python"} < {r.name for r in ran} <= {"python", "gcc", "clang", "qemu-arm", "cortex-m4"}
     for r in ran:
         assert r.max_error is not None
         assert r.max_error < 1e-12, r.name
         assert r.version
-    assert {r.name for r in found.results} >= {"FMPy", "libcosimpy"}
+    assert {r.name for r in results.results} >= {"FMPy", "libcosimpy"}
     for r in ran:
         # double precision is computed in software there: a multiplication alone takes some 30
         steps = r.instructions.get("plant_step", {"mean": 0.0})
@@ -57,8 +57,8 @@ def test_the_command_prints_a_table_or_one_document(
     document = json.loads(run(capsys, "verify", package, "--json").out)
     assert document["passed"] is True
     assert document["runtimes"][0]["name"] == "python"
-    for found in document["runtimes"]:
-        assert set(found) >= {"name", "version", "max_error", "passed", "skipped"}
+    for result in document["runtimes"]:
+        assert set(result) >= {"name", "version", "max_error", "passed", "skipped"}
     shown = " ".join(run(capsys, "verify", package).out.split())
     assert "skipped: the package has no FMU" in shown
     there = any(r["instructions"] for r in document["runtimes"])

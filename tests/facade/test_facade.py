@@ -128,7 +128,7 @@ def test_a_mission_is_planned_and_a_log_of_its_sensors_estimated(tmp_path: Path)
     assert sysid.plan(file).length_m == sysid.plan(mission).length_m
     log = tmp_path / "log.csv"
     log.write_text("t,omega_l,omega_r\n" + "".join(f"{0.1 * k:g},1,1\n" for k in range(11)))
-    found = sysid.estimate_pose(log, mission)
+    found = sysid.localize(log, mission)
     # 1 rad/s at r = 0.0215 m for 1 s, on the straight.
     assert found.columns["x_est"][-1] == pytest.approx(0.0215, rel=1e-6)
     assert found.columns["y_est"][-1] == pytest.approx(0.0, abs=1e-12)

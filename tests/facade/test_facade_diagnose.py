@@ -64,7 +64,7 @@ def test_a_log_alone_is_divided_and_a_given_model_is_doubted() -> None:
 @pytest.mark.parametrize(
     ("judge", "words"),
     [
-        (motor(1), r"both a log and a `validation` log.*leave `validation` away"),
+        (motor(1), r"both a log and a `validation` log.*omit `validation`"),
         (replace(motor(2), inputs=(sysid.Channel("amps", "A"),)), r"amps -> w but motor 1 has"),
     ],
     ids=["itself", "other channels"],

@@ -84,5 +84,5 @@ def test_the_table_says_in_words_what_is_no_number() -> None:
     """An infinite error is "not determined", a bound is named; ± 0 is only a fixed value's."""
     assert render.standard_error(0.25, fixed=False, at_bound=False) == "0.25"
     assert render.standard_error(np.inf, fixed=False, at_bound=False) == "not determined"
-    assert render.standard_error(0.25, fixed=False, at_bound=True) == "on its bound"
+    assert render.standard_error(0.25, fixed=False, at_bound=True) == "at its bound"
     assert render.standard_error(0.0, fixed=True, at_bound=False) == "fixed"

@@ -100,9 +100,9 @@ def records_of(name: str) -> tuple[Record, Record]:
 
 def fitted(case: Case, records: tuple[Record, ...]) -> Model:
     """The fit that the case asks for."""
-    warm = [("near the truth", 1.05 * case.theta)] if case.warm else []
+    initial_guesses = [("near the truth", 1.05 * case.theta)] if case.warm else []
     nothing = Detrend.none(case.structure.nu, case.structure.ny)
-    return fit(case.asked, records, case.options, detrend=nothing, warm=warm)
+    return fit(case.asked, records, case.options, detrend=nothing, initial_guesses=initial_guesses)
 
 
 @cache

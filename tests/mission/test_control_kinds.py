@@ -68,9 +68,9 @@ def test_the_recursive_estimate_is_weighted_least_squares() -> None:
         phi = np.array([motion, applied, 1.0])
         motion = 0.8 * motion + 0.3 * applied + 0.02
     # The law forgets no more than its prior, which the first samples feel in the fifth digit.
-    found = prior + np.array((state.a, state.b, state.c))
-    np.testing.assert_allclose(found, np.linalg.solve(normal, right), rtol=0, atol=1e-4)
-    np.testing.assert_allclose(found, [0.8, 0.3, 0.02], rtol=0, atol=0.01)  # no noise
+    result = prior + np.array((state.a, state.b, state.c))
+    np.testing.assert_allclose(result, np.linalg.solve(normal, right), rtol=0, atol=1e-4)
+    np.testing.assert_allclose(result, [0.8, 0.3, 0.02], rtol=0, atol=0.01)  # no noise
 
 
 def test_adaptation_finds_a_plant_that_is_not_the_identified_one() -> None:

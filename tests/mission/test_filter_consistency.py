@@ -27,12 +27,12 @@ def judged(law: ExtendedKalman) -> Consistency:
 
 def test_a_filter_whose_model_is_right_is_consistent() -> None:
     """Bounds of 99 %: one seed in a hundred would lie outside."""
-    found = judged(RIGHT)
-    assert found.runs == RUNS
-    assert found.nis is not None
-    assert found.nees is not None
-    assert (found.nis.verdict, found.nees.verdict) == ("consistent", "consistent")
-    assert "is consistent" in found.sentence
+    comparison = judged(RIGHT)
+    assert comparison.runs == RUNS
+    assert comparison.nis is not None
+    assert comparison.nees is not None
+    assert (comparison.nis.verdict, comparison.nees.verdict) == ("consistent", "consistent")
+    assert "is consistent" in comparison.sentence
 
 
 @pytest.mark.parametrize(
@@ -45,15 +45,15 @@ def test_a_filter_whose_model_is_right_is_consistent() -> None:
 def test_a_filter_whose_noise_is_wrong_is_told_so(keys: dict[str, Any], verdict: str) -> None:
     """Fixes believed ten times too well; a start believed ten times too badly."""
     wrong = RIGHT.model_copy(update=keys)
-    found = judged(wrong)
-    assert found.nees is not None
-    assert found.nees.verdict == verdict
-    assert verdict in found.sentence
+    comparison = judged(wrong)
+    assert comparison.nees is not None
+    assert comparison.nees.verdict == verdict
+    assert verdict in comparison.sentence
 
 
 def test_without_the_truth_there_is_no_nees() -> None:
     run = {"nis": np.array([0.0, 1.0, np.nan]), "nis_dof": np.array([0.0, 2.0, 0.0])}
-    found = consistency([run])
-    assert found.nees is None
-    assert found.nis is not None
-    assert found.nis.mean == 0.5
+    consistency_result = consistency([run])
+    assert consistency_result.nees is None
+    assert consistency_result.nis is not None
+    assert consistency_result.nis.mean == 0.5

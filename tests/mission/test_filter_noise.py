@@ -27,22 +27,22 @@ def test_the_variance_of_fixes_is_found_where_the_file_is_wrong(tmp_path: Path) 
     log = tmp_path / "log.csv"
     driven = mission(0.05)
     write_log(simulate(driven, Robot(), seed=6), log)
-    found = tuned_filter(log, mission(0.002, "ekf"), rule=QUICK)
+    tuning = tuned_filter(log, mission(0.002, "ekf"), rule=QUICK)
     samples = QUICK.rows
-    assert len(found.before.log.t) > samples
+    assert len(tuning.before.log.t) > samples
     # A variance of n normal numbers is known to √(2/n) of itself; x and y share one: 4 σ.
     true = 0.05**2 * 10.0  # the density, over ten fixes a second
-    assert found.r["fix_x"] == pytest.approx(true, rel=4 * (1 / samples) ** 0.5)
-    assert found.r["fix_x"] == found.r["fix_y"]
-    before, after = found.log_likelihood
+    assert tuning.r["fix_x"] == pytest.approx(true, rel=4 * (1 / samples) ** 0.5)
+    assert tuning.r["fix_x"] == tuning.r["fix_y"]
+    before, after = tuning.log_likelihood
     assert after > before + 100
     # Two wheels and two fixes a sample: the most likely noise makes innovations as large as
     # believed; those of the wheels, which are read exactly here, may stay below.
-    assert 1.9 < found.after.consistency["nis_mean"] < 4.8
-    assert found.before.consistency["nis_mean"] > 100
-    assert found.after.errors["position_rms_m"] < found.before.errors["position_rms_m"]
-    assert "rose by" in found.sentence
-    assert found.summary()["r"] == found.r
+    assert 1.9 < tuning.after.consistency["nis_mean"] < 4.8
+    assert tuning.before.consistency["nis_mean"] > 100
+    assert tuning.after.errors["position_rms_m"] < tuning.before.errors["position_rms_m"]
+    assert "rose by" in tuning.sentence
+    assert tuning.summary()["r"] == tuning.r
 
 
 def test_a_navigation_without_noise_is_refused(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array
-from sysid.mission.navigation.delays import Slot
+from sysid.mission.navigation.delays import BufferedSample
 from sysid.mission.navigation.design import Design
 from sysid.mission.navigation.ekf import ExtendedKalman
 from sysid.mission.navigation.fusion import Belief
@@ -38,7 +38,7 @@ def start(n: int) -> Gaussian:
 
 
 def measurements(groups: tuple[Group, ...], steps: int = 50) -> Iterator[tuple[Array, ...]]:
-    """Numbers that readings might be; what they are worth does not matter here."""
+    """Numbers that measurements might be; what they are worth does not matter here."""
     rng = np.random.default_rng(3)
     for k in range(steps):
         turn = 0.3 + 0.04 * k * 0.1
@@ -63,14 +63,14 @@ def ours(
     belief = Belief(start(len(process.names)), tuple(np.zeros(1 + len(g.names)) for g in groups))
     beliefs = []
     for z in measurements(groups):
-        slot = Slot(0.1, 0.0, z, np.ones(len(z)))
-        belief, _ = law.fused(belief, plan, Geometry(), slot, np)
+        sample = BufferedSample(0.1, 0.0, z, np.ones(len(z)))
+        belief, _ = law.fused(belief, plan, Geometry(), sample, np)
         beliefs.append(belief.of)
     return beliefs
 
 
-def close(found: list[Gaussian], wanted: list[Gaussian]) -> None:
-    for one, other in zip(found, wanted, strict=True):
+def close(collected: list[Gaussian], wanted: list[Gaussian]) -> None:
+    for one, other in zip(collected, wanted, strict=True):
         np.testing.assert_allclose(one.x, other.x, rtol=0, atol=EXACT)
         np.testing.assert_allclose(one.P, other.P, rtol=0, atol=EXACT)
 
@@ -145,7 +145,7 @@ TOLD_BY = {
         Group("accelerometer", ("acc_x", "acc_y"), (0.1, 0.1)),
     ),
 }
-"""Groups of readings by the states that they need besides pose and speeds."""
+"""Groups of measurements by the states that they need besides pose and speeds."""
 
 
 def test_noise_reaches_the_pose_as_it_does_in_the_vehicle() -> None:

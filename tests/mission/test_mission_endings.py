@@ -142,7 +142,7 @@ def test_plants_that_cannot_fly_are_refused(mission: Mission, plant: Robot, word
 # Clocks -------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("dt", "period", "rel"),
-    # A command that waits for the plant's next sample, or a reading that is old, costs part of
+    # A command that waits for the plant's next sample, or a measurement that is old, costs part of
     # the longer of both clocks; 0.25 s is beyond the plant's lag of 0.2 s.
     [(0.02, 0.1, 0.03), (0.1, 0.02, 0.03), (0.03, 0.1, 0.03), (0.07, 0.05, 0.03), (0.25, 0.1, 0.1)],
 )
@@ -191,10 +191,10 @@ def test_navigation_decides_when_the_robot_believes_to_have_arrived() -> None:
 
 
 class Counted(NamedTuple):
-    """Odometry's state, and how many readings it has seen."""
+    """Odometry's state, and how many measurements it has seen."""
 
     inner: Body
-    readings: int
+    measurements: int
 
 
 class CountingOdometry:
@@ -210,7 +210,7 @@ class CountingOdometry:
         self, state: Counted, inputs: NavigationInputs, dt: float, xp: Any
     ) -> tuple[Counted, Body]:
         inner, estimate = Odometry().step(state.inner, inputs, dt, xp)
-        self.last = state.readings + 1
+        self.last = state.measurements + 1
         return Counted(inner, self.last), estimate
 
 
@@ -230,9 +230,9 @@ def test_a_plant_can_be_identified_from_the_log(direct: float) -> None:
         u, y = log[pulse], log[omega]
         # y(k) = a y(k−1) + d u(k) + (b − a d) u(k−1)
         regressors = np.column_stack((y[:-1], u[1:], u[:-1]))
-        found = np.linalg.lstsq(regressors, y[1:], rcond=None)[0]
+        result = np.linalg.lstsq(regressors, y[1:], rcond=None)[0]
         wanted = (robot.a, direct, b - robot.a * direct)
-        np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(result, wanted, rtol=1e-6, atol=1e-9)
 
 
 def test_the_pose_of_the_log_is_the_dead_reckoning_of_its_speeds() -> None:
@@ -240,9 +240,9 @@ def test_the_pose_of_the_log_is_the_dead_reckoning_of_its_speeds() -> None:
     log, nav, scene = result.log, Odometry(), goal(-1, -1).scene()
     estimate, length = nav.start(scene, floats), 0.0
     for k, t in enumerate(log["t"].tolist()):
-        readings = {name: float(log[name][k]) for name in ("omega_l", "omega_r")}
+        measurements = {name: float(log[name][k]) for name in ("omega_l", "omega_r")}
         dt = 0.1 if k else 0.0
-        _, moved = nav.step(estimate, NavigationInputs(t, readings, scene), dt, floats)
+        _, moved = nav.step(estimate, NavigationInputs(t, measurements, scene), dt, floats)
         length += 0.5 * dt * abs(estimate.speed + moved.speed)
         estimate = moved
         assert (log["x"][k], log["y"][k], log["psi"][k]) == pytest.approx(estimate.pose)

@@ -329,9 +329,9 @@ def test_navigation_is_told_the_drive_it_moved_under_and_the_plants_sample_time(
             return super().step(state, inputs, dt, xp)
 
     log = simulate(goal(1, 0, navigation=Listening()), Robot(dt=0.05)).log
-    told = np.array([i.drive for i in seen]) * 20000.0
+    shown = np.array([i.drive for i in seen]) * 20000.0
     # The command logged at a sample is what holds from there on.
-    np.testing.assert_allclose(told[1:, 0], log["pwm_l"][:-1], rtol=1e-12)
+    np.testing.assert_allclose(shown[1:, 0], log["pwm_l"][:-1], rtol=1e-12)
     assert {i.scene.dt for i in seen} == {0.05}
 
 

@@ -149,7 +149,7 @@ def test_more_inputs_and_outputs_use_the_first_two() -> None:
     np.testing.assert_allclose(at_full(robot), FULL, rtol=1e-3)
     assert warnings[:2] == (
         "Input a and output p are taken as the left track, b and q as the right one.",
-        "Held at the operating point: c.",
+        "Fixed at the operating point: c.",
     )
 
 
@@ -173,7 +173,7 @@ def test_two_channels_that_do_not_steer_fall_back_to_copies(
     plant = Lag(gain, names("a", "b"), names("p", "q"))
     robot, warnings = as_robot(plant, MISSION)
     assert robot.twins
-    assert "held at the operating point, because" in warnings[0]
+    assert "fixed at the operating point, because" in warnings[0]
     assert simulate(MISSION, robot).outcome is Outcome.ARRIVED
 
 
@@ -198,8 +198,8 @@ def test_a_falling_output_is_turned_over() -> None:
     robot, warnings = as_robot(swapped_wires, MISSION)
     np.testing.assert_array_equal(robot.scale, (1.0, -1.0))
     assert warnings == (
-        "omega_r [rad/s] falls where the drive rises and is turned over: "
-        "check the wiring or the sign of the data.",
+        "omega_r [rad/s] falls where the drive rises, so its sign was reversed; check the wiring "
+        "or the sign of the data.",
     )
 
 
@@ -233,8 +233,8 @@ def test_the_top_speed_can_be_chosen() -> None:
     [
         (Lag(((1.0,),), names("u"), names("y"), pole=1.01), "unstable"),
         (Lag(((1.0,),), names("u"), names("y"), pole=-1.5), "unstable"),
-        (Lag(((0.0,),), names("u"), names("y")), "y does not answer a constant input u"),
-        (Lag(((0.0,),), names("u"), names("y"), y_offset=1e5), "does not answer"),
+        (Lag(((0.0,),), names("u"), names("y")), "y does not respond to a constant input u"),
+        (Lag(((0.0,),), names("u"), names("y"), y_offset=1e5), "does not respond"),
     ],
 )
 def test_plants_without_a_usable_static_answer_are_refused(plant: Lag, words: str) -> None:

@@ -19,10 +19,10 @@ def proof(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     folder = tmp_path_factory.mktemp("mission")
     hidden = hidden_mission(request.param, 1)
     est, val = logs(hidden, folder)
-    told = diagnose_pose([est], [val])
-    assert told is not None
+    diagnosis = diagnose_pose([est], [val])
+    assert diagnosis is not None
     before = true_base(hidden)
-    after = with_ground(before, told.ground, told.std_errors)
+    after = with_ground(before, diagnosis.ground, diagnosis.std_errors)
     return prove_on_mission(folder / "mission_val.yaml", [val], before, after)
 
 

@@ -15,7 +15,7 @@ from sysid.errors import DataError, ModelError
 from sysid.mission.contracts import Body, MotionInputs, Pose, SensorInputs
 from sysid.mission.monte_carlo.agreement import TOLERANCE, agreement
 from sysid.mission.monte_carlo.chunks import Runner, chunks
-from sysid.mission.monte_carlo.draws import run_seeds
+from sysid.mission.monte_carlo.sampler import run_seeds
 from sysid.mission.monte_carlo.setup import Setup
 from sysid.mission.motion.slip import Slip
 from sysid.mission.robot.mapping import as_robot
@@ -62,10 +62,10 @@ def driven(motion: str, soil: str = "concrete", target: tuple[float, float] = (0
 @pytest.mark.parametrize("soil", ["concrete", "dry-sand"])
 @pytest.mark.parametrize("motion", ["kinematic", "slip", "dynamic"])
 def test_every_motion_drives_a_mission(motion: str, soil: str) -> None:
-    found = driven(motion, soil)
-    assert found.outcome == "arrived"
-    assert found.final.x == pytest.approx(0.42, abs=0.03)
-    lost = 1.0 - found.final.x / (0.0215 * np.trapezoid(found.log["omega_l"], dx=0.1))
+    outputs = driven(motion, soil)
+    assert outputs.outcome == "arrived"
+    assert outputs.final.x == pytest.approx(0.42, abs=0.03)
+    lost = 1.0 - outputs.final.x / (0.0215 * np.trapezoid(outputs.log["omega_l"], dx=0.1))
     if motion == "kinematic":
         assert abs(lost) < 1e-9
     elif soil == "dry-sand":
@@ -75,11 +75,11 @@ def test_every_motion_drives_a_mission(motion: str, soil: str) -> None:
 def test_a_robot_that_slips_past_its_goal_is_not_said_to_stand_there() -> None:
     """Odometry does not see slip: it holds for reached what the robot is a third short of."""
     mission = goal(0.9, 0.0, motion={"kind": "slip", "slip": 0.3}, vehicle={"speed_scale": 1.0})
-    found = simulate(mission, as_robot(motor(), mission)[0])
-    assert found.outcome == "arrived"
-    away = 0.9 - found.final.x
+    result = simulate(mission, as_robot(motor(), mission)[0])
+    assert result.outcome == "arrived"
+    away = 0.9 - result.final.x
     assert away > 0.2
-    assert f"holds that it reached the goal, but stands {away:.2g} m from it" in found.sentence
+    assert f"holds that it reached the goal, but stands {away:.2g} m from it" in result.sentence
     assert driven("kinematic").sentence == "The robot reached the goal within the tolerance."
 
 
@@ -126,13 +126,13 @@ def test_motors_that_nobody_knows_alone_are_refused(plant, lifted, words: str) -
 
 
 def test_lifted_tracks_are_taken_with_a_sentence_or_by_word() -> None:
-    silent, told = (
+    silent, shown = (
         goal(1, 0, vehicle={"motion": "dynamic", "speed_scale": 1.0, "lifted": word})
         for word in (None, True)
     )
     for plant in (motor(), motor(2, mass=0.0, yaw_inertia=0.0), motor(2, LUMPED)):
         assert any("tracks lifted" in s for s in as_robot(plant, silent)[1])
-    said = as_robot(motor(2, LUMPED, coupling=-0.4), told)[1]
+    said = as_robot(motor(2, LUMPED, coupling=-0.4), shown)[1]
     assert not any("tracks lifted" in s for s in said)
     assert any("the mass 1.592 kg" in s and "the floor is concrete" in s for s in said)
 
@@ -263,11 +263,11 @@ def test_runs_side_by_side_are_the_runs_one_after_the_other() -> None:
     seeds = run_seeds(5, 3)
     runner = Runner.of(setup)
     figures = runner.run(chunks(setup, seeds, 4)[0]).figures
-    found = agreement(setup, seeds, figures)
-    assert found.apart == ()
-    assert found.largest <= TOLERANCE
+    agreed = agreement(setup, seeds, figures)
+    assert agreed.apart == ()
+    assert agreed.largest <= TOLERANCE
     assert len(set(figures.x.tolist())) == 3
-    names = {name for name, _ in setup.drivers[0].drawing.varying}
+    names = {name for name, _ in setup.plant_variants[0].sampler.varying}
     assert {"mass", "soil.rolling", "soil.friction_angle", "soil[2].lateral"} <= names
     assert "friction.slip" not in names
 
@@ -285,15 +285,15 @@ def test_mass_and_soil_vary_as_the_mission_says(vary, there: set[str]) -> None:
     setup = Setup.of(mission, [motor()])
     assert {"mass", "soil"} & set(setup.varied) == there
     seeds = run_seeds(1, 400)
-    drawing = setup.drivers[0].drawing
-    draws = drawing.draw(seeds)
-    scenes = [drawing.physics.scene(mission.scene(), row.tolist()) for row in draws.physics]
+    sampler = setup.plant_variants[0].sampler
+    samples = sampler.draw(seeds)
+    scenes = [sampler.physics.scene(mission.scene(), row.tolist()) for row in samples.physics]
     spread = float(np.std([s.car.mass for s in scenes]))  # 400 draws tell it to ± 4 %
     assert spread == pytest.approx(2.0 * (vary.get("mass", 0.02) or 0.0), rel=0.15)
     soil = mission.scene().floor.soil
     expected = dict(soil.std)["lateral"] * (vary.get("soil", 1.0) or 0.0)
-    found = float(np.std([s.floor.soil.lateral for s in scenes]))
-    assert found == pytest.approx(expected, rel=0.15)
+    result = float(np.std([s.floor.soil.lateral for s in scenes]))
+    assert result == pytest.approx(expected, rel=0.15)
     varied = setup.alone(seeds[0])[0].scene()
     assert (varied.car, varied.floor) == (scenes[0].car, scenes[0].floor)
 

@@ -73,7 +73,7 @@ def errors(run: MissionResult) -> Array:
 
 
 def test_perfect_inertial_sensors_show_the_way() -> None:
-    """Readings of 1 kHz without errors at 50 samples a second: integration loses nothing."""
+    """Measurements of 1 kHz without errors at 50 samples a second: integration loses nothing."""
     exact = {"noise": 0.0, "bias_std": 0.0, "bias_walk": 0.0, "resolution": 0.0}
     run = driven(law("inertial"), robot=Robot(dt=0.02), gyroscope=exact, accelerometer=exact)
     assert run.outcome.value == "arrived"
@@ -140,7 +140,7 @@ LATE_FIXES: dict[str, Any] = {"position_fixes": {"rate": 4.0, "latency": 0.2, "d
     [("ekf", LATE_FIXES), ("finite-model", {"gyroscope": {}})],
 )
 def test_many_at_once_compiled_are_as_one_after_the_other(kind: str, kinds: dict[str, Any]) -> None:
-    """Late readings, losses and all; eight runs side by side on jax.numpy."""
+    """Late measurements, losses and all; eight runs side by side on jax.numpy."""
     jax.config.update("jax_enable_x64", True)
     run = driven(law(kind), **kinds)
     mission = goal(2, 1, navigation=law(kind), sensors=sensors(**kinds))
@@ -154,8 +154,8 @@ def test_many_at_once_compiled_are_as_one_after_the_other(kind: str, kinds: dict
 
         def step(state: Any, row: Any) -> Any:
             k, row = row
-            readings = dict(zip(names, row, strict=True))
-            given = NavigationInputs(0.1 * k, readings, start)
+            measurements = dict(zip(names, row, strict=True))
+            given = NavigationInputs(0.1 * k, measurements, start)
             state, _ = filt.step(state, given, xp.where(k > 0, 0.1, 0.0), xp)
             return state, xp.array(filt.report(state, xp))  # type: ignore[attr-defined]
 
@@ -204,14 +204,14 @@ def test_a_reading_that_comes_late_changes_the_present_as_if_it_had_been_in_time
         state = filt.start(scene, floats)
         for k in range(30):
             fix = fixes[k - d] if 0 <= k - d < 25 else (math.nan, math.nan)
-            readings = {
+            measurements = {
                 "omega_l": 1.0,
                 "omega_r": 2.0,
                 "gyro_z": 0.1,
                 "fix_x": fix[0],
                 "fix_y": fix[1],
             }
-            given = NavigationInputs(0.1 * k, readings, scene)
+            given = NavigationInputs(0.1 * k, measurements, scene)
             state, _ = filt.step(state, given, 0.1 if k else 0.0, floats)
         ends.append(state.belief.of)
     np.testing.assert_array_equal(ends[0].x, ends[1].x)
@@ -257,7 +257,7 @@ def pushed(kind: str, fixes: Array) -> tuple[Array, float]:
 
 @pytest.mark.parametrize("kind", FILTERS)
 def test_fixes_that_agree_open_the_gate_again_and_outliers_do_not(kind: str) -> None:
-    """A robot that is pushed half a metre aside while its wheels stand; and wild readings."""
+    """A robot that is pushed half a metre aside while its wheels stand; and wild measurements."""
     noise = np.random.default_rng(5).normal(0.0, 0.01, (30, 2))
     aside = noise + [[0.0, 0.5 * (k >= 10)] for k in range(30)]
     off, rejected = pushed(kind, aside)

@@ -26,40 +26,40 @@ def test_the_force_is_the_slope_of_the_potential() -> None:
 
 
 def test_a_free_way_is_straight_and_takes_the_time_of_its_references() -> None:
-    found = plan(goal(5, 0))
-    assert found.arrives
-    assert found.min_clearance_m is None
-    assert found.ends == ()
-    assert found.length_m == pytest.approx(4.9, abs=0.02)  # to the tolerance, within one step
+    route = plan(goal(5, 0))
+    assert route.arrives
+    assert route.min_clearance_m is None
+    assert route.ends == ()
+    assert route.length_m == pytest.approx(4.9, abs=0.02)  # to the tolerance, within one step
     rho = np.linspace(0.1, 5.0, 2001)
     slowness = 1 / PotentialField().v_max * (1 + 0.4 / rho / 2)  # 1/V_d of (4.31), h = 1
     time = float(np.sum(np.diff(rho) * (slowness[1:] + slowness[:-1]) / 2))
-    assert found.time_s == pytest.approx(time, rel=0.01)  # steps of 2 cm along 1/ρ
+    assert route.time_s == pytest.approx(time, rel=0.01)  # steps of 2 cm along 1/ρ
 
 
 def test_two_obstacles_close_together_hold_the_way_between_start_and_goal() -> None:
-    found = plan(goal(3, 0, obstacles=[(1.5, 0.25), (1.5, -0.25)]))
-    assert not found.arrives
-    assert found.time_s is None
-    assert found.arriving_share < 1
-    (end,) = found.ends
+    route = plan(goal(3, 0, obstacles=[(1.5, 0.25), (1.5, -0.25)]))
+    assert not route.arrives
+    assert route.time_s is None
+    assert route.arriving_share < 1
+    (end,) = route.ends
     # On the axis both forces vanish where attraction and repulsion cancel, before the gap.
     assert end[1] == pytest.approx(0.0, abs=0.05)
     assert 0.9 < end[0] < 1.4
-    np.testing.assert_allclose(found.way[-1], end, atol=0.15)
+    np.testing.assert_allclose(route.way[-1], end, atol=0.15)
 
 
 def test_the_curves_are_those_of_the_formulas() -> None:
-    found = plan(goal(5, 0))
-    assert found.attraction is not None
-    assert found.repulsion is not None
-    own = len(found.attraction.values) // 2
-    at = np.interp([1.0, 3.0], found.attraction.distance, found.attraction.quantity[own])
+    route = plan(goal(5, 0))
+    assert route.attraction is not None
+    assert route.repulsion is not None
+    own = len(route.attraction.values) // 2
+    at = np.interp([1.0, 3.0], route.attraction.distance, route.attraction.quantity[own])
     np.testing.assert_allclose(at, [0.15, 0.30], rtol=1e-6)
-    push = np.interp(0.5, found.repulsion.distance, found.repulsion.quantity[own])
+    push = np.interp(0.5, route.repulsion.distance, route.repulsion.quantity[own])
     assert push == pytest.approx(0.05 * (1 / 0.5 - 1 / 0.7) / 0.25, rel=1e-3)
-    assert [c.gain for c in found.speeds] == ["theta", "h", "Kg"]
-    kg = found.speeds[2]
+    assert [c.gain for c in route.speeds] == ["theta", "h", "Kg"]
+    kg = route.speeds[2]
     # K_g 0.4 with θ = 2, h = 1: half the speed at 0.2 m, as the thesis chose it.
     half = np.interp(0.2, kg.distance, kg.quantity[own])
     assert half == pytest.approx(0.15, rel=1e-6)

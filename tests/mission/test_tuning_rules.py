@@ -91,11 +91,11 @@ def test_margins_are_true_to_the_poles(axis: Axis) -> None:
         radius = np.max(np.abs(closed_loop_poles(axis, gains)))
         if abs(radius - 1) < 0.02:
             continue  # the plant's answer is known to 0.1 % only
-        found = loop.margins(gains)
-        assert found.stable == (radius < 1), (gains, radius)
+        result = loop.margins(gains)
+        assert result.stable == (radius < 1), (gains, radius)
         judged += 1
-        if found.stable and math.isfinite(found.gain):
-            grown = Gains(*(found.gain * g for g in (kp, ki, kd)))
+        if result.stable and math.isfinite(result.gain):
+            grown = Gains(*(result.gain * g for g in (kp, ki, kd)))
             edge = np.max(np.abs(closed_loop_poles(axis, grown)))
             assert edge == pytest.approx(1.0, abs=0.02), gains
     assert judged > 150

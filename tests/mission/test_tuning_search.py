@@ -25,8 +25,8 @@ from sysid.mission.monte_carlo.setup import Setup
 from sysid.mission.result import write_log
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import load_mission
+from sysid.mission.tuning.batch_runner import BatchRunner, Runs
 from sysid.mission.tuning.criteria import Criteria, Driven, StepTest, criteria
-from sysid.mission.tuning.drives import Course, Runs
 from sysid.mission.tuning.front import front, non_dominated
 from sysid.mission.tuning.gain_space import GainSpace
 from sysid.mission.tuning.search import SearchOptions, tune
@@ -105,10 +105,10 @@ def test_runs_side_by_side_are_runs_one_by_one() -> None:
     sensors = {"encoders": None}
     mission = goal(0.4, 0.1, obstacles=[(0.2, 0.5)], sensors=sensors, control={"period": 0.04})
     setup = Setup.of(mission, [Robot()], ["parameters"])
-    course = Course(setup, GainSpace.of(mission.control).names, 4, recorded=True)
+    runner = BatchRunner(setup, GainSpace.of(mission.control).names, 4, recorded=True)
     gains = np.array([[2.0, 1.85, 0.4], [0.5, 0.0, 1.5], [9.0, 9.0, 0.1]])
     runs = Runs(gains, np.zeros((3, 0)), (0, 7, 7))
-    together, alone = course.together(runs), course.one_by_one(runs)
+    together, alone = runner.together(runs), runner.one_by_one(runs)
     for one, other in zip(together[:4], alone[:4], strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
     rows = int(together.time_s.min() / 0.1)

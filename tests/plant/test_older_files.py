@@ -89,14 +89,14 @@ def test_every_model_of_the_workspace_is_read_and_runs_as_it_did(older: Path) ->
     [("workspace/plant", "hammerstein-wiener"), ("augmented.zip", "augmented")],
 )
 def test_a_package_is_read_and_runs_as_it_did(older: Path, package: str, structure: str) -> None:
-    found = read_package(older / package)
-    assert found.notes == ()  # its hash is that of its content still
-    assert found.model().structure.name == structure
+    read = read_package(older / package)
+    assert read.notes == ()  # its hash is that of its content still
+    assert read.model().structure.name == structure
     selftest(older / package)  # its own rows, its own tolerance
     id = next(i for i in EXPECTED if i.startswith(structure))
     then = np.array(EXPECTED[id]["free_run"])
     record = read_log(older / ("robot.csv" if structure == "augmented" else "log.csv"))
-    now = found.model().simulate(record.u)[::40]
+    now = read.model().simulate(record.u)[::40]
     np.testing.assert_allclose(now / np.ptp(then), then / np.ptp(then), rtol=0, atol=ROUNDING)
 
 

@@ -94,11 +94,11 @@ def test_a_package_without_a_hash_is_read_with_a_note(tmp_path: Path) -> None:
     package = write_package(robot_model("arx"), tmp_path / "p")
     described = read_package(package).description
     describe(lambda r: r.pop(KEY))(package)
-    found = read_package(package)
-    assert len(found.notes) == 1
-    assert "no hash" in found.notes[0]
+    read = read_package(package)
+    assert len(read.notes) == 1
+    assert "no hash" in read.notes[0]
     # the hash is all that a new file has and an old one has not
-    assert {k: v for k, v in described.items() if k != KEY} == found.description
+    assert {k: v for k, v in described.items() if k != KEY} == read.description
 
 
 def test_the_commands_notice_a_change(

@@ -106,9 +106,9 @@ def test_every_command_speaks_of_the_log_it_reads(
     lines += [("compare",), ("compare", "--val", file), ("export",), ("simulate", file)]
     said = {}
     for line in lines:
-        found = run(capsys, *line)
-        assert found.code == 0, (line, found.err)
-        said[line] = found.out + found.err
+        result = run(capsys, *line)
+        assert result.code == 0, (line, result.err)
+        said[line] = result.out + result.err
         own = said[line].replace("rad/s", "") if plant == "motor" else said[line]
         # a mode that swings has a frequency in rad/s, whatever swings
         own = re.sub(r"swings at [^ ]+( ± [^ ]+)? rad/s", "", own)
@@ -128,12 +128,12 @@ def test_a_diagnosis_speaks_of_the_oven(
 ) -> None:
     monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
     run(capsys, "fit", "oven.csv", "--structure", "oe", "--orders", "nb=1 nf=1 nk=1")
-    told = run(capsys, "diagnose", "oven.csv")
-    assert told.code == 0, told.err
-    assert not ROBOTS_OWN.search(told.out), told.out
-    assert not UNREADABLE.search(told.out), told.out
-    assert "The errors look like noise." in told.out
-    assert "temp_degC" in told.out
+    result = run(capsys, "diagnose", "oven.csv")
+    assert result.code == 0, result.err
+    assert not ROBOTS_OWN.search(result.out), result.out
+    assert not UNREADABLE.search(result.out), result.out
+    assert "The errors look like noise." in result.out
+    assert "temp_degC" in result.out
 
 
 def test_notes_of_reading_are_no_warnings(
@@ -163,16 +163,16 @@ def test_a_switch_and_an_unnamed_output_are_said_by_the_fit(
         f"{k},{'ON' if u else 'OFF'},{v:.4f}" for k, (u, v) in enumerate(zip(on, y, strict=True))
     ]
     (tmp_path / "fan.csv").write_text("\n".join(["t,heater,box", *rows]) + "\n")
-    told = run(capsys, "fit", "fan.csv", "--structure", "arx", "--orders", "na=1 nb=1 nk=1")
-    assert told.code == 0, told.err
-    assert "heater was read as a switch" in told.out
-    assert "box was taken for the output" in told.out
+    result = run(capsys, "fit", "fan.csv", "--structure", "arx", "--orders", "na=1 nb=1 nk=1")
+    assert result.code == 0, result.err
+    assert "heater was read as a switch" in result.out
+    assert "box was taken for the output" in result.out
 
 
 @pytest.mark.parametrize("log", ["tank"], indirect=True)
 def test_orders_with_commas_are_told_apart(
     log: tuple[str, list[str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = run(capsys, "fit", f"{log[0]}.csv", "--orders", "na=1:2,nb=1:2")
-    assert told.code == 2
-    assert "put spaces between orders" in told.err
+    result = run(capsys, "fit", f"{log[0]}.csv", "--orders", "na=1:2,nb=1:2")
+    assert result.code == 2
+    assert "put spaces between orders" in result.err

@@ -25,7 +25,7 @@ def test_a_log_that_begins_elsewhere_is_told(first: int, said: bool) -> None:
     record = oven()
     model = fit(structure_class("oe").from_orders({"nb": 1, "nf": 1}, 1, 1), [record])
     part = record.rows(first, len(record))
-    told = [w for w in replay(model.plant(), part).warnings if "begins at" in w]
-    assert bool(told) is said
+    shown = [w for w in replay(model.plant(), part).warnings if "begins at" in w]
+    assert bool(shown) is said
     if said:
-        assert f"{record.y[first, 0]:.4g} degC in the log" in told[0]
+        assert f"{record.y[first, 0]:.4g} degC in the log" in shown[0]

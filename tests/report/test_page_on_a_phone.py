@@ -42,8 +42,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     log = read_log(dead_zone_log(tmp_path_factory.mktemp("logs") / "log.csv"))
     line = [[0.1 * k, 0.01 * k * k, 0.0] for k in range(40)]
     trace = {"record": "log.csv", "measured": line, "before": line[:20], "after": line[:30]}
-    found = replace(diagnose([log], None), path={"mission": "m.yaml", "traces": [trace]})
-    return diagnosis_page(found, "before", "after")
+    diagnosis = replace(diagnose([log], None), path={"mission": "m.yaml", "traces": [trace]})
+    return diagnosis_page(diagnosis, "before", "after")
 
 
 def pictures_of(page: str) -> list[str]:
@@ -52,9 +52,9 @@ def pictures_of(page: str) -> list[str]:
 
 def viewbox(svg: str) -> tuple[float, float]:
     """Width and height in the picture's own unit [pt]."""
-    found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
-    assert found
-    return float(found[1]), float(found[2])
+    result = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
+    assert result
+    return float(result[1]), float(result[2])
 
 
 def text_boxes(svg: str) -> list[tuple[float, float, float, float, float]]:

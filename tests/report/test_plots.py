@@ -311,7 +311,7 @@ def test_every_kind_of_mission_is_drawn(tmp_path: Path) -> None:
 
 def test_shapes_that_do_not_fit_are_named() -> None:
     t, y = np.arange(3.0), np.zeros((3, 1))
-    with pytest.raises(DataError, match="do not fit together"):
+    with pytest.raises(DataError, match="have incompatible shapes"):
         FitSegment(t, y, y[:2], y)
     with pytest.raises(DataError, match="1 and 2 are named"):
         dataclasses.replace(fit_picture(), segments=(FitSegment(t, y, y, y),))

@@ -70,7 +70,7 @@ def test_a_combination_that_no_log_tells_is_named_and_has_no_error(tmp_path: Pat
     y = s.simulate(theta, drive)
     y = y + 0.05 * np.random.default_rng(3).standard_normal(y.shape)
     log = replace(record, u=drive, y=y, sha256="two-levels")
-    model = fit(s, [log], FitOptions(), warm=[("near", theta * 1.02)])
+    model = fit(s, [log], FitOptions(), initial_guesses=[("near", theta * 1.02)])
     for p in model.parameter_table():
         if p.name.startswith("f1"):  # the time constant shows at every change of level
             assert 0.0 < p.std_error < 0.01, p.name
@@ -88,7 +88,7 @@ def test_a_refit_from_elsewhere_finds_the_truth_again(tmp_path: Path) -> None:
     # commands on a grid of .05 cannot tell the width of the zone from a jump behind it
     held = FitOptions(fixed={n: 0.0 for n in names if ".jump[" in n})
     near = truth * np.array([1.1, 0.98, 0.9, 0.98, *[0.9] * 6])
-    model = fit(s, records, held, warm=[("near", near)])
+    model = fit(s, records, held, initial_guesses=[("near", near)])
     free = np.array([p.fixed is None for p in model.parameters])
     errors = np.array([p.std_error for p in model.parameter_table()])[free]
     assert model.termination.good
@@ -114,8 +114,8 @@ def test_a_diagnosed_model_goes_through_every_command(
     found = run(capsys, "diagnose", "log.csv", "--val", "other.csv", "--json").document
     ranking = run(capsys, "compare", "--val", "other.csv", "--folds", 3, "--json").document
     lines = {line["model"]: line for line in ranking["ranking"]}
-    after = lines[found["model_after"]]
-    assert ranking["best"] == found["model_after"]
+    after = lines[found["augmented_model"]]
+    assert ranking["best"] == found["augmented_model"]
     for line in lines.values():
         assert line["residuals"]["independence"]["outputs"], line["model"]
         assert line["cross_validation"]["failed"] == 0

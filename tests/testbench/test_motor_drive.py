@@ -17,9 +17,9 @@ COVERED = 4.0
 """Standard errors: 6e-5 of Gaussian estimates lie further out, six of them in each case."""
 
 
-def worst(found: MotorBench, truth: MotorConstants = TRUE) -> float:
+def worst(bench: MotorBench, truth: MotorConstants = TRUE) -> float:
     """Largest distance from the truth in standard errors."""
-    rows = [p for p in found.parameters if p.value is not None and p.name != "Kc"]
+    rows = [p for p in bench.parameters if p.value is not None and p.name != "Kc"]
     assert len(rows) >= 5
     return max(abs(p.value - getattr(truth, p.name)) / p.std_error for p in rows)
 
@@ -30,34 +30,34 @@ def test_the_motion_between_rows_is_that_of_the_equations() -> None:
     every = 20
     ran = run(TRUE, voltage)[::every]
     current, speed, angle = motion(TRUE, voltage[::every], every * STEP, (0.0, 0.0))
-    for found, truth in ((current, ran[:, 0]), (speed, ran[:, 1]), (angle, ran[:, 2])):
+    for result, truth in ((current, ran[:, 0]), (speed, ran[:, 1]), (angle, ran[:, 2])):
         # a stop is found by linear interpolation within 2 ms, a fiftieth of the time constant
-        assert np.max(np.abs(found - truth)) < 3e-3 * np.max(np.abs(truth))
+        assert np.max(np.abs(result - truth)) < 3e-3 * np.max(np.abs(truth))
 
 
 @pytest.mark.slow
 def test_one_drive_with_an_encoder_tells_everything(tmp_path: Path) -> None:
     log = drive_log(tmp_path / "ticks.csv", TRUE, staircase(0.8, 0.1, 2), 0.002, ticks=500)
     options = MotorOptions(gear=60.0, units={"ticks": "counts=500/rev"})
-    found = characterise_motor([log], options)
-    assert worst(found) < COVERED
-    relative = {p.name: p.std_error / p.value for p in found.parameters if p.std_error}
+    bench = characterise_motor([log], options)
+    assert worst(bench) < COVERED
+    relative = {p.name: p.std_error / p.value for p in bench.parameters if p.std_error}
     assert relative["R"] < 0.01
     assert relative["L"] < 0.1
     assert relative["J"] < 0.01
-    assert any("Kc is taken for equal to Kem" in note for note in found.notes)
-    assert found.method == "joint"
+    assert any("Kc is taken for equal to Kem" in note for note in bench.notes)
+    assert bench.method == "joint"
 
 
 @pytest.mark.slow
 def test_inductance_is_not_told_by_slow_sampling(tmp_path: Path) -> None:
     small = replace(TRUE, L=4e-4)
     log = drive_log(tmp_path / "slow.csv", small, staircase(3.0, 0.2, 3), 0.02)
-    found = characterise_motor([log], MotorOptions(gear=60.0))
-    row = next(p for p in found.parameters if p.name == "L")
+    bench = characterise_motor([log], MotorOptions(gear=60.0))
+    row = next(p for p in bench.parameters if p.name == "L")
     assert row.value is None
-    assert any("sample faster than L/R" in note for note in found.notes)
-    assert worst(found, small) < COVERED
+    assert any("sample faster than L/R" in note for note in bench.notes)
+    assert worst(bench, small) < COVERED
 
 
 def test_columns_beside_those_of_the_motor_are_passed_over(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ def table(path: Path, head: str, *columns: Sequence[float] | np.ndarray) -> Path
 
 
 def experiments(folder: Path, seed: int) -> list[Path]:
-    """All four experiments on a motor that is no one's, readings with 0.5 % of noise."""
+    """All four experiments on a motor that is no one's, measurements with 0.5 % of noise."""
     rng = np.random.default_rng(seed)
 
     def noisy(values: np.ndarray) -> np.ndarray:
@@ -49,8 +49,8 @@ def experiments(folder: Path, seed: int) -> list[Path]:
     ]  # fmt: skip
 
 
-def errors(found: MotorBench) -> list[float]:
-    rows = [p for p in found.parameters if p.value is not None]
+def errors(errors: MotorBench) -> list[float]:
+    rows = [p for p in errors.parameters if p.value is not None]
     assert [p.name for p in rows] == ["R", "Kem", "Kc", "f", "C0"]
     return [abs(p.value - getattr(TRUE, p.name)) / p.std_error for p in rows]
 
@@ -60,16 +60,17 @@ def errors(found: MotorBench) -> list[float]:
 def test_all_experiments_tell_the_motor_within_their_errors(
     tmp_path: Path, method: str, seed: int
 ) -> None:
-    found = characterise_motor(experiments(tmp_path, seed), MotorOptions(gear=60.0, method=method))
-    # noise levels come from a dozen readings: Student's tails, 4.5 of 10 degrees of freedom is 1e-3
-    assert max(errors(found)) < 4.5
-    assert [t.kind.value for t in found.tests] == [
+    bench = characterise_motor(experiments(tmp_path, seed), MotorOptions(gear=60.0, method=method))
+    # noise levels come from a dozen measurements: Student's tails, 4.5 of 10 degrees of freedom is
+    # 1e-3
+    assert max(errors(bench)) < 4.5
+    assert [t.kind.value for t in bench.tests] == [
         "blocked rotor", "no load", "stall", "external load",
     ]  # fmt: skip
-    matrix = found.correlations()
+    matrix = bench.correlations()
     assert np.all(np.abs(matrix) <= 1.0 + 1e-12)
     assert np.allclose(matrix, matrix.T)
-    f, dry = (list(found.names).index(n) for n in ("f", "C0"))
+    f, dry = (list(bench.names).index(n) for n in ("f", "C0"))
     assert matrix[f, dry] < 0.0  # one line: its slope against its intercept
 
 
@@ -89,7 +90,7 @@ def test_units_of_a_table_do_not_matter(tmp_path: Path) -> None:
     ("head", "rows", "said"),
     [
         ("voltage_V,current_mA\n", "3,170\n5,210\n", "17.6 to 23.8 Ω; the motor turned"),
-        ("voltage_V,current\n", "3,0.17\n", "the unit of current is not told"),
+        ("voltage_V,current\n", "3,0.17\n", "current has no unit"),
         ("voltage_V,current_A\n", "3,0.97\n", "missing for Kem (no load"),
         ("voltage_V,current_A,speed_rpm\n", "3,0.17,85\n5,.21,149\n", "missing for R (a blocked"),
         ("current_A,speed_rpm\n", "1,85\n", "has no column of voltage"),
@@ -134,8 +135,8 @@ def test_a_marker_gives_the_speed_of_evenly_spaced_events(tmp_path: Path) -> Non
     """A clock of 2 ms: the speed from all events is far better than from one interval."""
     speed = 9.3
     t = np.floor(np.arange(1, 40) * 2.0 * np.pi / speed / 2e-3) * 2e-3
-    found, error = from_times(t, 1.0, "x").steady_speed()
-    assert abs(found - speed) < 4.0 * error
+    result, error = from_times(t, 1.0, "x").steady_speed()
+    assert abs(result - speed) < 4.0 * error
     _, _, single, one_error = from_times(t, 1.0, "x").intervals()
     assert np.max(np.abs(single - speed) / one_error) < 2.5  # uniform: at most √6
     assert error < 0.05 * float(np.mean(one_error))
@@ -150,8 +151,8 @@ def test_event_times_stand_for_a_table_of_speeds(tmp_path: Path) -> None:
     ]
     path = table(tmp_path / "e.csv", "voltage_V,current_A,t_event_s", *zip(*rows, strict=True))
     options = MotorOptions(known={"R": (2.4, 0.001)}, gear=60.0, pulses_per_turn=8.0)
-    found = characterise_motor([path], options)
-    assert found.tests[0].of("speed") == pytest.approx(speed, rel=1e-3)
+    bench = characterise_motor([path], options)
+    assert bench.tests[0].of("speed") == pytest.approx(speed, rel=1e-3)
 
 
 def test_a_motor_that_still_runs_up_is_refused(tmp_path: Path) -> None:
@@ -229,12 +230,12 @@ def bench_of(folder: Path) -> MotorBench:
 
 @pytest.mark.slow
 def test_readings_that_err_by_a_share_widen_the_joint_errors(tmp_path: Path) -> None:
-    """Errors in proportion to a reading turn a line by more than one level for all of them says."""
+    """Errors proportional to the measurement turn a line by more than one noise level suggests."""
     away = []
     for seed in range(8):
         (tmp_path / str(seed)).mkdir()
-        found = characterise_motor(
+        bench = characterise_motor(
             experiments(tmp_path / str(seed), seed), MotorOptions(gear=TRUE.gear, method="joint")
         )
-        away += errors(found)
+        away += errors(bench)
     assert max(away) < 4.0  # of 40 from Student's t with 4 degrees of freedom or more

@@ -28,9 +28,9 @@ TABLES = sorted(sysid_datasets.folder("bench").glob("motor_*.csv"))
 
 
 def bench_of(files: list[Path]) -> Model:
-    found = bench_model(characterise_motor(files))
-    assert found is not None
-    return found
+    bench = bench_model(characterise_motor(files))
+    assert bench is not None
+    return bench
 
 
 def constants_of(model: Model) -> MotorConstants:
@@ -111,7 +111,7 @@ def test_pictures_of_tables_and_drives(tmp_path: Path, capsys: Capture) -> None:
 def test_without_inertia_there_are_constants_but_no_model(tmp_path: Path, capsys: Capture) -> None:
     table = sysid_datasets.path("motor_no_load")
     place = ("--workspace", tmp_path / "w")
-    found = run(capsys, "bench", "motor", table, "--known", "R=3.1", "--json", *place).document
-    assert found["model"] is None
+    result = run(capsys, "bench", "motor", table, "--known", "R=3.1", "--json", *place).document
+    assert result["model"] is None
     known = characterise_motor([table], MotorOptions(known={"R": 3.1, "J": 1e-7}))
     assert bench_model(known) is not None

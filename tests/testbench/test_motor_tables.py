@@ -27,14 +27,14 @@ def test_the_printed_tables_give_what_they_imply(
     document = run(
         capsys, "bench", "motor", *TABLES, "--workspace", tmp_path / "w", "--json"
     ).document
-    found = {p["name"]: p for p in document["parameters"]}
+    result = {p["name"]: p for p in document["parameters"]}
     for name, (value, tolerance, published, recomputable) in PRINTED.items():
-        assert found[name]["value"] == pytest.approx(value, abs=tolerance), name
-        assert found[name]["published"] == published
-        assert found[name]["recomputable"] is recomputable
-        assert found[name]["std_error"] > 0.0
-        assert found[name]["reason"]
-    assert found["L"]["value"] is None
+        assert result[name]["value"] == pytest.approx(value, abs=tolerance), name
+        assert result[name]["published"] == published
+        assert result[name]["recomputable"] is recomputable
+        assert result[name]["std_error"] > 0.0
+        assert result[name]["reason"]
+    assert result["L"]["value"] is None
     ways = {r["how"]: r["value"] for r in document["one_at_a_time"] if r["name"] == "Kc"}
     assert ways["stall: mean of torque over stall current"] == pytest.approx(7.34e-4, abs=5e-7)
     assert any("within 2.8 %" in note for note in document["notes"])

@@ -42,12 +42,12 @@ def swing(
             return sign * float(x[1])
 
         stands.terminal, stands.direction = True, 1.0  # type: ignore[attr-defined]
-        found = solve_ivp(
+        result = solve_ivp(
             slope, (0.0, SMALL), [theta, 0.0], events=stands, rtol=1e-9, atol=1e-11,
             dense_output=True,
         )  # fmt: skip
-        pieces.append((t, found.sol))
-        t, theta, sign = t + float(found.t[-1]), float(found.y[0, -1]), -sign
+        pieces.append((t, result.sol))
+        t, theta, sign = t + float(result.t[-1]), float(result.y[0, -1]), -sign
 
     def angle(at: np.ndarray) -> np.ndarray:
         out = np.empty(len(at))
@@ -74,16 +74,16 @@ def log(path: Path, t: np.ndarray, **columns: np.ndarray) -> Path:
 
 
 def test_the_thesis_period_gives_the_thesis_inertia(capsys: pytest.CaptureFixture[str]) -> None:
-    found = run(capsys, "bench", "pendulum", "--period", 1.735, "--json").document
-    assert found["inertia_kg_m2"] == pytest.approx(0.0652, abs=5e-5)  # as printed
-    assert found["corrected_kg_m2"] == pytest.approx(0.0618, abs=5e-5)
-    low, high = found["interval_kg_m2"]  # ± 5 ms
+    result = run(capsys, "bench", "pendulum", "--period", 1.735, "--json").document
+    assert result["inertia_kg_m2"] == pytest.approx(0.0652, abs=5e-5)  # as printed
+    assert result["corrected_kg_m2"] == pytest.approx(0.0618, abs=5e-5)
+    low, high = result["interval_kg_m2"]  # ± 5 ms
     assert high - low == pytest.approx(0.0102, abs=5e-5)
-    assert found["sensitivities"]["period"] * 0.010 == pytest.approx(0.0102, abs=5e-5)
-    assert found["driver"] == "period"
-    assert found["std_error"] > 0.5 * (high - low)  # lengths and masses have errors, too
-    assert found["box_inertia_kg_m2"] == pytest.approx(1.592 / 12 * (0.19**2 + 0.134**2))
-    assert "8.6 times what mass and size suggest" in " ".join(found["sentences"])
+    assert result["sensitivities"]["period"] * 0.010 == pytest.approx(0.0102, abs=5e-5)
+    assert result["driver"] == "period"
+    assert result["std_error"] > 0.5 * (high - low)  # lengths and masses have errors, too
+    assert result["box_inertia_kg_m2"] == pytest.approx(1.592 / 12 * (0.19**2 + 0.134**2))
+    assert "8.6 times the value from mass and size" in " ".join(result["sentences"])
 
 
 def test_sensitivities_are_derivatives() -> None:
@@ -165,10 +165,10 @@ def test_logs_are_weighed_and_compared(tmp_path: Path, capsys: pytest.CaptureFix
     both = inertia_of_logs(paths[:2])
     assert both.small_std_error < min(r.oscillation.small_std_error for r in both.logs)
     picture = tmp_path / "swing.svg"
-    found = run(capsys, "bench", "pendulum", *paths, "--plot", picture, "--json").document
+    result = run(capsys, "bench", "pendulum", *paths, "--plot", picture, "--json").document
     assert picture.read_text().startswith("<?xml")
-    assert [f["code"] for f in found["findings"]] == ["logs-differ"]
-    assert found["small_swing_period_std_error"] > 5.0 * both.small_std_error
+    assert [f["code"] for f in result["findings"]] == ["logs-differ"]
+    assert result["small_swing_period_std_error"] > 5.0 * both.small_std_error
     shown = run(capsys, "bench", "pendulum", paths[0])
     assert shown.code == 0
     assert "driven by" in shown.out
@@ -190,7 +190,7 @@ REFUSED = {
     "no oscillation": ({"angle": np.random.default_rng(0).standard_normal(len(T))}, "oscillation"),
     "at rest": ({"pitch_deg": np.random.default_rng(2).standard_normal(len(T))}, "is noise"),
     "a ramp": ({"angle_deg": 2.0 * T}, "drifts evenly"),
-    "no reading": ({"angle_deg": np.nan * T}, "holds 0 readings"),
+    "no measurement": ({"angle_deg": np.nan * T}, "has 0 measurements"),
     "a random walk": (
         {"angle": np.cumsum(np.random.default_rng(0).standard_normal(len(T)))},
         "no oscillation",
@@ -209,10 +209,10 @@ def test_logs_that_cannot_serve_are_refused(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     columns, words = REFUSED[case]
-    found = run(capsys, "bench", "pendulum", log(tmp_path / "a.csv", T, **columns))
-    assert found.code == 1
-    assert words in found.err
-    assert found.err.count("\n") == 1
+    result = run(capsys, "bench", "pendulum", log(tmp_path / "a.csv", T, **columns))
+    assert result.code == 1
+    assert words in result.err
+    assert result.err.count("\n") == 1
 
 
 def test_slow_sampling_is_refused(tmp_path: Path) -> None:
@@ -224,7 +224,7 @@ def test_a_log_that_does_not_tell_its_time_needs_it(tmp_path: Path) -> None:
     t = np.arange(0.0, 35.0, 0.05)
     columns = {"angle_deg": np.degrees(swing()(t)), "height": 0.0 * t}
     path = write_log(tmp_path / "a.csv", list(columns), list(columns.values()), step=None)
-    with pytest.raises(SysidError, match="does not tell its sample time"):
+    with pytest.raises(SysidError, match="has no sample time"):
         inertia_of_logs([path])
     study = inertia_of_logs([path], options=ReadOptions(ts=0.05))
     assert study.small_period == pytest.approx(SMALL, abs=2e-5)
@@ -243,16 +243,16 @@ def test_a_log_that_does_not_tell_its_time_needs_it(tmp_path: Path) -> None:
         (["--period", "1.735", "--size", "0x1"], 2, "give two lengths above 0"),
         (["--period", "1.735", "--plot", "a.png"], 2, "a period has none"),
         ([], 2, "give a log of the swing, or its period"),
-        (["a.csv", "--amplitude", "5"], 2, "goes with --period"),
+        (["a.csv", "--amplitude", "5"], 2, "belongs to --period"),
     ],
 )
 def test_wrong_use_is_one_sentence(
     arguments: list[str], code: int, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = run(capsys, "bench", "pendulum", *arguments)
-    assert (found.code, found.out) == (code, "")
-    assert words in found.err
-    assert found.err.count("\n") == 1
+    result = run(capsys, "bench", "pendulum", *arguments)
+    assert (result.code, result.out) == (code, "")
+    assert words in result.err
+    assert result.err.count("\n") == 1
 
 
 def test_errors_that_are_given_count() -> None:

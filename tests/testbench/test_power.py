@@ -146,8 +146,8 @@ def test_what_is_measured_fills_a_mission_and_bounds_a_diagnosis(
     mission.write_text("# mine\ngoal: [1, 0]\nvehicle:\n  r: 0.03\n  supply: {loss: 0.001}\n")
     files = [battery_log(tmp_path / "b.csv"), staircase(tmp_path / "s.csv", "motor_voltage_V")]
     line = ["bench", "power", *files, "--full-current", 3, "--to", mission, "-o", bench]
-    found = run(capsys, *line, "--plot", picture, "--json").document
-    supply = found["vehicle"]["supply"]
+    result = run(capsys, *line, "--plot", picture, "--json").document
+    supply = result["vehicle"]["supply"]
     assert supply["sag"] == pytest.approx(3.0 * 0.13 / 7.9, rel=0.02)
     text = mission.read_text()
     assert text.startswith("# mine\ngoal: [1, 0]\n")
@@ -221,14 +221,14 @@ def test_logs_that_cannot_serve_are_refused(
 ) -> None:
     columns, words = REFUSED[case]
     path = write_log(tmp_path / "a.csv", list(columns), [[v] * 50 for v in columns.values()])
-    found = run(capsys, "bench", "power", path)
-    assert (found.code, found.out) == (1, "")
-    assert words in found.err
-    assert found.err.count("\n") == 1
+    result = run(capsys, "bench", "power", path)
+    assert (result.code, result.out) == (1, "")
+    assert words in result.err
+    assert result.err.count("\n") == 1
 
 
 def test_staircases_that_cannot_serve_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(SysidError, match="nothing tells what full drive is"):
+    with pytest.raises(SysidError, match="full drive is unknown"):
         bench_power([staircase(tmp_path / "a.csv", "motor_voltage_V", scale=255.0)])
     with pytest.raises(SysidError, match="fewer than 3 steps of PWM are answered"):
         bench_power([staircase(tmp_path / "b.csv", "motor_voltage_V", lambda d: 0.0 * d)])

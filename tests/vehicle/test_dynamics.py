@@ -31,11 +31,11 @@ R, B = CAR.geometry.r, CAR.geometry.B
 
 def driven(drives, floor=Floor(STIFF), motor=MOTOR, car=CAR, state=VehicleState(), **finer):  # noqa: B008
     """States after each tenth of a second."""
-    scheme, found = Scheme(**finer), []
+    scheme, result = Scheme(**finer), []
     for drive in drives:
         state = step(state, drive, 0.1, car, (motor, motor), floor, floats, scheme)
-        found.append(state)
-    return found
+        result.append(state)
+    return result
 
 
 def speeds(state: VehicleState) -> tuple[float, ...]:

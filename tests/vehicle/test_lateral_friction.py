@@ -28,16 +28,16 @@ def sliding(side_speed: float, yaw_rate: float) -> tuple[float, float]:
 def test_the_nearest_point_leaves_a_motion_that_its_friction_belongs_to(ease) -> None:
     rng = np.random.default_rng(1)
     for force, moment in rng.normal(size=(200, 2)) * (20.0, 1.0):
-        found = nearest((float(force), float(moment)), Q, LENGTH / 2.0, ease, floats)
-        left = ease[0] * (force - found.side), ease[1] * (moment - found.turning)
-        if found.sticks:
+        result = nearest((float(force), float(moment)), Q, LENGTH / 2.0, ease, floats)
+        left = ease[0] * (force - result.side), ease[1] * (moment - result.turning)
+        if result.sticks:
             assert left == (0.0, 0.0)
             continue
         side, turning = sliding(float(left[0]), float(left[1]))
         if abs(left[1]) * LENGTH / 2.0 < 1e-9 * abs(left[0]):
-            assert abs(found.side) == pytest.approx(Q * LENGTH)
-        assert found.side == pytest.approx(side, rel=1e-6, abs=1e-6)
-        assert found.turning == pytest.approx(turning, rel=1e-6, abs=1e-6)
+            assert abs(result.side) == pytest.approx(Q * LENGTH)
+        assert result.side == pytest.approx(side, rel=1e-6, abs=1e-6)
+        assert result.turning == pytest.approx(turning, rel=1e-6, abs=1e-6)
 
 
 def test_nothing_is_taken_where_nothing_pushes_or_nothing_rubs() -> None:

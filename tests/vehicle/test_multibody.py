@@ -90,9 +90,9 @@ def test_speeds_follow_the_multibody_simulation(name: str) -> None:
     lag.
     """
     theirs, mine = engine(name), ours()[name]
-    found = np.column_stack([theirs.omega, theirs.velocity[:, [0, 2]]])
+    columns = np.column_stack([theirs.omega, theirs.velocity[:, [0, 2]]])
     fastest = np.abs(np.concatenate(list(ours().values()))[:, :4]).max(axis=0)
-    off = np.abs(found - mine[:, :4]) / fastest
+    off = np.abs(columns - mine[:, :4]) / fastest
     assert off.max() < 2.0 * CLOSE
     assert off[-25:].max() < CLOSE
 

@@ -35,9 +35,9 @@ def told_of(
         change(driven(speed * wandering(seed=s), on, seed=s, geometry=geometry))
         for s in (first, first + 1)
     ]
-    found = diagnose_pose(parts[:1], parts[1:], given)
-    assert found is not None
-    return found
+    diagnosis = diagnose_pose(parts[:1], parts[1:], given)
+    assert diagnosis is not None
+    return diagnosis
 
 
 @pytest.mark.parametrize(
@@ -47,20 +47,20 @@ def told_of(
      Geometry(0.0215, 0.186 * 1.45)],
 )  # fmt: skip
 def test_lengths_that_nobody_gave_are_estimated_and_are_no_effects(geometry: Geometry) -> None:
-    found = told_of(geometry)
-    assert found.effects == ()
-    assert not found.ground
-    assert found.warnings == ()
-    assert found.geometry is not None
-    r_error, b_error = found.geometry.std_errors
+    diagnosis = told_of(geometry)
+    assert diagnosis.effects == ()
+    assert not diagnosis.ground
+    assert diagnosis.warnings == ()
+    assert diagnosis.geometry is not None
+    r_error, b_error = diagnosis.geometry.std_errors
     assert r_error is not None
     assert b_error is not None
     # 4 standard errors; they are small: a log of a minute tells a length to 1 %
-    assert found.geometry.geometry.r == pytest.approx(geometry.r, abs=4.0 * r_error)
-    assert pytest.approx(geometry.B, abs=4.0 * b_error) == found.geometry.geometry.B
+    assert diagnosis.geometry.geometry.r == pytest.approx(geometry.r, abs=4.0 * r_error)
+    assert pytest.approx(geometry.B, abs=4.0 * b_error) == diagnosis.geometry.geometry.B
     assert r_error < 0.01 * geometry.r
     assert b_error < 0.01 * geometry.B
-    assert "contradicts" in found.geometry.sentence
+    assert "contradicts" in diagnosis.geometry.sentence
 
 
 @pytest.mark.slow
@@ -75,14 +75,14 @@ def test_a_robot_as_assumed_or_as_given_needs_no_estimate() -> None:
 def test_standard_errors_of_the_lengths_hold_the_truth() -> None:
     z = []
     for seed in range(0, 14, 2):
-        found = told_of(WARTHOG, first=seed)
-        assert found.geometry is not None
-        r_error, b_error = found.geometry.std_errors
+        diagnosis = told_of(WARTHOG, first=seed)
+        assert diagnosis.geometry is not None
+        r_error, b_error = diagnosis.geometry.std_errors
         assert r_error
         assert b_error
         z += [
-            (found.geometry.geometry.r - WARTHOG.r) / r_error,
-            (found.geometry.geometry.B - WARTHOG.B) / b_error,
+            (diagnosis.geometry.geometry.r - WARTHOG.r) / r_error,
+            (diagnosis.geometry.geometry.B - WARTHOG.B) / b_error,
         ]
     # of 14 normal z the root mean square is below 1.7 in 99.9 % of the cases
     assert np.sqrt(np.mean(np.square(z))) < 1.7
@@ -91,9 +91,9 @@ def test_standard_errors_of_the_lengths_hold_the_truth() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("slip", [0.25, 0.35])
 def test_lengths_as_assumed_are_no_estimate_where_slip_explains_the_turns(slip: float) -> None:
-    found = told_of(ROBOT, ground("track-slip", slip))
-    assert found.geometry is None  # turns as of a B that is up to half larger
-    assert [e.id for e in found.effects] == ["track-slip"]
+    diagnosis = told_of(ROBOT, ground("track-slip", slip))
+    assert diagnosis.geometry is None  # turns as of a B that is up to half larger
+    assert [e.id for e in diagnosis.effects] == ["track-slip"]
     both = told_of(Geometry(ROBOT.r, 1.4 * ROBOT.B), ground("track-slip", slip))
     assert both.geometry is not None
     assert pytest.approx(1.4 * ROBOT.B, rel=0.02) == both.geometry.geometry.B
@@ -118,13 +118,13 @@ def test_standard_errors_hold_the_truth_where_slip_comes_and_goes() -> None:
         record = slipping(seed)
         channels = track_channels(record)
         assert channels is not None
-        found = contradicted(tracks_of([record], channels), ROBOT)
-        assert found is not None
-        r_error, b_error = found.std_errors
+        estimate = contradicted(tracks_of([record], channels), ROBOT)
+        assert estimate is not None
+        r_error, b_error = estimate.std_errors
         assert r_error
         assert b_error
-        z.append((found.geometry.r - SKIDDING.r * (1.0 - 0.08)) / r_error)
-        z.append((found.geometry.B - SKIDDING.B) / b_error)
+        z.append((estimate.geometry.r - SKIDDING.r * (1.0 - 0.08)) / r_error)
+        z.append((estimate.geometry.B - SKIDDING.B) / b_error)
     # of 40 z with spread 1.3, as measured on 60 other logs, 99 % have a root mean square below 1.7;
     # taken for independent errors of one size they have 2.8
     assert np.sqrt(np.mean(np.square(z))) < 1.7
@@ -140,12 +140,12 @@ def test_standard_errors_hold_the_truth_where_slip_comes_and_goes() -> None:
 def test_effects_are_named_beside_lengths_that_are_estimated(
     on: Ground, id: str, value: float
 ) -> None:
-    found = told_of(WARTHOG, on)
-    assert [e.id for e in found.effects] == [id]
-    assert found.effects[0].parameters[0].value == pytest.approx(value, abs=0.02)
-    assert found.geometry is not None
+    diagnosis = told_of(WARTHOG, on)
+    assert [e.id for e in diagnosis.effects] == [id]
+    assert diagnosis.effects[0].parameters[0].value == pytest.approx(value, abs=0.02)
+    assert diagnosis.geometry is not None
     # the mean of both radii, and of B what the slip leaves: 4 % for what they have in common
-    lengths = (found.geometry.geometry.r, found.geometry.geometry.B)
+    lengths = (diagnosis.geometry.geometry.r, diagnosis.geometry.geometry.B)
     assert lengths == pytest.approx((WARTHOG.r, WARTHOG.B), rel=0.04)
 
 
@@ -176,10 +176,10 @@ def headed(factor: float, angle: float = 0.0, mirrored: float = 1.0) -> Callable
 def test_a_heading_of_another_convention_is_understood_and_said(
     geometry: Geometry, change: Callable[[Record], Record], words: str
 ) -> None:
-    found = told_of(geometry, change=change)
-    assert found.effects == ()
-    assert any(words in w for w in found.warnings)
-    assert (found.geometry is None) == (geometry == ROBOT)
+    diagnosis = told_of(geometry, change=change)
+    assert diagnosis.effects == ()
+    assert any(words in w for w in diagnosis.warnings)
+    assert (diagnosis.geometry is None) == (geometry == ROBOT)
 
 
 def test_a_pose_in_millimetres_is_called_a_matter_of_units() -> None:
@@ -187,9 +187,9 @@ def test_a_pose_in_millimetres_is_called_a_matter_of_units() -> None:
         assert record.pose is not None
         return replace(record, pose=record.pose * np.array([1000.0, 1000.0, 1.0]))
 
-    found = told_of(ROBOT, change=in_millimetres)
-    assert found.geometry is not None
-    assert "not in metres" in found.geometry.sentence
+    diagnosis = told_of(ROBOT, change=in_millimetres)
+    assert diagnosis.geometry is not None
+    assert "not in metres" in diagnosis.geometry.sentence
 
 
 # The command --------------------------------------------------------------------------------------
@@ -214,13 +214,13 @@ def warthog(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_the_first_line_says_that_the_geometry_was_estimated(
     warthog: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = run(capsys, "diagnose", "log.csv")
-    assert told.code == 0, told.err
-    assert told.out.startswith("The pose contradicts the geometry that is assumed")
+    result = run(capsys, "diagnose", "log.csv")
+    assert result.code == 0, result.err
+    assert result.out.startswith("The pose contradicts the geometry that is assumed")
     document = (warthog / ".sysid" / "diagnosis" / "diagnosis.json").read_text()
     assert '"geometry": {' in document
     for id in ("radius-mismatch", "track-width", "track-slip"):
-        assert f"{id} (vehicle)" not in told.out
+        assert f"{id} (vehicle)" not in result.out
 
 
 def test_a_given_geometry_is_taken(warthog: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -242,15 +242,17 @@ def test_a_given_geometry_is_taken(warthog: Path, capsys: pytest.CaptureFixture[
 def test_a_geometry_that_cannot_be_is_refused(
     text: str, words: str, warthog: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told: Run = run(capsys, "diagnose", "log.csv", "--geometry", text)
-    assert told.code == 2
-    assert words in told.err.replace("\n", " ")
+    result: Run = run(capsys, "diagnose", "log.csv", "--geometry", text)
+    assert result.code == 2
+    assert words in result.err.replace("\n", " ")
 
 
 def test_two_geometries_that_differ_are_refused(
     warthog: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (warthog / "m.yaml").write_text("goal: [1, 1]\nvehicle: {r: 0.2, B: 1.0}\n")
-    told = run(capsys, "diagnose", "log.csv", "--geometry", "r=0.30,B=1.08", "--mission", "m.yaml")
-    assert told.code == 2
-    assert "r = 0.2 m and B = 1 m" in told.err.replace("\n", " ")
+    result = run(
+        capsys, "diagnose", "log.csv", "--geometry", "r=0.30,B=1.08", "--mission", "m.yaml"
+    )
+    assert result.code == 2
+    assert "r = 0.2 m and B = 1 m" in result.err.replace("\n", " ")

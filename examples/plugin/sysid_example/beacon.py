@@ -23,8 +23,8 @@ class Beacon(ImperfectSensor):
     noise: NotNegative = (0.02,)
 
     def measure(
-        self, own: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
+        self, memory: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
     ) -> tuple[State, Reals]:
         """The distance at this sample; nothing is remembered."""
         place = inputs.body.pose
-        return own, (xp.hypot(place.x - self.x, place.y - self.y),)
+        return memory, (xp.hypot(place.x - self.x, place.y - self.y),)

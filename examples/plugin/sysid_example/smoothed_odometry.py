@@ -34,7 +34,7 @@ class SmoothedOdometry(Settings):
     ) -> tuple[Smoothed, Body]:
         """The estimate ``dt`` seconds later."""
         share = 1.0 - xp.exp(-dt / self.lag)
-        left = state.omega_l + share * (inputs.readings["omega_l"] - state.omega_l)
-        right = state.omega_r + share * (inputs.readings["omega_r"] - state.omega_r)
+        left = state.omega_l + share * (inputs.measurements["omega_l"] - state.omega_l)
+        right = state.omega_r + share * (inputs.measurements["omega_r"] - state.omega_r)
         estimate = moved(state.estimate, left, right, inputs.scene.geometry, dt, xp)
         return Smoothed(estimate, left, right), estimate

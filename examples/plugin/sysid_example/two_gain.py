@@ -15,7 +15,7 @@ from sysid.fitting.problem import Focus, Initial, Parameter, Problem
 from sysid.fitting.uncertainty import uncertainty
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.c_step import CStep
-from sysid.structures.outcome import FitOutcome, Fitter, StartReport, Warm
+from sysid.structures.outcome import FitOutcome, Fitter, InitialGuesses, StartReport
 from sysid.structures.search import by_search
 
 INSIDE = 0.999
@@ -188,7 +188,7 @@ class TwoGain(NamedStructure):
         """One least-squares problem, for the search that serves held values, bounds and losses."""
         return (_Errors(self, records, focus),)
 
-    def starts(self, records: Sequence[Record], focus: Focus) -> Warm:
+    def starts(self, records: Sequence[Record], focus: Focus) -> InitialGuesses:
         """Where that search begins."""
         return (("least squares", _solved(self, records)),)
 
@@ -280,14 +280,14 @@ def _fit(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """In one step where nothing but one-step errors counts, by the search everybody has if not."""
     free = all(
         p.fixed is None and not np.isfinite([p.lower, p.upper]).any() for p in parameters
     ) and not any(r.weights is not None for r in records)
     if not free or options.focus is Focus.SIMULATION or options.robust or options.stable:
-        return by_search(structure, records, options, parameters, warm)
+        return by_search(structure, records, options, parameters, initial_guesses)
     theta = _solved(structure, records)
     problem = _Errors(structure, records, options.focus)
     e = problem.residual(theta)

@@ -123,8 +123,8 @@ class Engine:
         psi = math.atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))
         c, s = math.cos(psi), math.sin(psi)
         touching = int(np.sum(self.outside[self.data.contact.geom]))
-        found = Moving(x, y, psi, c * vx + s * vy, c * vy - s * vx, turn, touching)
-        if not all(map(math.isfinite, found)) or max(map(abs, found[:6])) > LOST:
+        moving = Moving(x, y, psi, c * vx + s * vy, c * vy - s * vx, turn, touching)
+        if not all(map(math.isfinite, moving)) or max(map(abs, moving[:6])) > LOST:
             raise ModelError(
                 f"MuJoCo has lost the vehicle at t = {t:g} s: its mass, lengths or friction are "
                 f"too extreme for steps of {self.model.opt.timestep:g} s; change them, or make "
@@ -135,7 +135,7 @@ class Engine:
                 f"the vehicle has tipped over at t = {t:g} s: lower vehicle.height, bring "
                 "vehicle.centre to the middle of the tracks, or let it speed up more slowly"
             )
-        return found
+        return moving
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -167,9 +167,9 @@ class Engine:
         import mujoco
 
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
-        found = np.empty(mujoco.mj_stateSize(self.model, kind))
-        mujoco.mj_getState(self.model, self.data, found, kind)
-        return found
+        state = np.empty(mujoco.mj_stateSize(self.model, kind))
+        mujoco.mj_getState(self.model, self.data, state, kind)
+        return state
 
 
 def _unsaid(message: str) -> None:
@@ -218,7 +218,7 @@ def engine(
         model = mujoco.MjModel.from_xml_string(scene(machine, step, start, stand))
     except ValueError as error:
         first = str(error).partition("\n")[0]
-        raise ModelError(f"MuJoCo makes no model of the vehicle ({first})") from None
+        raise ModelError(f"MuJoCo cannot build the vehicle ({first})") from None
     left, right = (int(model.joint(row.joints[0]).dofadr[0]) for row in machine.rows)
     outside = np.asarray(model.geom_contype == OBSTACLE)
     return Engine(model, mujoco.MjData(model), moving, (left, right), outside)

@@ -148,8 +148,8 @@ class Machine:
     @property
     def _box(self) -> tuple[float, Array]:
         """Mass [kg] and principal moments [kg m²] of the solid box without its wheels, (3,)."""
-        own = self.mass - 2 * self.wheels * self.rows[0].mass
-        return own, np.diag(box_inertia(own, self.size))
+        box_mass = self.mass - 2 * self.wheels * self.rows[0].mass
+        return box_mass, np.diag(box_inertia(box_mass, self.size))
 
     @property
     def _of_wheels(self) -> float:
@@ -169,14 +169,14 @@ class Machine:
 
         A given moment about the vertical goes with such about the other axes as some body has.
         """
-        own, (roll, pitch, least) = self._box
+        box_mass, (roll, pitch, least) = self._box
         yaw = max(self.moment - self._of_wheels, LEAST_MOMENT * least)
         roll = max(roll, (yaw - pitch) * SLACK)
         tall = self.size[2]
         # a box of which the middle is the centre of mass would cut the floor where that lies low
         middle = max(self.height, 0.5 * tall)
         return [
-            f'<inertial pos="{words((self.centre, 0.0, self.height))}" mass="{own!r}" '
+            f'<inertial pos="{words((self.centre, 0.0, self.height))}" mass="{box_mass!r}" '
             f'diaginertia="{words((roll, pitch, yaw))}"/>',
             f'<geom class="body" type="box" pos="{words((0.0, 0.0, middle))}" '
             f'size="{words(0.5 * s for s in self.size)}"{friction(self.friction)} '
@@ -237,14 +237,14 @@ def cylinder(x: float, y: float, radius: float, mu: float, name: str = "") -> li
 
 def wall(points: Sequence[tuple[float, float]], mu: float) -> list[str]:
     """Thin upright plates from point to point [m]."""
-    found = []
+    pieces = []
     for (ax, ay), (bx, by) in pairwise(points):
         half, angle = 0.5 * float(np.hypot(bx - ax, by - ay)), float(np.arctan2(by - ay, bx - ax))
         pos = words((0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * OBSTACLE_HEIGHT))
         quat = words((np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)))
         size = words((half + WALL, WALL, 0.5 * OBSTACLE_HEIGHT))
-        found.append(
+        pieces.append(
             f'<geom class="obstacle" type="box" size="{size}" pos="{pos}" quat="{quat}"'
             f"{friction(mu)}/>"
         )
-    return found
+    return pieces

@@ -80,8 +80,8 @@ class Multibody(Physics):
             if getattr(self, key) is not None:
                 raise sentence_at(
                     (key,),
-                    f"motion of kind multibody stands on a level, hard floor and has no {key}: "
-                    "give friction instead, or motion of kind dynamic",
+                    f"motion of kind multibody needs a level, hard floor and ignores {key}; give "
+                    "friction, or choose motion of kind dynamic",
                 )
         return self
 
@@ -90,12 +90,12 @@ class Multibody(Physics):
         """Which numbers of the vehicle it takes."""
         return ("mass", "yaw_inertia", "L")
 
-    def completed(self, told: Mapping[str, Any]) -> Mapping[str, Any]:
+    def completed(self, given: Mapping[str, Any]) -> Mapping[str, Any]:
         """What is told of the vehicle, else the mass of the thesis's simulation, of a solid box."""
-        mass = told.get("mass", STAND_IN.mass)
-        own = replace(STAND_IN, mass=mass, size=self.size, wheels=self.wheels)
-        known = {"mass": mass, "yaw_inertia": own.moment, "height": own.height}
-        return {**known, **told}
+        mass = given.get("mass", STAND_IN.mass)
+        stand_in = replace(STAND_IN, mass=mass, size=self.size, wheels=self.wheels)
+        known = {"mass": mass, "yaw_inertia": stand_in.moment, "height": stand_in.height}
+        return {**known, **given}
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -116,15 +116,17 @@ class Multibody(Physics):
         """The vehicle ``dt`` seconds later, its wheels brought from their old speeds to the new."""
         scene = inputs.scene
         if not isinstance(inputs.t, int | float):
-            raise ModelError("motion of kind multibody goes by MuJoCo, one run at a time")
+            raise ModelError(
+                "motion of kind multibody uses MuJoCo, which runs one mission at a time"
+            )
         mujoco = self._engine(scene)
         steps = self._steps(scene.dt) if dt else 0
         passed = (np.arange(steps) + 1.0)[:, None] / max(steps, 1)
         before, now = (np.array(pair) for pair in (state.omega, (inputs.omega_l, inputs.omega_r)))
-        vector, found = mujoco.advance(state.vector, before + passed * (now - before), inputs.t)
-        after = MultibodyState(vector, (*now.tolist(),), found.vy, found.touching)
-        pose = Pose(found.x, found.y, found.psi)
-        return after, Body(pose, found.vx, found.yaw_rate, found.vy)
+        vector, body = mujoco.advance(state.vector, before + passed * (now - before), inputs.t)
+        after = MultibodyState(vector, (*now.tolist(),), body.vy, body.touching)
+        pose = Pose(body.x, body.y, body.psi)
+        return after, Body(pose, body.vx, body.yaw_rate, body.vy)
 
     def _steps(self, dt: float) -> int:
         """Steps of the engine between two samples."""

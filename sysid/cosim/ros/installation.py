@@ -75,17 +75,17 @@ def _append_system_packages(
         ModelError: there is none, or it belongs to another Python.
     """
     opt = sorted(Path("/opt/ros").glob("*/lib/python3/dist-packages"))
-    found = [f for f in (*opt, *folders) if (f / "rospy").is_dir()]
-    if not found:
+    packages = [f for f in (*opt, *folders) if (f / "rospy").is_dir()]
+    if not packages:
         raise ModelError(
             f"ROS 1 is not installed here: install Debian's packages {WANTED}, or run this where "
             "they are"
         )
-    theirs = re.search(r"python(3\.\d+)", os.path.realpath(python))
+    ros_python = re.search(r"python(3\.\d+)", os.path.realpath(python))
     ours = f"{sys.version_info[0]}.{sys.version_info[1]}"
-    if theirs is not None and theirs[1] != ours:
+    if ros_python is not None and ros_python[1] != ours:
         raise ModelError(
-            f"rospy belongs to the system's Python {theirs[1]} and this is Python {ours}: install "
-            f"the workbench into an environment of Python {theirs[1]}"
+            f"rospy belongs to the system's Python {ros_python[1]}, and this is Python {ours}; "
+            f"install the workbench into an environment of Python {ros_python[1]}"
         )
-    sys.path.extend(str(f) for f in (*found, *folders) if str(f) not in sys.path)
+    sys.path.extend(str(f) for f in (*packages, *folders) if str(f) not in sys.path)

@@ -52,8 +52,8 @@ class Master:
     def type_of(self, topic: str) -> str | None:
         """Type of a topic, e.g. ``nav_msgs/Odometry``; None where nobody knows it."""
         types = dict(self._call("getTopicTypes"))
-        found = types.get(topic)
-        return None if found in (None, "*") else str(found)
+        type_name = types.get(topic)
+        return None if type_name in (None, "*") else str(type_name)
 
     def check_types(self, wanted: Iterable[tuple[str, str]]) -> None:
         """Refuse topics that are of another type.
@@ -65,10 +65,10 @@ class Master:
             ModelError: one is.
         """
         for topic, kind in wanted:
-            found = self.type_of(topic)
-            if found not in (None, kind):
+            type_name = self.type_of(topic)
+            if type_name not in (None, kind):
                 raise ModelError(
-                    f"topic {topic} is of type {found} and {kind} is needed: end the node that "
+                    f"topic {topic} is of type {type_name} and {kind} is needed: end the node that "
                     f"uses it otherwise ({', '.join(self.publishers(topic)) or 'a subscriber'}), "
                     "or choose another topic"
                 )

@@ -90,27 +90,27 @@ class _Talk:
         """
         until, gone = time.monotonic() + patience, 0.0
         while True:
-            left = until - time.monotonic()
+            remaining = until - time.monotonic()
             try:
-                return self.came.get(timeout=max(min(left, _LOOKS), 1e-3))
+                return self.came.get(timeout=max(min(remaining, _LOOKS), 1e-3))
             except queue.Empty:
                 connected = self.listens[topic].get_num_connections()
             gone = 0.0 if connected else gone + _LOOKS
             if connected > 1:
                 self.refuse_two(topic)
-            if left <= 0.0 or gone >= _GONE:
-                raise SilenceError(self.why_silent(topic, patience if left <= 0.0 else gone))
+            if remaining <= 0.0 or gone >= _GONE:
+                raise SilenceError(self.why_silent(topic, patience if remaining <= 0.0 else gone))
 
     def why_silent(self, topic: str, seconds: float) -> str:
         """A sentence on why nothing comes on a topic."""
         if self.listens[topic].get_num_connections() == 0:
             self.node.master.check()
             return (
-                f"{self.other} has gone: nobody publishes {topic} any more; {self.starts} and run "
+                f"{self.other} left, and no node publishes {topic} any more; {self.starts} and run "
                 "this again"
             )
         return (
-            f"{self.other} is connected, but nothing came on {topic} for {seconds:.3g} s: look "
+            f"{self.other} is connected, but sent nothing on {topic} for {seconds:.3g} s: check "
             "whether it hangs or waits"
         )
 
@@ -137,7 +137,8 @@ class _Talk:
         while not self.listens[topic].get_num_connections():
             if time.monotonic() > until:
                 raise SilenceError(
-                    f"{self.other} did not come within {patience:g} s, nobody publishes {topic}: "
+                    f"{self.other} did not appear within {patience:g} s, and no node publishes "
+                    f"{topic}; "
                     f"{self.starts}"
                 )
             time.sleep(0.02)
@@ -153,8 +154,7 @@ class _Talk:
         while not self.says[topic].get_num_connections():
             if time.monotonic() > until:
                 raise SilenceError(
-                    f"nobody listens to {topic} within {patience:g} s: {self.other} must; "
-                    f"{self.starts}"
+                    f"no node subscribed to {topic} within {patience:g} s; {self.starts}"
                 )
             time.sleep(0.02)
 
@@ -303,11 +303,11 @@ def robot_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[Robo
     """
     node = _checked("sysid_robot", topic)
     for said in (ODOM, CLOCK):
-        found = node.master.publishers(said)
-        if found:
+        publishers = node.master.publishers(said)
+        if publishers:
             raise ModelError(
-                f"{', '.join(found)} publishes {said} already: one robot at a time; end that node "
-                "or use another master"
+                f"{', '.join(publishers)} already publishes {said}, and only one robot may; "
+                "end that node or use another master"
             )
     node.ros.rospy.set_param("/use_sim_time", True)  # as Gazebo: this node is the clock
     talk = _Talk(node, {}, {}, "the node that guides", "start it, e.g. with `sysid simulate`")
@@ -333,10 +333,10 @@ def guidance_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[G
             or none comes.
     """
     node = _checked("sysid_guidance", topic)
-    found = node.master.publishers(topic)
-    if found:
+    publishers = node.master.publishers(topic)
+    if publishers:
         raise ModelError(
-            f"{', '.join(found)} publishes {topic} already: one node guides at a time; end it "
+            f"{', '.join(publishers)} publishes {topic} already: only one node may guide; end it "
             "or choose another topic"
         )
     talk = _Talk(node, {}, {}, "the robot", "start it, e.g. with `sysid plant`")

@@ -18,7 +18,7 @@ class TopicLines(Lines):
 
     def __init__(self, topic: str, mapping: Mapping[str, str]) -> None:
         """Args:
-            topic: whose messages make the rows, a reading's.
+            topic: whose messages make the rows, a measurement's.
             mapping: column → field, as recordings are read (see ``bags.mapping``).
 
         Raises:
@@ -27,11 +27,11 @@ class TopicLines(Lines):
         """
         super().__init__(topic)
         self._topic = topic if topic.startswith("/") else f"/{topic}"
-        found = sources(mapping)
+        topics = sources(mapping)
         by_topic: dict[str, list[Source]] = {}
-        for s in found:
+        for s in topics:
             if s.name == POSE and not s.steps:
-                raise UsageError("a whole pose cannot be followed; map x, y and psi on their own")
+                raise UsageError("a whole pose cannot be followed; map x, y and psi separately")
             by_topic.setdefault(s.topic, []).append(s)
         if self._topic not in by_topic:
             raise UsageError(

@@ -46,8 +46,8 @@ def subscribe(topic: str, fields: Sequence[str], silence: float = 10.0) -> Itera
         kind = node.master.type_of(topic)
         if kind is None and time.monotonic() > deadline:
             raise ModelError(
-                f"nobody publishes the topic {topic} at {node.master.uri}: start its node, or look "
-                "for its name with rostopic list"
+                f"no node publishes the topic {topic} at {node.master.uri}: start its node, or "
+                "check the name with rostopic list"
             )
         if kind is None:
             time.sleep(0.1)

@@ -1,11 +1,11 @@
-"""When what a stream says was measured: by the sender's stamp where that serves, on one clock.
+"""Instants of the messages of all streams on one clock, by the senders' stamps where usable.
 
 A message is stamped by its sender (header.stamp) and again when the recorder receives it. The first
-is the moment of the reading; but senders have clocks of their own. δ = received − stamped is the
-difference of the clocks plus the time on the way, which is never negative: the line under all δ is
-the clocks' difference with the shortest way (Moon, Skelly and Towsley 1999, INFOCOM; by the convex
-hull: Zhang, Liu and Xia 2002, INFOCOM). Streams whose lines agree were stamped by one clock and are
-moved together, so that their order stays what it was.
+is the moment of the measurement; but senders have clocks of their own. δ = received − stamped is
+the difference of the clocks plus the time on the way, which is never negative: the line under all δ
+is the clocks' difference with the shortest way (Moon, Skelly and Towsley 1999, INFOCOM; by the
+convex hull: Zhang, Liu and Xia 2002, INFOCOM). Streams whose lines agree were stamped by one clock
+and are moved together, so that their order stays what it was.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,7 @@ from sysid.errors import DataError
 RESTART = 1.0
 """Stamps that go back by more [s] come from a clock that started again; less is disorder."""
 FEW = 1.0 / 3.0
-"""Stamps of which so many are missing or doubled tell no time."""
+"""Share of missing or repeated stamps from which the stamps are not used."""
 EARLY = 0.005
 """A message may seem to be received so much before it was stamped [s]: two clocks on one network
 differ by that, and it is below the jitter of a computer without real time."""
@@ -34,7 +34,7 @@ the shortest ways within one computer and its network are shorter."""
 DRIFTS = 0.01
 """A drift counts where over the recording it moves stamps by this share of a step: 0.2 ms of 20."""
 LEAST_DRIFT = 50
-"""Messages from which a line under them tells a drift."""
+"""Messages needed to estimate a drift."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,108 +70,112 @@ class Timed:
 
 @dataclass(frozen=True)
 class Line:
-    """δ = ``level`` + ``slope`` · (t − ``middle``): the least difference of two clocks [s]."""
+    """δ = ``offset`` + ``slope`` · (t − ``middle``): the least difference of two clocks [s]."""
 
-    level: float
+    offset: float
     slope: float = 0.0
     middle: float = 0.0
 
     def at(self, t: Array) -> Array:
         """The difference at instants of the stamps [s]."""
-        return np.asarray(self.level + self.slope * (t - self.middle))
+        return np.asarray(self.offset + self.slope * (t - self.middle))
 
 
-def runs(found: Streams) -> Iterator[Streams]:
+def runs(recording: Streams) -> Iterator[Streams]:
     """The parts of a recording between restarts of a simulation's clock."""
-    back = np.flatnonzero(np.diff(found.clock[:, 1]) < -RESTART) + 1
-    edges = [-np.inf, *found.clock[back, 0].tolist(), np.inf]
+    back = np.flatnonzero(np.diff(recording.clock[:, 1]) < -RESTART) + 1
+    edges = [-np.inf, *recording.clock[back, 0].tolist(), np.inf]
     for low, high in pairwise(edges):
-        clock = found.clock[(found.clock[:, 0] >= low) & (found.clock[:, 0] < high)]
-        streams = [s.rows((s.received >= low) & (s.received < high)) for s in found.streams]
+        clock = recording.clock[(recording.clock[:, 0] >= low) & (recording.clock[:, 0] < high)]
+        streams = [s.rows((s.received >= low) & (s.received < high)) for s in recording.streams]
         if all(len(s.received) for s in streams):
-            yield replace(found, streams=tuple(streams), clock=clock)
+            yield replace(recording, streams=tuple(streams), clock=clock)
 
 
-def timed(found: Streams, policy: str) -> tuple[Timed, ...]:
+def timed(recording: Streams, policy: str) -> tuple[Timed, ...]:
     """Every stream at the instants of its values, all on one clock.
 
     Raises:
         DataError: stamps were asked for that a stream does not have.
     """
-    stamped = {s.topic: _doubt(s) for s in found.streams}
+    stamped = {s.topic: _doubt(s) for s in recording.streams}
     if policy == "header" and (bad := [t for t, why in stamped.items() if why]):
-        raise DataError(f"{found.where}: {bad[0]}: {stamped[bad[0]]}; leave `stamps` at auto")
-    simulated = len(found.clock) > 1
+        raise DataError(f"{recording.where}: {bad[0]}: {stamped[bad[0]]}; leave `stamps` at auto")
+    simulated = len(recording.clock) > 1
     if simulated:
-        low, high = float(found.clock[0, 1]) - RESTART, float(found.clock[-1, 1]) + RESTART
-        for s in (s for s in found.streams if not stamped[s.topic]):
+        low, high = float(recording.clock[0, 1]) - RESTART, float(recording.clock[-1, 1]) + RESTART
+        for s in (s for s in recording.streams if not stamped[s.topic]):
             if not (low <= s.stamped[0] and s.stamped[-1] <= high):
-                stamped[s.topic] = "its stamps are not of the clock of the simulation"
-    good = [s for s in found.streams if not stamped[s.topic] and policy != "received"]
-    alone = simulated or len(good) == len(found.streams)
+                stamped[s.topic] = "the stamps are not on the clock of the simulation"
+    good = [s for s in recording.streams if not stamped[s.topic] and policy != "received"]
+    all_stamped = simulated or len(good) == len(recording.streams)
     placed: dict[str, tuple[Array, float, str]] = {}
     for group, line in _clocks(good):
-        own = -EARLY <= line.level <= LONGEST_WAY
-        stays = simulated or own or (alone and len(group) == len(good))
+        recorders_clock = -EARLY <= line.offset <= LONGEST_WAY
+        stays = simulated or recorders_clock or (all_stamped and len(group) == len(good))
         for s in group:
             t = s.stamped if stays else s.stamped + line.at(s.stamped)
-            way = float(np.median(s.received - s.stamped)) if own and not simulated else np.nan
+            way = (
+                float(np.median(s.received - s.stamped))
+                if recorders_clock and not simulated
+                else np.nan
+            )
             placed[s.topic] = (t, way, "" if stays else _moved(line))
-    return tuple(_timed(s, found, stamped[s.topic], placed, policy) for s in found.streams)
+    return tuple(_timed(s, recording, stamped[s.topic], placed, policy) for s in recording.streams)
 
 
 def _timed(
     stream: Stream,
-    found: Streams,
+    recording: Streams,
     doubt: str,
     placed: dict[str, tuple[Array, float, str]],
     policy: str,
 ) -> Timed:
-    said = []
+    notes = []
     if stream.topic in placed:
         t, way, moved = placed[stream.topic]
         by = "header.stamp"
         if moved:
-            said.append((Severity.NOTE, moved, "`stamps='received'` leaves the stamps aside."))
+            notes.append((Severity.NOTE, moved, "`stamps='received'` uses the times of receipt."))
     else:
         t, way, by = stream.received, np.nan, "the time of receipt"
-        if len(found.clock) > 1 and policy != "received":
-            t = np.interp(t, found.clock[:, 0], found.clock[:, 1])
+        if len(recording.clock) > 1 and policy != "received":
+            t = np.interp(t, recording.clock[:, 0], recording.clock[:, 1])
             by = "the time of receipt, on the clock of the simulation"
         if doubt and np.isfinite(stream.stamped).any() and policy == "auto":
-            said.append((Severity.WARNING, f"{doubt}: its time of receipt was taken.", ""))
+            notes.append((Severity.WARNING, f"{doubt}; the time of receipt was used.", ""))
     order = np.argsort(t, kind="stable")
     late = int(np.count_nonzero(np.diff(t) < 0.0))
     stream, t = stream.rows(order), t[order]
     keep = np.append(np.diff(t) > 0.0, True)
     twice = int(np.count_nonzero(~keep))
     if late:
-        said.append((Severity.NOTE, f"{_messages(late)} out of order, put in order.", ""))
+        notes.append((Severity.NOTE, f"{_messages(late)} out of order and sorted.", ""))
     if twice:
-        text = f"{_messages(twice)} at the stamp of the next one, left out."
-        said.append((Severity.WARNING if twice > 0.02 * len(t) else Severity.NOTE, text, ""))
-    at = f"{found.where}: {stream.topic}"
-    findings = [Finding("bag", sev, f"{at}: {text}", do, record=found.where)
-                for sev, text, do in said]  # fmt: skip
+        text = f"{_messages(twice)} stamped like the next one and left out."
+        notes.append((Severity.WARNING if twice > 0.02 * len(t) else Severity.NOTE, text, ""))
+    at = f"{recording.where}: {stream.topic}"
+    findings = [Finding("bag", sev, f"{at}: {text}", do, record=recording.where)
+                for sev, text, do in notes]  # fmt: skip
     return Timed(stream.rows(keep), t[keep], by, way, tuple(findings))
 
 
 def _messages(count: int) -> str:
-    return f"{count} message{' stands' if count == 1 else 's stand'}"
+    return f"{count} message{' was' if count == 1 else 's were'}"
 
 
 def _doubt(stream: Stream) -> str:
-    """Why the stamps of a stream tell no time; empty where they do."""
+    """Why the stamps of a stream are not usable; empty where they are."""
     known = np.isfinite(stream.stamped)
     if not known.any():
-        return "its messages have no stamp"
+        return "the messages have no stamp"
     if not known.all():
-        return f"{np.count_nonzero(~known)} of its messages have no stamp"
+        return f"{np.count_nonzero(~known)} messages have no stamp"
     steps = np.diff(stream.stamped)
     if len(steps) and np.mean(steps == 0.0) > FEW:
-        return f"its stamps stand still in {100 * np.mean(steps == 0.0):.0f} % of the messages"
+        return f"the stamps do not increase in {100 * np.mean(steps == 0.0):.0f} % of the messages"
     if np.any(steps < -RESTART):
-        return f"its stamps start again {np.count_nonzero(steps < -RESTART)} times"
+        return f"the stamps restart {np.count_nonzero(steps < -RESTART)} times"
     return ""
 
 
@@ -180,13 +184,13 @@ def _clocks(streams: Sequence[Stream]) -> list[tuple[list[Stream], Line]]:
     groups: list[list[Stream]] = []
     recorder: list[Stream] = []
     for stream in streams:
-        own = line_under([stream])
+        line = line_under([stream])
         ends = stream.stamped[[0, -1]]
-        if np.all((own.at(ends) >= -EARLY) & (own.at(ends) <= LONGEST_WAY)):
+        if np.all((line.at(ends) >= -EARLY) & (line.at(ends) <= LONGEST_WAY)):
             recorder.append(stream)
             continue
         for group in groups:
-            if np.all(np.abs(own.at(ends) - line_under(group).at(ends)) < ONE_CLOCK):
+            if np.all(np.abs(line.at(ends) - line_under(group).at(ends)) < ONE_CLOCK):
                 group.append(stream)
                 break
         else:
@@ -228,11 +232,10 @@ def _turns_right(o: tuple[float, float], a: tuple[float, float], b: tuple[float,
 
 
 def _moved(line: Line) -> str:
-    """What was done with the stamps of another clock."""
-    side = "behind" if line.level > 0.0 else "ahead of"
+    """How the stamps of another clock were moved."""
+    side = "behind" if line.offset > 0.0 else "ahead of"
     drift = f" and drifts by {1e6 * line.slope:.0f} µs a second" if line.slope else ""
     return (
-        f"its header.stamp comes from a clock {abs(line.level):.4g} s {side} the recorder's{drift};"
-        " it was brought onto that by the messages that came quickest, so that their time on the "
-        "way remains in it."
+        f"header.stamp comes from a clock {abs(line.offset):.4g} s {side} the recorder's{drift}; "
+        "the stamps were moved onto that clock by the fastest messages, whose delay remains."
     )

@@ -1,4 +1,4 @@
-"""What is in a bag: its topics with type, rate and the numbers that move."""
+"""Contents of a bag: its topics with types, rates and varying fields."""
 
 from array import array
 from dataclasses import dataclass, field

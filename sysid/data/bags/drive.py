@@ -1,4 +1,4 @@
-"""A simulated drive as a bag: the topics that a robot and its simulation publish."""
+"""Write a simulated drive as a bag, with the topics of a robot and its simulation."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -24,7 +24,7 @@ def write_drive(columns: Mapping[str, Array], path: str | Path) -> Path:
     /clock; /simulink_references (Twist: linear.x the speed, angular.z the heading to be driven);
     /pwm (Float64MultiArray: left, right [µs]); /joint_states of both tracks [rad/s]; /odom, the
     pose as navigation has it with the speeds of the body; /true_pose; where the mission has a
-    gyroscope, /imu at the instants of its readings. All are stamped by the mission's clock, and
+    gyroscope, /imu at the instants of its measurements. All are stamped by the mission's clock, and
     received in the instant of their stamp.
 
     Args:
@@ -117,10 +117,10 @@ def _pose(make: Messages, x: float, y: float, psi: float) -> Any:
 
 
 def _imu(row: Mapping[str, float], now: int, make: Messages) -> Any:
-    felt = {n: row.get(f"acc_{n}", 0.0) for n in ("x", "y")}
+    acceleration = {n: row.get(f"acc_{n}", 0.0) for n in ("x", "y")}
     return make.make(
         "sensor_msgs/msg/Imu",
         header=make.header(now, BODY),
         angular_velocity=make.make("geometry_msgs/msg/Vector3", z=row["gyro_z"]),
-        linear_acceleration=make.make("geometry_msgs/msg/Vector3", **felt),
+        linear_acceleration=make.make("geometry_msgs/msg/Vector3", **acceleration),
     )

@@ -44,7 +44,7 @@ def steps_of(path: str) -> tuple[Step, ...]:
     Raises:
         UsageError: it cannot be read.
     """
-    found: list[Step] = []
+    steps: list[Step] = []
     at = 0
     for match in _STEP.finditer(path):
         if match.start() != at:
@@ -52,11 +52,11 @@ def steps_of(path: str) -> tuple[Step, ...]:
         at = match.end()
         inside = (match["inside"] or "").strip().strip("'\"")
         if match["name"]:
-            found.append(match["name"])
+            steps.append(match["name"])
         elif inside.isdigit():
-            found.append(int(inside))
-        elif found and isinstance(found[-1], str):
-            found[-1] = (found[-1], inside)
+            steps.append(int(inside))
+        elif steps and isinstance(steps[-1], str):
+            steps[-1] = (steps[-1], inside)
         else:
             at = -1
             break
@@ -65,7 +65,7 @@ def steps_of(path: str) -> tuple[Step, ...]:
             f"the path {path!r} cannot be read; write fields and elements as in "
             "twist.twist.linear.x, data[0] or velocity[wheel_left]"
         )
-    return tuple(found)
+    return tuple(steps)
 
 
 def reader(message: Any, steps: Sequence[Step]) -> Reader:
@@ -84,7 +84,7 @@ def reader(message: Any, steps: Sequence[Step]) -> Reader:
         if len(leaves) != 1:
             raise NoSuchFieldError(f"holds {len(leaves)} numbers{nearest('', leaves)}")
         steps = steps_of(leaves[0])
-    turned, inner = _turned(message, steps)
+    to_number, inner = _turned(message, steps)
     try:
         value = _at(message, inner)
     except IndexError:  # another message may be longer, or have that name
@@ -92,12 +92,12 @@ def reader(message: Any, steps: Sequence[Step]) -> Reader:
     except LookupError:
         known = [path for path, _ in numbers(message)]
         raise NoSuchFieldError(f"has no {written(steps)}{nearest(written(steps), known)}") from None
-    if turned is _plain and not _is_number(value):
-        raise NoSuchFieldError(f"holds {_kind(value)} in {written(steps)}, which is no number")
+    if to_number is _plain and not _is_number(value):
+        raise NoSuchFieldError(f"holds {_kind(value)} in {written(steps)}, not a number")
 
-    def take(found: Any) -> float:
+    def take(other_message: Any) -> float:
         try:
-            return turned(_at(found, inner))
+            return to_number(_at(other_message, inner))
         except LookupError:
             return math.nan
 
@@ -167,11 +167,11 @@ def numbers(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
                     yield from numbers(item, f"{below}[{label}]")
 
 
-def _element_names(message: Any, found: Any) -> list[str]:
+def _element_names(message: Any, values: Any) -> list[str]:
     """What to write in brackets for the elements of an array of a message."""
     labels = _labels(message)
-    if len(labels) != len(found):
-        labels = [_own_name(item) for item in found]
+    if len(labels) != len(values):
+        labels = [_own_name(item) for item in values]
     return [label or str(k) for k, label in enumerate(labels)]
 
 
@@ -230,15 +230,15 @@ def _step(value: Any, step: Step) -> Any:
     name = step if isinstance(step, str) else step[0]
     if name not in getattr(value, "__dataclass_fields__", ()):
         raise LookupError(name)
-    found = getattr(value, name)
+    element = getattr(value, name)
     if isinstance(step, str):
-        return found
-    if not _is_array(found):
+        return element
+    if not _is_array(element):
         raise LookupError(step[1])
-    labels = _labels(value) or [_own_name(item) for item in found]
-    if step[1] not in labels[: len(found)]:
+    labels = _labels(value) or [_own_name(item) for item in element]
+    if step[1] not in labels[: len(element)]:
         raise (IndexError if not labels else LookupError)(step[1])
-    return found[labels.index(step[1])]
+    return element[labels.index(step[1])]
 
 
 def _labels(message: Any) -> list[str]:

@@ -1,7 +1,7 @@
-"""Whether a pose and a twist are told as ROS prescribes (REP-103, Odometry), by the motion.
+"""Check by the motion that poses and twists follow the conventions of ROS (REP-103, Odometry).
 
 Yaw counts counter-clockwise from x, so that a robot's way points along its heading, forward or
-backward; the twist of an Odometry is told in the frame of the body, not in that of the world.
+backward; the twist of an Odometry is expressed in the frame of the body, not of the world.
 """
 
 from collections.abc import Sequence
@@ -20,15 +20,15 @@ SIDEWAYS = 0.1
 """… or, where nearly none lies along it, a frame turned by 90° (a robot on Swedish wheels
 drives where it likes and has half of it there)."""
 TURNS = 0.5
-"""A heading that varies by less [rad] cannot tell its sense."""
+"""Variation of the heading [rad] below which its sense cannot be judged."""
 BETTER = 0.25
-"""A frame is told apart where it leaves less than this share of what the other one leaves."""
+"""A frame is accepted where its squared errors are below this share of the other frame's."""
 WINDOWS = 200
 """Stretches of the drive that are compared: long ones, as positions are noisy."""
 
 
 def frame_findings(streams: Sequence[Timed], where: str) -> tuple[Finding, ...]:
-    """What poses and twists say that is not as ROS prescribes it.
+    """Poses and twists that break the conventions of ROS.
 
     Args:
         streams: on one clock.
@@ -46,12 +46,14 @@ def frame_findings(streams: Sequence[Timed], where: str) -> tuple[Finding, ...]:
     moved = np.hypot(dx, dy) > 0.1 * np.max(np.hypot(dx, dy))
     if not moved.any() or np.ptp(psi[moved]) < TURNS:
         return ()
-    said = _sense(dx[moved], dy[moved], psi[moved])
-    found = [Finding("bag", Severity.WARNING, f"{where}: {said[0]}", said[1])] if said else []
-    if not said:
+    problem = _sense(dx[moved], dy[moved], psi[moved])
+    findings = (
+        [Finding("bag", Severity.WARNING, f"{where}: {problem[0]}", problem[1])] if problem else []
+    )
+    if not problem:
         way = np.column_stack([dx, dy])
-        found += [f for s in streams for f in _twist(s, edges, way, psi, where)]
-    return tuple(Finding(f.code, f.severity, f.sentence, f.advice, record=where) for f in found)
+        findings += [f for s in streams for f in _twist(s, edges, way, psi, where)]
+    return tuple(Finding(f.code, f.severity, f.sentence, f.advice, record=where) for f in findings)
 
 
 def _at(edges: Array, t: Array, values: Array, turning: bool) -> Array:
@@ -70,14 +72,14 @@ def _sense(dx: Array, dy: Array, psi: Array) -> tuple[str, str] | None:
     if along(psi) > ACROSS:
         return None
     if along(-psi) > ALONG:
-        text = "psi counts clockwise, by the way driven, where ROS counts counter-clockwise."
+        text = "by the path driven, psi counts clockwise; ROS counts counter-clockwise."
         return text, "Map x, y and psi one by one, psi with a minus before its path."
     if along(0.5 * np.pi - psi) > ALONG:
-        text = "psi counts clockwise from north, by the way driven, as a compass does."
+        text = "by the path driven, psi counts clockwise from north, like a compass."
         return text, "Map psi with a minus before its path, and swap x and y with a sign."
     if along(psi) > SIDEWAYS:
         return None
-    text = "the way driven lies across psi."
+    text = "the path driven is perpendicular to psi."
     return text, "Check that the pose is that of the robot and psi its yaw."
 
 
@@ -89,15 +91,15 @@ def _twist(stream: Timed, edges: Array, way: Array, psi: Array, where: str) -> t
         return ()
     speed = s.values[:, at[0]]
     area = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(stream.t))])
-    told = np.diff(np.interp(edges, stream.t, area))
+    published = np.diff(np.interp(edges, stream.t, area))
     body = way[:, 0] * np.cos(psi) + way[:, 1] * np.sin(psi)
-    left = [float(np.sum((told - w) ** 2)) for w in (way[:, 0], body)]
-    if not left[0] < BETTER * left[1]:
+    squared_errors = [float(np.sum((published - w) ** 2)) for w in (way[:, 0], body)]
+    if not squared_errors[0] < BETTER * squared_errors[1]:
         return ()
     frame, child = s.frames
     text = (
-        f"{where}: twist.twist.linear of {s.topic} is told in {frame or 'the world'}, by the way "
-        f"driven, where nav_msgs/Odometry tells it in {child or 'the body'}."
+        f"{where}: by the path driven, twist.twist.linear of {s.topic} is expressed in "
+        f"{frame or 'the world'}; nav_msgs/Odometry expects {child or 'the body'}."
     )
-    advice = "The speed of the body is not in it: map the wheels, or mend what publishes it."
+    advice = "Map the wheel speeds instead, or correct the publisher."
     return (Finding("bag", Severity.WARNING, text, advice),)

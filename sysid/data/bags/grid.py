@@ -1,4 +1,4 @@
-"""Streams of their own rates as one table of even rows: commands held, readings by lines."""
+"""Streams of different rates on one uniform grid: commands held, measurements interpolated."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -13,14 +13,14 @@ from sysid.data.finding import Finding, Severity
 from sysid.data.reading.columns import NO_INPUT, choose_columns
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.round_period import round_period
-from sysid.data.reading.timing import GAP, ROUNDING, held_means
+from sysid.data.reading.timing import GAP, ROUNDING, zero_order_hold_means
 from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
 
 TIME = "t"
 """Name of the time column that the rows get."""
 
-FEWEST = 10
+MIN_SHARED_ROWS = 10
 """Rows that streams must share."""
 
 ENDS = 3.0
@@ -48,7 +48,7 @@ class Aligned:
     """All streams on one grid.
 
     Attributes:
-        t: instants [s], (N,); rows that a reading does not cover are left out.
+        t: instants [s], (N,); rows that a measurement does not cover are left out.
         columns: by name, (N,).
         grid: what the rows stand on.
         findings: what was done.
@@ -60,44 +60,44 @@ class Aligned:
     findings: tuple[Finding, ...]
 
 
-def held_columns(names: Sequence[str], options: ReadOptions) -> frozenset[str]:
+def zero_order_hold_columns(names: Sequence[str], options: ReadOptions) -> frozenset[str]:
     """The columns that keep a value until the next one: inputs, commands and set points."""
-    held = {n for n in names if meaning(n).quantity in ("command", "reference")}
+    zero_order_hold = {n for n in names if meaning(n).quantity in ("command", "reference")}
     inputs = {n for n in options.inputs if n != NO_INPUT}
     lower = {n.lower(): n for n in names}
     with suppress(DataError, UsageError):
         outputs = options.outputs or options.speed_of
         chosen = choose_columns(names, options.inputs, outputs, timed=True)
         inputs |= set(chosen.inputs)
-        held -= set(chosen.outputs)
-    return frozenset(held | {lower[n.lower()] for n in inputs if n.lower() in lower})
+        zero_order_hold -= set(chosen.outputs)
+    return frozenset(zero_order_hold | {lower[n.lower()] for n in inputs if n.lower() in lower})
 
 
 def aligned(
-    streams: Sequence[Timed], held: frozenset[str], ts: float | None, where: str
+    streams: Sequence[Timed], zero_order_hold: frozenset[str], ts: float | None, where: str
 ) -> Aligned:
     """Bring streams onto one grid.
 
     Its step is that of the command where commands come at a steady rate, and that of the slowest
-    reading where that is slower, or where no command is steady: faster rows would hold numbers that
-    nobody measured. Its instants are those of that stream. A command is held from its instant on,
-    and averaged over a step that it changes in; what is measured is read between readings by lines,
-    an angle along its shorter way.
+    measurement where that is slower, or where no command is steady: faster rows would hold numbers
+        that nobody measured. Its instants are those of that stream. A command is held from its
+        instant on, and averaged over a step that it changes in; what is measured is read between
+        measurements by lines, an angle along its shorter way.
 
     Args:
         streams: on one clock.
-        held: names of the columns that are commands.
+        zero_order_hold: names of the columns that are commands.
         ts: the step [s] where an option gives it.
         where: the bag, for messages.
 
     Raises:
         DataError: the streams hardly overlap, or one of them has a single message.
     """
-    grid = _grid(streams, held, ts, where)
-    low, high = _span(streams, held, grid, where)
+    grid = _grid(streams, zero_order_hold, ts, where)
+    low, high = _span(streams, zero_order_hold, grid, where)
     first = np.ceil((low - grid.start) / grid.dt - ROUNDING)
     count = int(np.floor((high - grid.start) / grid.dt + ROUNDING) - first) + 1
-    if count < FEWEST:
+    if count < MIN_SHARED_ROWS:
         raise DataError(
             f"{where}: its mapped topics share {max(count, 0)} rows of {grid.dt:.4g} s, "
             + ", ".join(f"{s.stream.topic} from {s.t[0]:.4g} to {s.t[-1]:.4g} s" for s in streams)
@@ -110,25 +110,27 @@ def aligned(
         at = _positions(stream, grid)
         for j, name in enumerate(stream.stream.names):
             values = stream.stream.values[:, j]
-            if name in held:
-                columns[name] = _held(at, values, k)
+            if name in zero_order_hold:
+                columns[name] = _zero_order_hold(at, values, k)
             else:
                 turning = name in stream.stream.angles
                 columns[name] = _between(at, values, k, turning)
                 rows &= _covered(at, k, max(stream.step / grid.dt, 1.0))
     t = grid.start + grid.dt * k
-    said = _said(streams, held, grid, where)
-    return Aligned(t[rows], {n: c[rows] for n, c in columns.items()}, grid, said)
+    findings = _alignment_findings(streams, zero_order_hold, grid, where)
+    return Aligned(t[rows], {n: c[rows] for n, c in columns.items()}, grid, findings)
 
 
-def _grid(streams: Sequence[Timed], held: frozenset[str], ts: float | None, where: str) -> Grid:
+def _grid(
+    streams: Sequence[Timed], zero_order_hold: frozenset[str], ts: float | None, where: str
+) -> Grid:
     for stream in streams:
         if len(stream.t) < 2:
             raise DataError(
-                f"{where}: {stream.stream.topic} holds one message; a log needs many: map another "
-                "topic, or record longer"
+                f"{where}: {stream.stream.topic} holds one message; map another topic, or record "
+                "longer"
             )
-    measured = [s for s in streams if set(s.stream.names) - held]
+    measured = [s for s in streams if set(s.stream.names) - zero_order_hold]
     commands = [s for s in streams if s not in measured and s.regular]
     setting = min(commands, key=lambda s: s.step, default=None)
     slowest = max(measured, key=lambda s: s.step, default=None)
@@ -156,14 +158,14 @@ def _period(t: Array) -> float:
 
 
 def _span(
-    streams: Sequence[Timed], held: frozenset[str], grid: Grid, where: str
+    streams: Sequence[Timed], zero_order_hold: frozenset[str], grid: Grid, where: str
 ) -> tuple[float, float]:
     """The first and the last instant at which everything is known."""
     low, high = -np.inf, np.inf
     for stream in streams:
         low = max(low, float(stream.t[0]))
-        only_held = set(stream.stream.names) <= held
-        if not only_held:
+        only_commands = set(stream.stream.names) <= zero_order_hold
+        if not only_commands:
             high = min(high, float(stream.t[-1]))
         elif stream.regular:
             high = min(
@@ -182,14 +184,14 @@ def _positions(stream: Timed, grid: Grid) -> Array:
     return nearest if on_it else at
 
 
-def _held(at: Array, values: Array, k: Array) -> Array:
+def _zero_order_hold(at: Array, values: Array, k: Array) -> Array:
     known = np.isfinite(values)
     at, values = at[known], values[known]
     if np.all(at == np.rint(at)):
         last = np.maximum(np.searchsorted(at, k, side="right") - 1, 0)
         return values[last]
     edges = np.append(k, k[-1] + 1.0)
-    return held_means(at, values[:, None], edges)[:, 0]
+    return zero_order_hold_means(at, values[:, None], edges)[:, 0]
 
 
 def _between(at: Array, values: Array, k: Array, turning: bool) -> Array:
@@ -201,7 +203,7 @@ def _between(at: Array, values: Array, k: Array, turning: bool) -> Array:
 
 
 def _covered(at: Array, k: Array, step: float) -> NDArray[np.bool_]:
-    """Rows between two readings that are not further apart than one and a half steps."""
+    """Rows between two measurements that are not further apart than one and a half steps."""
     d = np.diff(at)
     after = np.searchsorted(at, k, side="right")
     on = np.isin(k, at)
@@ -212,24 +214,26 @@ def _covered(at: Array, k: Array, step: float) -> NDArray[np.bool_]:
     return rows
 
 
-def _said(
-    streams: Sequence[Timed], held: frozenset[str], grid: Grid, where: str
+def _alignment_findings(
+    streams: Sequence[Timed], zero_order_hold: frozenset[str], grid: Grid, where: str
 ) -> tuple[Finding, ...]:
     """A sentence a stream, and one on the grid."""
-    said = []
+    sentences = []
     for s in streams:
-        kept = [n for n in s.stream.names if n in held]
-        read = [n for n in s.stream.names if n not in held]
-        rate = f"{len(s.t) / np.ptp(s.t):.3g} Hz" if s.regular else "at no steady rate"
+        held = [n for n in s.stream.names if n in zero_order_hold]
+        interpolated = [n for n in s.stream.names if n not in zero_order_hold]
+        rate = f"{len(s.t) / np.ptp(s.t):.3g} Hz" if s.regular else "irregular"
         text = f"{s.stream.topic}: {len(s.t)} messages, {rate}, by {s.by}"
         if np.isfinite(s.way):
             text += f" ({1e3 * s.way:.3g} ms before receipt)"
-        if kept:
+        if held:
             longest = float(np.max(np.diff(s.t)))
-            text += f"; {', '.join(kept)} held from message to message"
+            text += f"; {', '.join(held)} held between messages"
             text += f" (up to {longest:.3g} s)" if longest > 2.5 * s.step else ""
-        text += f"; {', '.join(read)} read between messages by lines" if read else ""
-        said.append(text)
-    source = f"the step of {grid.topic}" if grid.topic else "as asked for"
-    said.append(f"one row every {grid.dt:.6g} s, {source}")
-    return tuple(Finding("bag", Severity.NOTE, f"{where}: {text}.", record=where) for text in said)
+        text += f"; {', '.join(interpolated)} interpolated between messages" if interpolated else ""
+        sentences.append(text)
+    source = f"the period of {grid.topic}" if grid.topic else "as requested"
+    sentences.append(f"one row every {grid.dt:.6g} s, {source}")
+    return tuple(
+        Finding("bag", Severity.NOTE, f"{where}: {text}.", record=where) for text in sentences
+    )

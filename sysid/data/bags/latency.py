@@ -1,6 +1,6 @@
-"""How much later one stream of a bag tells of a motion than another: estimated, said, removed.
+"""Latency of the streams of a bag relative to each other: estimated, reported, removed.
 
-Readings answer commands through a plant, so that their lateness is its dead time: the θ of
+Measurements answer commands through a plant, so that their lateness is its dead time: the θ of
 
     y(t) = c + Σ_i K_i F_i(t − θ),    F = u_i through one lag τ₁, or through two (τ₁, τ₂)
 
@@ -17,20 +17,20 @@ import numpy as np
 from sysid.data.bags.clocks import Timed
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.clock_offset import AGREES, clock_shift, travelled, way_and_turn
-from sysid.data.reading.timing import held_means
+from sysid.data.reading.timing import zero_order_hold_means
 from sysid.data.record import Array
 from sysid.errors import UsageError
 
 REMOVE = "remove"
 
 LONGEST = 1.0
-"""Later than this [s] a topic is not late but tells of something else."""
+"""Longest latency [s]: a topic that is later measures something else."""
 EARLIEST = -0.2
-"""A reading may seem to come before its command by this [s], where stamps disagree."""
-MOST = 6000
-"""Readings that serve: more of them take longer and tell nothing new."""
-LEAST = 20
-"""Readings below which nothing is told."""
+"""A measurement may seem to come before its command by this [s], where stamps disagree."""
+MAX_MEASUREMENTS = 6000
+"""Measurements that serve: more take longer and add no information."""
+MIN_MEASUREMENTS = 20
+"""Measurements needed for an estimate."""
 SLOWEST = 5.0
 """Longest lag tried [s]: a slower plant's dead time is hidden in it."""
 AWAY = 1.0
@@ -43,7 +43,7 @@ SURE = 3.0
 TELLS = 0.25
 """… which must be below this share of a row of the log, or the latency is not known at all."""
 MATTERS = 0.2
-"""Two readings that are apart by more than this share of a row distort what is fitted to both."""
+"""Offset of two measurements, as a share of a row, from which a fit to both is distorted."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def check_latency(given: Sequence[str]) -> dict[str, float]:
     Raises:
         UsageError: a text is none of ``remove`` and ``/topic=SECONDS``.
     """
-    found = {}
+    stated = {}
     for text in given:
         topic, sign, number = (part.strip() for part in text.rpartition("="))
         if text == REMOVE:
@@ -90,18 +90,18 @@ def check_latency(given: Sequence[str]) -> dict[str, float]:
                 f"`latency` cannot read {text!r}; write remove, or /topic=SECONDS such as "
                 "/joint_states=0.05"
             )
-        found[topic if topic.startswith("/") else f"/{topic}"] = seconds
-    return found
+        stated[topic if topic.startswith("/") else f"/{topic}"] = seconds
+    return stated
 
 
 def without_latency(
-    streams: Sequence[Timed], held: frozenset[str], given: Sequence[str], where: str
+    streams: Sequence[Timed], zero_order_hold: frozenset[str], given: Sequence[str], where: str
 ) -> tuple[tuple[Timed, ...], tuple[Finding, ...]]:
     """The streams, those that are late moved back where that was asked for, and what is said.
 
     Args:
         streams: on one clock.
-        held: names of the columns that are commands.
+        zero_order_hold: names of the columns that are commands.
         given: as ``ReadOptions.latency`` has it.
         where: the bag, for messages.
 
@@ -115,48 +115,56 @@ def without_latency(
             f"`latency` names {topic}, which is not mapped; those of {where} are "
             f"{', '.join(topics)}"
         )
-    found = () if stated.keys() >= set(topics) else latencies(streams, held)
-    late = {one.topic: one.seconds for one in found if one.seen} if REMOVE in given else {}
+    estimates = () if stated.keys() >= set(topics) else latencies(streams, zero_order_hold)
+    late = {one.topic: one.seconds for one in estimates if one.seen} if REMOVE in given else {}
     late |= stated
-    said = [_said(one, where, late, stated) for one in found if one.topic not in stated]
-    said += [
+    findings = [
+        _latency_finding(one, where, late, stated) for one in estimates if one.topic not in stated
+    ]
+    findings += [
         Finding("latency", Severity.NOTE, f"{where}: {t} was moved back by {1e3 * s:.4g} ms.")
         for t, s in stated.items()
     ]
     moved = tuple(replace(s, t=s.t - late.get(s.stream.topic, 0.0)) for s in streams)
-    return moved, tuple(replace(f, record=where) for f in said)
+    return moved, tuple(replace(f, record=where) for f in findings)
 
 
-def latencies(streams: Sequence[Timed], held: frozenset[str]) -> tuple[Latency, ...]:
-    """How late readings answer the commands, and how late they are behind one another.
+def latencies(streams: Sequence[Timed], zero_order_hold: frozenset[str]) -> tuple[Latency, ...]:
+    """How late measurements answer the commands, and how late they are behind one another.
 
-    Where the commands tell the lateness of a topic, they do; any other one is compared with the
+    Where possible a topic is compared with the commands; any other one is compared with the
     topic that answers them most surely, or with the fastest one.
     """
     streams = _window(streams)
-    commands = [s for s in streams if set(s.stream.names) <= held and len(s.t) > 1]
-    measured = [s for s in streams if s not in commands and len(s.t) > LEAST]
+    commands = [s for s in streams if set(s.stream.names) <= zero_order_hold and len(s.t) > 1]
+    measured = [s for s in streams if s not in commands and len(s.t) > MIN_MEASUREMENTS]
     row = max((s.step for s in streams if s.regular), default=np.inf)
-    by_plant = [a for s in measured if (a := _answer(s, commands, held, row)) is not None]
-    own = {a.topic: a for a in by_plant}
+    by_plant = [
+        a for s in measured if (a := _answer(s, commands, zero_order_hold, row)) is not None
+    ]
+    by_topic = {a.topic: a for a in by_plant}
     by_rate = sorted(measured, key=lambda s: s.step)
     reference = next(
-        (s for s in by_rate if own and s.stream.topic == min(own.values(), key=_error).topic),
+        (
+            s
+            for s in by_rate
+            if by_topic and s.stream.topic == min(by_topic.values(), key=_error).topic
+        ),
         by_rate[0] if by_rate else None,
     )
-    found = list(by_plant)
-    for other in (s for s in measured if s is not reference and s.stream.topic not in own):
+    estimates = list(by_plant)
+    for other in (s for s in measured if s is not reference and s.stream.topic not in by_topic):
         assert reference is not None
-        apart = _apart(reference, other, held, row)
+        apart = _apart(reference, other, zero_order_hold, row)
         if apart is None:
             continue
-        start = own.get(reference.stream.topic)
+        start = by_topic.get(reference.stream.topic)
         if start is not None:  # against the command, as those that answer it
             error = float(np.hypot(apart.std_error, start.std_error))
             apart = replace(apart, seconds=apart.seconds + start.seconds, std_error=error)
             apart = replace(apart, behind=start.behind, answers=True)
-        found.append(apart)
-    return tuple(found)
+        estimates.append(apart)
+    return tuple(estimates)
 
 
 def _error(one: Latency) -> float:
@@ -166,14 +174,14 @@ def _error(one: Latency) -> float:
 def _window(streams: Sequence[Timed]) -> list[Timed]:
     """The part of the recording that serves, from the first command that moves on."""
     counts = max(len(s.t) for s in streams)
-    if counts <= MOST:
+    if counts <= MAX_MEASUREMENTS:
         return list(streams)
     fastest = max(streams, key=lambda s: len(s.t))
     moves = [s.t[np.flatnonzero(np.any(np.diff(s.stream.values, axis=0) != 0.0, axis=1))[:1]]
              for s in streams]  # fmt: skip
     start = max((float(m[0]) for m in moves if len(m)), default=float(fastest.t[0]))
-    start = min(start, float(fastest.t[-MOST])) - fastest.step
-    last = min(int(np.searchsorted(fastest.t, start)) + MOST, len(fastest.t) - 1)
+    start = min(start, float(fastest.t[-MAX_MEASUREMENTS])) - fastest.step
+    last = min(int(np.searchsorted(fastest.t, start)) + MAX_MEASUREMENTS, len(fastest.t) - 1)
     end = float(fastest.t[last])
     return [_between(s, start, end) for s in streams]
 
@@ -186,38 +194,38 @@ def _between(stream: Timed, start: float, end: float) -> Timed:
 
 
 def _answer(
-    reading: Timed, commands: Sequence[Timed], held: frozenset[str], row: float
+    measured: Timed, commands: Sequence[Timed], zero_order_hold: frozenset[str], row: float
 ) -> Latency | None:
-    """How late a topic answers the commands; None where it does not tell."""
+    """How late a topic answers the commands; None where it cannot be estimated."""
     if not commands:
         return None
-    found = []
-    for k, name in enumerate(reading.stream.names):
-        y = reading.stream.values[:, k]
-        if name in held or name in reading.stream.angles or not np.isfinite(y).all():
+    delays = []
+    for k, name in enumerate(measured.stream.names):
+        y = measured.stream.values[:, k]
+        if name in zero_order_hold or name in measured.stream.angles or not np.isfinite(y).all():
             continue
-        one = dead_time(reading.t, y, [(c.t, c.stream.values) for c in commands])
-        if one is not None and one.std_error < TELLS * row:
-            found.append((one.seconds, one.std_error))
-    if not found:
+        delay = dead_time(measured.t, y, [(c.t, c.stream.values) for c in commands])
+        if delay is not None and delay.std_error < TELLS * row:
+            delays.append((delay.seconds, delay.std_error))
+    if not delays:
         return None
-    seconds, errors = np.array(found).T
+    seconds, errors = np.array(delays).T
     weights = errors**-2 / np.sum(errors**-2)
     mean = float(weights @ seconds)
     spread = float(np.sqrt(weights @ (seconds - mean) ** 2))
     error = float(max(np.sum(errors**-2) ** -0.5, spread))
     names = ", ".join(c.stream.topic for c in commands)
-    return Latency(reading.stream.topic, mean, error, names, answers=True)
+    return Latency(measured.stream.topic, mean, error, names, answers=True)
 
 
 @dataclass(frozen=True)
 class DeadTime:
-    """How a reading answers commands.
+    """How a measurement answers commands.
 
     Attributes:
         seconds: dead time θ [s].
         std_error: of θ [s].
-        share: of the reading's variance that a lag with this dead time explains.
+        share: of the measurement's variance that a lag with this dead time explains.
     """
 
     seconds: float
@@ -229,7 +237,7 @@ def dead_time(t: Array, y: Array, commands: Sequence[tuple[Array, Array]]) -> De
     """Dead time from held commands to a reading.
 
     Args:
-        t, y: instants and readings, (N,).
+        t, y: instants and measurements, (N,).
         commands: instants (M,) and values (M, n) of each topic of commands.
 
     Returns:
@@ -239,7 +247,7 @@ def dead_time(t: Array, y: Array, commands: Sequence[tuple[Array, Array]]) -> De
 
     known = t >= max(float(c[0]) for c, _ in commands)  # what was commanded before is not
     t, y = t[known], y[known]
-    if len(t) < LEAST or not np.ptp(y) > 0.0:
+    if len(t) < MIN_MEASUREMENTS or not np.ptp(y) > 0.0:
         return None
     fit = _Lagged.of(t, y, commands)
     if fit is None:
@@ -253,21 +261,31 @@ def dead_time(t: Array, y: Array, commands: Sequence[tuple[Array, Array]]) -> De
         low = [EARLIEST + AWAY, *[np.log(0.1 * fit.step)] * lags]
         high = [LONGEST + AWAY, *[np.log(3.0 * SLOWEST)] * lags]
         x0 = np.clip(first, np.array(low) + 1e-9, np.array(high) - 1e-9)
-        found = least_squares(
+        solution = least_squares(
             fit.error, x0, bounds=(low, high), diff_step=[1e-4] * len(x0), max_nfev=40
         )
-        n, e = len(t), np.asarray(found.fun)
-        rest = float(e @ e)
-        jacobian: Array = np.asarray(found.jac)
+        n, e = len(t), np.asarray(solution.fun)
+        squared_error = float(e @ e)
+        jacobian: Array = np.asarray(solution.jac)
         info = jacobian.T @ jacobian
         if not np.all(np.isfinite(info)) or np.linalg.cond(info) > 1e14:
             continue
-        alike = float(np.clip(e[1:] @ e[:-1] / rest, 0.0, 0.99)) if rest > 0.0 else 0.0
-        variance = rest / n * (1.0 + alike) / (1.0 - alike) * np.linalg.inv(info)[0, 0]
-        criterion = n * np.log(max(rest, 1e-300) / n) + (lags + 2) * np.log(n)
-        share = 1.0 - rest / (n * float(np.var(y)))
+        autocorrelation = (
+            float(np.clip(e[1:] @ e[:-1] / squared_error, 0.0, 0.99))
+            if squared_error > 0.0
+            else 0.0
+        )
+        variance = (
+            squared_error
+            / n
+            * (1.0 + autocorrelation)
+            / (1.0 - autocorrelation)
+            * np.linalg.inv(info)[0, 0]
+        )
+        criterion = n * np.log(max(squared_error, 1e-300) / n) + (lags + 2) * np.log(n)
+        share = 1.0 - squared_error / (n * float(np.var(y)))
         if share >= AGREES and (best is None or criterion < best[0]):
-            theta = float(found.x[0]) - AWAY
+            theta = float(solution.x[0]) - AWAY
             error = float(np.sqrt(variance + (RESOLVED * fit.step) ** 2))
             best = (criterion, DeadTime(theta, error, share))
     return None if best is None else best[1]
@@ -278,7 +296,7 @@ class _Lagged:
     """Commands through lags and a dead time, fitted to a reading.
 
     Attributes:
-        t, y: the reading, (N,).
+        t, y: the measurement, (N,).
         start, step: of the fine grid on which commands are filtered [s].
         u: means of the held commands on it, (M, n).
     """
@@ -294,10 +312,10 @@ class _Lagged:
         """None where the commands do not move."""
         usual = [float(np.median(np.diff(t))), *(float(np.median(np.diff(c))) for c, _ in commands)]
         start = min(float(t[0]), *(float(c[0]) for c, _ in commands)) - LONGEST
-        step = max(min(usual) / 2.0, (float(t[-1]) - start) / (10 * MOST))
+        step = max(min(usual) / 2.0, (float(t[-1]) - start) / (10 * MAX_MEASUREMENTS))
         edges = np.arange(0.0, np.ceil((float(t[-1]) + LONGEST - start) / step) + 1.0)
         parts = [
-            held_means(np.append(0.0, (c - start) / step), np.vstack([u[:1], u]), edges)
+            zero_order_hold_means(np.append(0.0, (c - start) / step), np.vstack([u[:1], u]), edges)
             for c, u in commands
         ]
         u = np.hstack(parts)
@@ -316,7 +334,7 @@ class _Lagged:
         return x
 
     def error(self, parameters: Array) -> Array:
-        """What the best gains leave of the reading, (N,).
+        """What the best gains leave of the measurement, (N,).
 
         Args:
             parameters: dead time and ``AWAY`` [s], then logarithms of the lags.
@@ -345,12 +363,17 @@ class _Lagged:
         return best[1], best[2]
 
 
-def _apart(reference: Timed, other: Timed, held: frozenset[str], row: float) -> Latency | None:
+def _apart(
+    reference: Timed, other: Timed, zero_order_hold: frozenset[str], row: float
+) -> Latency | None:
     """How late a topic is behind another one that measures the same motion."""
-    mine, theirs = _motion(reference, held), _motion(other, held)
-    if mine is None or theirs is None:
+    reference_motion, other_motion = (
+        _motion(reference, zero_order_hold),
+        _motion(other, zero_order_hold),
+    )
+    if reference_motion is None or other_motion is None:
         return None
-    shift = clock_shift(reference.t, mine, other.t, theirs)
+    shift = clock_shift(reference.t, reference_motion, other.t, other_motion)
     sure = shift.agreement >= AGREES and shift.rival is None and shift.std_error > 0.0
     if not sure or abs(shift.seconds) > LONGEST or shift.std_error > TELLS * row:
         return None
@@ -358,34 +381,38 @@ def _apart(reference: Timed, other: Timed, held: frozenset[str], row: float) -> 
     return Latency(topics[0], -shift.seconds, shift.std_error, topics[1], answers=False)
 
 
-def _motion(stream: Timed, held: frozenset[str]) -> Array | None:
+def _motion(stream: Timed, zero_order_hold: frozenset[str]) -> Array | None:
     """What a stream has moved since its start, (N, k)."""
     s = stream.stream
     if np.isfinite(s.values).all():
         column = dict(zip(s.names, s.values.T, strict=True))
         if {"x", "y", "psi"} <= column.keys():
             return way_and_turn(column["x"], column["y"], np.unwrap(column["psi"]))
-        rates = [v for n, v in column.items() if n not in held and n not in s.angles and np.ptp(v)]
+        rates = [
+            v
+            for n, v in column.items()
+            if n not in zero_order_hold and n not in s.angles and np.ptp(v)
+        ]
         return travelled(stream.t, np.column_stack(rates)) if rates else None
     return None
 
 
-def _said(
+def _latency_finding(
     one: Latency, where: str, late: Mapping[str, float], stated: Mapping[str, float]
 ) -> Finding:
     error = f"{1e3 * abs(one.seconds):.3g} ± {1e3 * one.std_error:.2g} ms"
     side = "late" if one.seconds >= 0.0 else "early"
     if one.answers:
-        how = "as a lag with dead time fits it"
+        how = "by a fit of a lag with dead time"
         text = f"{where}: {one.topic} answers {one.behind} {error} {side}, {how}"
     else:
-        how = "by the motion that both tell of"
+        how = "by the motion that both measure"
         text = f"{where}: {one.topic} is {error} {side} beside {one.behind}, {how}"
     if one.topic in late:
-        return Finding("latency", Severity.NOTE, f"{text}; it was moved back by that.")
+        return Finding("latency", Severity.NOTE, f"{text}; it was moved back by that time.")
     if not one.seen:
-        return Finding("latency", Severity.NOTE, f"{text}: none that can be told from zero.")
-    advice = "The dead time is left to the model; `latency='remove'` takes it out of the log."
+        return Finding("latency", Severity.NOTE, f"{text}: not significant.")
+    advice = "The model includes this dead time; `latency='remove'` removes it from the log."
     if not one.answers:
         advice = "`latency='remove'` moves it back."
     return Finding("latency", Severity.NOTE, f"{text}.", advice)

@@ -1,4 +1,4 @@
-"""A bag as the table of a log: its mapped streams brought onto one clock and even rows."""
+"""A bag as the table of a log: its mapped streams on one clock and a uniform grid."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import numpy as np
 from sysid.data.bags.clocks import Timed, runs, timed
 from sysid.data.bags.contents import read_contents
 from sysid.data.bags.frames import frame_findings
-from sysid.data.bags.grid import TIME, aligned, held_columns
+from sysid.data.bags.grid import TIME, aligned, zero_order_hold_columns
 from sysid.data.bags.latency import without_latency
 from sysid.data.bags.mapping import sources
 from sysid.data.bags.proposal import propose
@@ -36,47 +36,49 @@ def bag_table(
     """
     if not options.map:
         raise UsageError(_unmapped(path))
-    found = read_streams(path, sources(options.map))
-    parts = list(runs(found))
+    recording = read_streams(path, sources(options.map))
+    parts = list(runs(recording))
     if not parts:
-        raise DataError(f"{found.where}: its mapped topics hold no messages of one time")
+        raise DataError(f"{recording.where}: its mapped topics do not overlap in time")
     if len(parts) > 1 and options.resample != "split" and even:
         raise DataError(
-            f"{found.where}: the clock of the simulation starts again {len(parts) - 1} times; "
+            f"{recording.where}: the clock of the simulation starts again {len(parts) - 1} times; "
             "`resample='split'` makes an experiment of each run"
         )
-    names = [n for s in found.streams for n in s.names]
-    held = held_columns(names, options)
+    names = [n for s in recording.streams for n in s.names]
+    zero_order_hold = zero_order_hold_columns(names, options)
     tables: list[tuple[Array, dict[str, Array]]] = []
-    said: list[Finding] = []
+    findings: list[Finding] = []
     ts = options.ts
     for part in parts:
         streams = timed(part, options.stamps)
-        said += [f for s in streams for f in s.findings]
-        streams, of_latency = without_latency(streams, held, options.latency, found.where)
-        said += (*of_latency, *frame_findings(streams, found.where))
+        findings += [f for s in streams for f in s.findings]
+        streams, of_latency = without_latency(
+            streams, zero_order_hold, options.latency, recording.where
+        )
+        findings += (*of_latency, *frame_findings(streams, recording.where))
         if not even:
             tables.append(_sparse(streams))
             continue
-        rows = aligned(streams, held, ts, found.where)
+        rows = aligned(streams, zero_order_hold, ts, recording.where)
         ts = rows.grid.dt if ts is None else ts
-        said += rows.findings
+        findings += rows.findings
         tables.append((rows.t, dict(rows.columns)))
-    return _table(found, tables, even), tuple(dict.fromkeys(said))
+    return _table(recording, tables, even), tuple(dict.fromkeys(findings))
 
 
-def _table(found: Streams, tables: list[tuple[Array, dict[str, Array]]], even: bool) -> Table:
+def _table(recording: Streams, tables: list[tuple[Array, dict[str, Array]]], even: bool) -> Table:
     t = np.concatenate([rows for rows, _ in tables])
-    units = {n: u for s in found.streams for n, u in zip(s.names, s.units, strict=True)}
-    names = [n for s in found.streams for n in s.names]
+    units = {n: u for s in recording.streams for n, u in zip(s.names, s.units, strict=True)}
+    names = [n for s in recording.streams for n in s.names]
     columns = {n: np.concatenate([c[n] for _, c in tables]) for n in names}
     return Table(
-        where=found.where,
+        where=recording.where,
         names=(TIME, *names),
         units=("s", *(units[n] for n in names)),
         notes=(),
         source=Rows(len(t), t),
-        extra={TIME: t + found.origin, **columns},
+        extra={TIME: t + recording.origin, **columns},
     )
 
 
@@ -94,12 +96,12 @@ def _sparse(streams: tuple[Timed, ...]) -> tuple[Array, dict[str, Array]]:
 
 
 def _unmapped(path: Path) -> str:
-    """What to say of a bag without a mapping: the one that its topics speak for."""
-    found = propose(read_contents(path))
+    """The error for a bag without a mapping, with a proposal."""
+    proposal = propose(read_contents(path))
     lists = "`sysid inspect` lists its topics"
-    if found is None:
-        return f"{path.name} is a bag: say which of its fields are columns with `map`; {lists}"
-    likely = argument(map=found.map)
-    if found.inputs:
-        likely += f" {argument(inputs=found.inputs)} {argument(outputs=found.outputs)}"
-    return f"{path.name} is a bag whose fields are not mapped; {likely} is likely, {lists}"
+    if proposal is None:
+        return f"{path.name} is a bag; map its fields to columns with `map`; {lists}"
+    options = argument(map=proposal.map)
+    if proposal.inputs:
+        options += f" {argument(inputs=proposal.inputs)} {argument(outputs=proposal.outputs)}"
+    return f"{path.name} is a bag without mapped fields; try {options}; {lists}"

@@ -1,4 +1,4 @@
-"""Which field of a bag is which column: ``omega_l = /joint_states.velocity[wheel_left]``."""
+"""Mapping of a bag's fields to columns: ``omega_l = /joint_states.velocity[wheel_left]``."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ class Source:
 
     Attributes:
         name: of the column.
-        unit: of the numbers in the bag where it is told, else empty.
+        unit: of the numbers in the bag where it is stated, else empty.
         factor: the column is so many times the field.
         topic: where its messages are.
         steps: of the path in a message; none for a message of a single number.
@@ -48,12 +48,12 @@ def sources(mapping: Mapping[str, str]) -> tuple[Source, ...]:
     Raises:
         UsageError: a name or a path cannot be read.
     """
-    found = tuple(_source(name, path) for name, path in mapping.items())
-    names = [s.name for s in found]
+    columns = tuple(_source(name, path) for name, path in mapping.items())
+    names = [s.name for s in columns]
     twice = [n for n in names if names.count(n) > 1]
     if twice:
         raise UsageError(f"`map` names {twice[0]} twice; give each column one field")
-    return found
+    return columns
 
 
 def _source(name: str, path: str) -> Source:
@@ -73,7 +73,7 @@ def _source(name: str, path: str) -> Source:
     except ValueError:
         raise UsageError(f"`map` cannot read the factor {text!r} of {name}") from None
     if factor == 0.0:
-        raise UsageError(f"`map` gives {name} the factor 0, which leaves nothing of it")
+        raise UsageError(f"`map` scales {name} by 0; give another factor")
     topic = topic if topic.startswith("/") else f"/{topic}"
     return Source(named["name"].strip(), named["unit"] or "", factor, topic, steps_of(field))
 
@@ -85,23 +85,23 @@ def mapping_of(given: Sequence[str]) -> dict[str, str]:
         UsageError: a text is neither, or a column is named twice.
         DataError: a file cannot be read.
     """
-    found: dict[str, str] = {}
+    mapping: dict[str, str] = {}
     for text in given:
         name, sign, path = text.partition("=")
         if not sign and Path(text).suffix.lower() in FILES:
-            more = _of_file(Path(text))
+            added = _of_file(Path(text))
         elif name.strip() and path.strip():
-            more = {name.strip(): path.strip()}
+            added = {name.strip(): path.strip()}
         else:
             raise UsageError(
                 f"`map` cannot read {text!r}; write NAME=/topic.field such as {EXAMPLE}, or name "
                 "a YAML file of such lines"
             )
-        for column in more.keys() & found.keys():
+        for column in added.keys() & mapping.keys():
             raise UsageError(f"`map` names {column} twice; give each column one field")
-        found |= more
-    sources(found)
-    return found
+        mapping |= added
+    sources(mapping)
+    return mapping
 
 
 def _of_file(path: Path) -> dict[str, str]:

@@ -18,21 +18,21 @@ SUFFIXES = (".bag", ".mcap", ".db3")
 """Endings of the files of a recording; a folder that holds such files is a recording, too."""
 
 DESCRIPTION = "metadata.yaml"
-"""The file beside those of a folder of ROS 2 that says what it holds."""
+"""The file that describes a folder of ROS 2."""
 
 BLOCK = 1 << 20
 """Bytes read at a time where a whole bag is to be hashed: a bag may be larger than the memory."""
 
 REMEDIES = (
-    ("not indexed", "mend it with `rosbag reindex`"),
+    ("not indexed", "repair it with `rosbag reindex`"),
     ("encrypt", "decrypt it first, with `rosbag decrypt`"),
     ("metadata", "write that file again with `ros2 bag reindex`"),
     ("Profile", "only MCAP files written by ROS 2 are read: convert it with `ros2 bag convert`"),
     ("ersion", "convert it with `rosbag fix` or `ros2 bag convert`"),
     ("ompression", "decompress it first, with `rosbag decompress` or `ros2 bag convert`"),
-    ("end magic", "it was cut off when it was written; mend it with `mcap recover`"),
+    ("end magic", "it was cut off when it was written; repair it with `mcap recover`"),
 )
-"""What the reader says of a bag it refuses → what to do."""
+"""Phrase in the reader's error → what to do."""
 
 
 class Message(NamedTuple):
@@ -123,12 +123,12 @@ def is_bag(path: Path) -> bool:
 
 def digest(path: Path) -> "_Hash":
     """The checksum of a bag's files, read in blocks."""
-    found = sha256()
+    checksum = sha256()
     for file in sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]:
         with file.open("rb") as stream:
             while block := stream.read(BLOCK):
-                found.update(block)
-    return found
+                checksum.update(block)
+    return checksum
 
 
 @contextmanager
@@ -140,7 +140,7 @@ def opened(path: Path) -> Iterator[Bag]:
         DataError: the file cannot be read as a bag, or holds no message.
     """
     if not path.exists():
-        raise UsageError(f"there is no file {path}; check the path")
+        raise UsageError(f"file not found: {path}; check the path")
     try:
         from rosbags.highlevel import AnyReader
     except ImportError:
@@ -193,5 +193,5 @@ def _files(folder: Path) -> list[Path]:
 def _broken(where: str, error: Exception) -> str:
     reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
     reason = reason if len(reason) <= 120 else reason[:117] + "…"
-    remedy = next((what for said, what in REMEDIES if said in reason), "record it again")
+    remedy = next((advice for phrase, advice in REMEDIES if phrase in reason), "record it again")
     return f"{where} cannot be read as a bag ({reason}); {remedy}"

@@ -1,9 +1,9 @@
-"""Which fields of a bag are likely the inputs and outputs of a plant: by type, name and what leads.
+"""Propose which fields of a bag are inputs and outputs of a plant: by type, name and causality.
 
 Types and names make candidates: a Twist on a topic that commands, an Odometry, the speeds of
-joints. Among these the pair is proposed in which one answers the other: its readings are explained
-by the other's values, held and behind a lag with a dead time that is not negative, better than the
-other way round.
+joints. Among these the pair is proposed in which one answers the other: its measurements are
+explained by the other's values, held and behind a lag with a dead time that is not negative, better
+than the other way round.
 """
 
 import re
@@ -20,7 +20,7 @@ from sysid.data.column_words import SIDES, words
 from sysid.data.reading.columns import choose_columns
 from sysid.errors import DataError, UsageError
 
-COMMANDS = frozenset(
+COMMAND_WORDS = frozenset(
     (
         *("cmd", "command", "commands", "control", "controls", "ctrl", "reference", "references"),
         *("pwm", "duty", "effort", "voltage", "setpoint", "drive", "target", "desired", "input"),
@@ -28,7 +28,7 @@ COMMANDS = frozenset(
     )
 )
 """Words of a topic that commands."""
-READINGS = frozenset(
+MEASUREMENT_WORDS = frozenset(
     (
         *("odom", "odometry", "state", "states", "wheel", "wheels", "encoder", "encoders"),
         *("measured", "feedback", "speed", "speeds", "velocity", "imu", "gyro", "output"),
@@ -41,7 +41,7 @@ MOST_FIELDS = 4
 MOST_PAIRS = 3
 """Topics of each kind that are tried on each other."""
 EARLY = -0.02
-"""A reading that comes so much before [s] does not answer."""
+"""A measurement that comes so much before [s] does not answer."""
 NAMED, TYPED, LED = 3.0, 3.0, 4.0
 """What a word of the topic, the type of its messages and a full answer count."""
 
@@ -52,7 +52,7 @@ class Proposal:
 
     Attributes:
         map: column → field.
-        inputs, outputs: their columns; empty where the names tell them anyway.
+        inputs, outputs: their columns; empty where the names identify them.
         why: what speaks for it, as a sentence.
     """
 
@@ -75,7 +75,7 @@ class _Candidate:
 
 
 def propose(contents: Contents) -> Proposal | None:
-    """The mapping that the topics of a bag speak for; None where none of them measures anything."""
+    """The most likely mapping of a bag's topics; None where none of them measures anything."""
     moving = [t for t in contents.topics if t.moving]
     inputs = _best(_as_input(t) for t in moving)
     outputs = _best(_as_output(t) for t in moving)
@@ -98,20 +98,20 @@ def propose(contents: Contents) -> Proposal | None:
         return None
     pose = next((t for t in moving if _has_pose(t)), None)
     mapping = dict(names) if pose is None else {**names, "pose": f"{pose.name}"}
-    why = f"{u.topic.name} commands by its name and type, {y.topic.name} measures"
+    why = f"By name and type {u.topic.name} commands and {y.topic.name} measures"
     if led is not None:
-        why += f": {100 * led.share:.0f} % of that is the command behind a lag"
+        why += f"; a lag of the command explains {100 * led.share:.0f} % of the measurement"
     return Proposal(mapping, *_needed(names, len(u.fields)), why)
 
 
-def _best(found: Any) -> list[_Candidate]:
-    kept = [c for c in found if c is not None and c.fields]
+def _best(candidates: Any) -> list[_Candidate]:
+    kept = [c for c in candidates if c is not None and c.fields]
     return sorted(kept, key=lambda c: -c.score)[:MOST_PAIRS]
 
 
 def _as_input(topic: Topic) -> _Candidate | None:
     kind = topic.kind.rpartition("/")[2]
-    said = set(words(topic.name))
+    name_words = set(words(topic.name))
     if kind in (
         "Odometry",
         "Imu",
@@ -123,21 +123,25 @@ def _as_input(topic: Topic) -> _Candidate | None:
         "Time",
     ):
         return None
-    if kind == "JointState" and not COMMANDS & said:
+    if kind == "JointState" and not COMMAND_WORDS & name_words:
         return None
     typed = kind in ("Twist", "TwistStamped", "AckermannDrive", "AckermannDriveStamped")
-    score = NAMED if COMMANDS & said else TYPED * typed - NAMED * bool(READINGS & said)
+    score = (
+        NAMED
+        if COMMAND_WORDS & name_words
+        else TYPED * typed - NAMED * bool(MEASUREMENT_WORDS & name_words)
+    )
     return _Candidate(topic, _main(topic, kind), score)
 
 
 def _as_output(topic: Topic) -> _Candidate | None:
     kind = topic.kind.rpartition("/")[2]
-    said = set(words(topic.name))
-    if COMMANDS & said and not READINGS & said:
+    name_words = set(words(topic.name))
+    if COMMAND_WORDS & name_words and not MEASUREMENT_WORDS & name_words:
         return None
     if kind in ("Clock", "TFMessage", "Time", "Pose", "PoseStamped", "PoseWithCovarianceStamped"):
         return None
-    score = NAMED * bool(READINGS & said)
+    score = NAMED * bool(MEASUREMENT_WORDS & name_words)
     score += {"JointState": TYPED, "Odometry": TYPED, "Imu": 0.5 * TYPED}.get(kind, 0.0)
     return _Candidate(topic, _main(topic, kind), score)
 
@@ -153,9 +157,9 @@ def _main(topic: Topic, kind: str) -> tuple[Field, ...]:
         "TwistStamped": (r"twist\.(linear\.x|angular\.z)", r".*"),
     }.get(kind, (r".*",))
     for pattern in patterns:
-        found = [f for f in moving if re.fullmatch(pattern, f.path)]
-        if found:
-            return tuple(found[:MOST_FIELDS])
+        fields = [f for f in moving if re.fullmatch(pattern, f.path)]
+        if fields:
+            return tuple(fields[:MOST_FIELDS])
     return ()
 
 
@@ -168,40 +172,40 @@ def _has_pose(topic: Topic) -> bool:
 
 
 def _kin(u: _Candidate, y: _Candidate) -> float:
-    """Whether two topics speak of the same: a Twist of a body, an array of its wheels."""
+    """Whether two topics are of the same thing: a Twist of a body, an array of its wheels."""
     body = "Twist" in u.topic.kind, "Odometry" in y.topic.kind
     return 1.0 if body[0] == body[1] else 0.0
 
 
 def _answers(u: Sequence[Field], y: Sequence[Field]) -> DeadTime | None:
-    """How readings answer commands, the mean over the readings; None where they do not."""
+    """How measurements answer commands, the mean over the measurements; None where they do not."""
     shared = [f for f in u if len(f.t) == len(u[0].t)]
     order = np.flatnonzero(np.diff(u[0].t, prepend=-np.inf) > 0.0)
     block = np.column_stack([f.values for f in shared])[order]
-    found = []
+    dead_times = []
     for f in y:
         keep = np.isfinite(f.values) & (np.diff(f.t, prepend=-np.inf) > 0.0)
         if np.count_nonzero(keep) < 20 or not np.isfinite(block).all() or len(block) < 20:
             continue
         one = dead_time(f.t[keep], f.values[keep], [(u[0].t[order], block)])
         if one is not None and one.seconds > EARLY - 3.0 * one.std_error:
-            found.append(one)
-    if not found:
+            dead_times.append(one)
+    if not dead_times:
         return None
-    share = sum(one.share for one in found) / len(y)
-    seconds = float(np.mean([one.seconds for one in found]))
-    return DeadTime(seconds, max(one.std_error for one in found), share)
+    share = sum(one.share for one in dead_times) / len(y)
+    seconds = float(np.mean([one.seconds for one in dead_times]))
+    return DeadTime(seconds, max(one.std_error for one in dead_times), share)
 
 
 def _named(one: _Candidate, role: str) -> dict[str, str]:
     """Columns of a candidate by names that say what they are."""
-    found: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for f in sorted(one.fields, key=lambda f: _side_of(f.path)):
         name = _column(one.topic, f.path, role)
-        while name in found:
+        while name in columns:
             name += "_"
-        found[name] = f"{one.topic.name}.{f.path}" if f.path else one.topic.name
-    return found
+        columns[name] = f"{one.topic.name}.{f.path}" if f.path else one.topic.name
+    return columns
 
 
 def _column(topic: Topic, path: str, role: str) -> str:
@@ -226,10 +230,10 @@ def _side_of(path: str) -> str:
 
 
 def _needed(names: dict[str, str], inputs: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Inputs and outputs by name, where the columns' names do not tell them."""
+    """Inputs and outputs by name, where the columns' names do not identify them."""
     u, y = tuple(names)[:inputs], tuple(names)[inputs:]
     with suppress(DataError, UsageError):
-        found = choose_columns(tuple(names), timed=True)
-        if (found.inputs, found.outputs) == (u, y):
+        chosen = choose_columns(tuple(names), timed=True)
+        if (chosen.inputs, chosen.outputs) == (u, y):
             return (), ()
     return u, y

@@ -1,4 +1,4 @@
-"""The mapped fields of a bag as streams of numbers, one a topic, each at its own instants."""
+"""The mapped fields of a bag as streams of numbers, one for each topic, at their own instants."""
 
 from array import array
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
 
 CLOCK = "/clock"
-"""Where a simulation tells its time."""
+"""Topic of a simulation's time."""
 
 FIRST_DATE = 10**17
 """Stamps [ns] from here on count from 1970; smaller ones from the start of a simulation."""
@@ -105,8 +105,10 @@ def read_streams(path: Path, mapping: Sequence[Source]) -> Streams:
                 stamp = _ns(message.content.clock)
                 clock.extend(((message.received - origin) / 1e9, (stamp - origin) / 1e9))
         streams = tuple(part.stream() for part in parts.values())
-    told = np.frombuffer(clock, dtype=np.float64).reshape(-1, 2) if clock else np.empty((0, 2))
-    return Streams(bag.where, origin / 1e9, streams, told)
+    clock_samples = (
+        np.frombuffer(clock, dtype=np.float64).reshape(-1, 2) if clock else np.empty((0, 2))
+    )
+    return Streams(bag.where, origin / 1e9, streams, clock_samples)
 
 
 def _check_topic(bag: Bag, topic: str) -> None:
@@ -173,8 +175,8 @@ class _Part:
         for k, (name, _, path) in enumerate(self.columns):
             if not np.isfinite(values[:, k]).any():
                 raise DataError(
-                    f"{self.bag.where}: no message of {self.topic} holds a number in {path}, which "
-                    f"{name} was to be; map another field"
+                    f"{self.bag.where}: no message of {self.topic} holds a number in {path}; map "
+                    f"{name} to another field"
                 )
         stamped = np.array(self.stamped)
         if self.origin == 0 and np.isnan(stamped[0]) and np.isfinite(stamped[1:]).all():

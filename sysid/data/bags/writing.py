@@ -77,7 +77,7 @@ class Messages:
         return self.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
 
     def _empty(self, form: int, what: Any) -> Any:
-        """Nothing of a type, as the tables of the message types tell types."""
+        """The empty value of a type, as the tables of the message types describe it."""
         import numpy as np
 
         if form == 1:  # a plain value
@@ -92,7 +92,7 @@ class Messages:
 
 
 def write_bag(path: Path, source: Source) -> Path:
-    """Write a bag whose form the ending tells: ``.bag``, ``.mcap``, or none for a ROS 2 folder.
+    """Write a bag; the ending sets its form: ``.bag``, ``.mcap``, or none for a ROS 2 folder.
 
     Args:
         path: where; a file is replaced, and appears complete or not at all.
@@ -113,9 +113,9 @@ def write_bag(path: Path, source: Source) -> Path:
         ) from None
     suffix = path.suffix.lower()
     if suffix not in ("", ".bag", ".mcap"):
-        raise UsageError(f"{path} is no bag: name a .bag, an .mcap, or a folder")
+        raise UsageError(f"{path} is not a bag; name a .bag, an .mcap, or a folder")
     if path.is_dir() or (not suffix and path.exists()):
-        raise UsageError(f"{path} is there already; name another place for the bag")
+        raise UsageError(f"{path} exists already; choose another path for the bag")
     types = get_typestore(Stores.ROS1_NOETIC if suffix == ".bag" else Stores.ROS2_HUMBLE)
     messages = sorted(source(Messages(types)), key=lambda m: m.received)
     try:
@@ -131,7 +131,7 @@ def write_bag(path: Path, source: Source) -> Path:
                 os.replace(made, path)
     except OSError as error:
         raise DataError(
-            f"{path} cannot be written ({error.strerror}); choose another place"
+            f"{path} cannot be written ({error.strerror}); choose another path"
         ) from None
     return path
 

@@ -1,1 +1,1 @@
-"""What a log can tell before any fit."""
+"""Checks of a log that need no model."""

@@ -1,4 +1,4 @@
-"""The delay between every input and output, with its uncertainty, from the data alone."""
+"""Delay between every input and output, with its uncertainty, estimated without a model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ LIKELY = 10.0
 """Delays whose −2 ln L lies within this of the best one are possible (about 99 %, with a margin
 for the shape of the window, which is a choice)."""
 TIE = 2.0
-"""Differences of −2 ln L below this do not tell two delays apart: the longer one is simpler."""
+"""Difference of −2 ln L below which two delays cannot be distinguished: the longer is simpler."""
 ACTS = 16.0
 """An input that lowers −2 ln L by less than this has no visible effect on the output."""
 SURE = 1e-6
@@ -94,14 +94,14 @@ def estimate_delays(
     far = [far_lags(row, max(longest, NEAR)) for row in seen]
     outputs = records[0].output_names
     if not any(len(lags) for lags in far):
-        found = _pairs(part, longest, far[0], shortest)
+        delays = _pairs(part, longest, far[0], shortest)
     else:  # each output's far lags are its own, and they are costly
-        found = [
+        delays = [
             d
             for output, lags in zip(outputs, far, strict=True)
             for d in _pairs([r.select(names, [output]) for r in part], longest, lags, shortest)
         ]
-    by_pair = {(d.output, d.input): d for d in found}
+    by_pair = {(d.output, d.input): d for d in delays}
     return tuple(
         replace(by_pair[output, records[0].input_names[twins[i]]], input=name)
         for output in outputs
@@ -121,10 +121,10 @@ def _pairs(
     fit, last = _best_regression(part, order, longest, far)
     longest = min(longest, longest_delay(part))
     tried = np.union1d(np.arange(shortest, max(longest, shortest) + 1), far)
-    profiles, alone = _profiles(part, order, last, tried, far)
+    profiles, without_input = _profiles(part, order, last, tried, far)
     return [
         _bounded(
-            _verdict(profiles[i, :, j], tried, float(alone[i, j]), name, output),
+            _verdict(profiles[i, :, j], tried, float(without_input[i, j]), name, output),
             _surely_by(fit, j, i, shortest),
         )
         for j, output in enumerate(part[0].output_names)
@@ -133,15 +133,15 @@ def _pairs(
 
 
 def _verdict(
-    profile: Array, tried: NDArray[np.int64], alone: float, name: str, output: str
+    profile: Array, tried: NDArray[np.int64], without_input: float, name: str, output: str
 ) -> Delay:
     best = float(profile.min())
     possible = tried[profile <= best + LIKELY]
     low, high = int(possible[0]), int(possible[-1])
-    if alone - best < ACTS:
+    if without_input - best < ACTS:
         return Delay(name, output, None, low, high)
     likely = int(tried[profile <= best + TIE][-1])
-    return Delay(name, output, likely, low, high, alone - best)
+    return Delay(name, output, likely, low, high, without_input - best)
 
 
 def _profiles(
@@ -197,15 +197,15 @@ def _best_regression(
     return min(fits, key=lambda f: bic(f[0], fits[-1][0].samples))
 
 
-def _surely_by(fit: LongRegression, j: int, i: int, shortest: int) -> int | None:
+def _surely_by(regression: LongRegression, j: int, i: int, shortest: int) -> int | None:
     """The first lag, from ``shortest`` on, by which input i certainly acts on output j."""
-    b, width = np.abs(fit.b[j, i]), len(fit.lags)
-    if not np.all(np.isfinite(fit.b_error[j, i])) or not np.max(b) > 0:
+    b, width = np.abs(regression.b[j, i]), len(regression.lags)
+    if not np.all(np.isfinite(regression.b_error[j, i])) or not np.max(b) > 0:
         return None
     for k in range(shortest, width):
-        p = chance(fit, j, i * width + np.arange(shortest, k + 1))
+        p = chance(regression, j, i * width + np.arange(shortest, k + 1))
         if p < SURE and b[k] >= RELEVANT * np.max(b):
-            return int(fit.lags[k])
+            return int(regression.lags[k])
     return None
 
 

@@ -1,4 +1,4 @@
-"""Checks of what the data can teach: excitation, feedback, delay, sampling rate, nonlinearity."""
+"""Checks of the dynamics in a log: excitation, feedback, delay, sampling rate, nonlinearity."""
 
 from collections.abc import Sequence
 
@@ -41,11 +41,11 @@ def excitation_order(records: Sequence[Record], limit: int) -> tuple[int, ...]:
 
 def check_excitation(records: Sequence[Record], order: int) -> list[Finding]:
     """Persistence of excitation against ``order``, and inputs that move together."""
-    found = []
+    findings = []
     names = records[0].input_names
     for name, reached in zip(names, excitation_order(records, order), strict=True):
         if 0 < reached < order:
-            found.append(
+            findings.append(
                 Finding(
                     "excitation",
                     Severity.WARNING,
@@ -55,9 +55,9 @@ def check_excitation(records: Sequence[Record], order: int) -> list[Finding]:
                     name,
                 )
             )
-    found += _together(records)
+    findings += _together(records)
     text = f"Each input excites the plant to order {order} or more, independently of the others."
-    return found or [Finding("excitation", Severity.OK, text)]
+    return findings or [Finding("excitation", Severity.OK, text)]
 
 
 def _together(records: Sequence[Record]) -> list[Finding]:
@@ -68,31 +68,32 @@ def _together(records: Sequence[Record]) -> list[Finding]:
     norm = np.linalg.norm(u, axis=0)
     unit = u / np.where(norm > 0, norm, 1.0)
     correlation = unit.T @ unit
-    found, named = [], set()
+    findings, named = [], set()
     for i, name in enumerate(records[0].input_names):
         others = [k for k in range(len(norm)) if k != i and norm[k] > 0]
         if norm[i] == 0 or not others or i in named:
             continue
         fit = np.linalg.lstsq(unit[:, others], unit[:, i], rcond=None)[0]
-        own = float(np.sum((unit[:, i] - unit[:, others] @ fit) ** 2))
-        if own > 0.02:
+        unexplained = float(np.sum((unit[:, i] - unit[:, others] @ fit) ** 2))
+        if unexplained > 0.02:
             continue
         parts = [k for k, c in zip(others, fit, strict=True) if abs(c) > 0.1]
         named.update(parts)
         partner = " and ".join(records[0].input_names[k] for k in parts)
         c = correlation[i, parts[0]]
         how = f"correlation {c:.3f}" if len(parts) == 1 else "as a weighted sum"
-        found.append(
+        findings.append(
             Finding(
                 "collinear",
-                Severity.WARNING if own < 1e-3 else Severity.NOTE,
-                f"The inputs {name} and {partner} {'always' if own < 1e-3 else 'nearly always'} "
-                f"move together ({how}): their effects cannot be told apart.",
-                _APART[records[0].is_robot_log],
+                Severity.WARNING if unexplained < 1e-3 else Severity.NOTE,
+                f"The inputs {name} and {partner} move together "
+                f"{'always' if unexplained < 1e-3 else 'nearly always'} ({how}): their effects "
+                "cannot be distinguished.",
+                _HOW_TO_SEPARATE[records[0].is_robot_log],
                 name,
             )
         )
-    return found
+    return findings
 
 
 def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
@@ -103,12 +104,12 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
     """
     if tests is None:
         return [_too_short("feedback")]
-    found = [
+    findings = [
         Finding(
             "feedback",
             Severity.WARNING,
-            f"The input {test.input} answers to {_what_is_answered(test)}: the data were recorded "
-            "in closed loop.",
+            f"The input {test.input} responds to {_response(test)}: the data were recorded in "
+            "closed loop.",
             "Prefer structures with a noise model (ARX, ARMAX, BJ) and one-step focus; OE is "
             "biased here unless its residuals are white.",
             test.output,
@@ -116,42 +117,44 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
         for test in tests
         if test.seen
     ]
-    return found or [Finding("feedback", Severity.OK, "No feedback from output to input is seen.")]
+    return findings or [
+        Finding("feedback", Severity.OK, "No feedback from output to input was detected.")
+    ]
 
 
-def _what_is_answered(test: FeedbackTest) -> str:
+def _response(test: FeedbackTest) -> str:
     if test.reference:
         return f"{test.reference} - {test.output} ({_chance(test.p_value)})"
-    share = f"{100 * test.share:.2g} % of its own"
-    return f"surprises in {test.output} ({share}, {_chance(test.p_value)})"
+    share = f"share {100 * test.share:.2g} %"
+    return f"innovations of {test.output} ({share}, {_chance(test.p_value)})"
 
 
 def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
     """The delay of every pair with its interval, output by output.
 
     An answer within the sample is either feedthrough or a controller that reads y(t) before it
-    writes u(t). Where a controller is seen it is the controller's; where none is, one record cannot
-    tell these apart for certain, so it is noted.
+    writes u(t). Where feedback is detected it is the controller's; where none is, one record cannot
+    distinguish the two for certain, so it is noted.
 
     Args:
         delays: of every pair; None where the records are too short for them.
     """
     if delays is None:
         return [_too_short("delay")]
-    found = []
+    findings = []
     for output in dict.fromkeys(d.output for d in delays):
         parts = []
         pairs = [d for d in delays if d.output == output]
         for d in pairs:
             if d.delay is None:
-                parts.append(f"no effect of {d.input} is visible")
+                parts.append(f"no visible effect of {d.input}")
             elif d.certain:
                 parts.append(f"{d.delay} from {d.input}")
             else:
                 parts.append(f"{d.delay} ({d.low} to {d.high}) from {d.input}")
         text = f"Delay to {output} in samples: {', '.join(parts)}."
         if all(d.delay is None for d in pairs):
-            found.append(_no_effect(output, [d.input for d in pairs]))
+            findings.append(_no_effect(output, [d.input for d in pairs]))
             continue
         severity, advice = (
             Severity.OK,
@@ -163,8 +166,8 @@ def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
                 "Use nk = 0, unless a controller answers within the sample: then the delay is the "
                 "controller's, and nk = 1."
             )
-        found.append(Finding("delay", severity, text, advice, output))
-    return found
+        findings.append(Finding("delay", severity, text, advice, output))
+    return findings
 
 
 def _no_effect(output: str, inputs: Sequence[str]) -> Finding:
@@ -174,8 +177,8 @@ def _no_effect(output: str, inputs: Sequence[str]) -> Finding:
     return Finding(
         "no-effect",
         Severity.WARNING,
-        f"{who} nothing of {output} that chance would not.",
-        "Check the columns, and whether the actuator was on: no model of these data is of use.",
+        f"{who} no more of {output} than chance would.",
+        "Check the columns, and whether the actuator was on: no model of these data is usable.",
         output,
     )
 
@@ -190,12 +193,12 @@ def check_sampling(
         speeds: of the outputs.
         delays: of every pair: what an input reaches within the sample only seems slow.
     """
-    found = []
+    findings = []
     immediate = {d.output for d in delays or () if d.delay == 0}
     for speed in speeds:
         if speed.time_constant is None:
-            text = f"The time constant of {speed.output} cannot be told from these data."
-            found.append(Finding("sampling", Severity.NOTE, text, "", speed.output))
+            text = f"The time constant of {speed.output} cannot be estimated from these data."
+            findings.append(Finding("sampling", Severity.NOTE, text, "", speed.output))
             continue
         samples = speed.time_constant / dt
         if speed.time_constant == 0:
@@ -208,17 +211,17 @@ def check_sampling(
         severity, tail, advice = Severity.OK, ".", ""
         if samples < 0.75:
             severity = Severity.NOTE if speed.output in immediate else Severity.WARNING
-            tail = ": the sampling is too slow to see how it gets there."
+            tail = ": the sampling is too slow to see the transient."
             advice = "Sample several times faster."
         elif samples > 60:
             severity = Severity.WARNING if samples > 500 else Severity.NOTE
             tail = ": the sampling is much faster than the plant."
             advice = (
-                f"Decimate by about {max(2, round(samples / 15))}: otherwise poles crowd at 1 and "
-                "noise rules the fit."
+                f"Decimate by about {max(2, round(samples / 15))}: otherwise the poles lie near "
+                "1 and noise dominates the fit."
             )
-        found.append(Finding("sampling", severity, text + tail, advice, speed.output))
-    return found
+        findings.append(Finding("sampling", severity, text + tail, advice, speed.output))
+    return findings
 
 
 def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding]:
@@ -229,28 +232,30 @@ def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding
     """
     if tests is None:
         return [_too_short("nonlinearity")]
-    found = []
+    findings = []
     for t in tests:
         if t.p_value >= NONLINEAR / len(tests):
             continue
         p = _chance(t.p_value)
-        much = f"{100.0 * t.share:.2g} %" if t.share >= TRACE else "a trace"
-        found.append(
+        predicted = f"{100.0 * t.share:.2g} %" if t.share >= TRACE else "a trace"
+        findings.append(
             Finding(
                 "nonlinearity",
                 Severity.NOTE,
-                f"{t.output} answers nonlinearly ({p}): products of past inputs and outputs, "
-                f"mostly {t.shape}, predict {much} of what the best linear predictor leaves.",
-                _TRY.get(t.shape, _TRY["of both input and output"]),
+                f"Nonlinear response of {t.output} ({p}): products of past inputs and outputs, "
+                f"mostly {t.shape}, predict {predicted} of the best linear predictor's errors.",
+                _STRUCTURES_TO_COMPARE.get(
+                    t.shape, _STRUCTURES_TO_COMPARE["of both input and output"]
+                ),
                 t.output,
             )
         )
     least = min(t.p_value for t in tests)
-    text = f"No nonlinearity is seen (p = {least:.2g}): linear structures may suffice."
-    return found or [Finding("nonlinearity", Severity.OK, text)]
+    text = f"No nonlinearity was detected (p = {least:.2g}): linear structures may suffice."
+    return findings or [Finding("nonlinearity", Severity.OK, text)]
 
 
-_TRY = {
+_STRUCTURES_TO_COMPARE = {
     "even in the input": "Compare hammerstein-wiener and narmax with the linear structures.",
     "odd in the input": "Compare hammerstein-wiener (dead zone, saturation) and narx-wavelet with "
     "the linear structures.",
@@ -265,15 +270,15 @@ def _chance(p_value: float) -> str:
     return f"p = {p_value:.1g}" if p_value >= 1e-12 else "p < 1e-12"
 
 
-_APART = {
+_HOW_TO_SEPARATE = {
     True: "Add a run in which they differ, such as turns on the spot, or one of sysid excite.",
     False: "Add a run in which they differ: move one of them while the others stand still.",
 }
-"""How to tell inputs apart, by whether they are a robot's."""
+"""How to separate the effects of inputs, by whether they are a robot's."""
 
 
 def _too_short(code: str) -> Finding:
-    text = f"There are too few samples to look for {'a delay' if code == 'delay' else code}."
+    text = f"Too few samples to test for {'a delay' if code == 'delay' else code}."
     return Finding(code, Severity.NOTE, text, "Record longer.")
 
 

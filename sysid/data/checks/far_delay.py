@@ -1,4 +1,4 @@
-"""Delays longer than a regression can hold: where an input is first seen in an output.
+"""Delays too long for a regression: the lags at which an input first shows in an output.
 
 Input and output pass the filter that makes the input white; their cross-correlation over all lags,
 by FFT, is then the impulse response but for scale (Box, Jenkins & Reinsel 1994, §11.2). Its
@@ -51,12 +51,12 @@ MARGIN = 8
 
 def far_lags(windows: Sequence[Window | None], near: int) -> NDArray[np.int64]:
     """Lags around the windows that reach beyond the lags 0 … ``near``, in order; often none."""
-    found = [
+    ranges = [
         np.arange(max(w.first - MARGIN, near + 1), w.last + MARGIN + 1)
         for w in windows
         if w is not None and w.last + MARGIN > near and w.last > NEAR
     ]
-    return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *found]))
+    return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *ranges]))
 
 
 def longest_delay(records: Sequence[Record]) -> int:
@@ -67,10 +67,10 @@ def longest_delay(records: Sequence[Record]) -> int:
 def first_seen(records: Sequence[Record]) -> list[list[Window | None]]:
     """Where each input is first seen in each output, [output][input]; None for nowhere."""
     ny, nu = records[0].ny, records[0].nu
-    found: list[list[Window | None]] = [[None] * nu for _ in range(ny)]
+    windows: list[list[Window | None]] = [[None] * nu for _ in range(ny)]
     most = longest_delay(records)
     if most < 2:
-        return found
+        return windows
     for i in range(nu):
         us = [r.u[:, i] - r.u[:, i].mean() for r in records]
         whitener = _whitener(us)
@@ -79,8 +79,8 @@ def first_seen(records: Sequence[Record]) -> list[list[Window | None]]:
         filtered = [_filtered(whitener, u) for u in us]
         for j in range(ny):
             ys = [_filtered(whitener, r.y[:, j] - r.y[:, j].mean()) for r in records]
-            found[j][i] = _window(filtered, ys, most)
-    return found
+            windows[j][i] = _window(filtered, ys, most)
+    return windows
 
 
 def _filtered(whitener: Array, x: Array) -> Array:
@@ -118,10 +118,12 @@ def _sizes(us: Sequence[Array], ys: Sequence[Array], most: int, width: int) -> A
     if not sums:
         return np.zeros(most + 1)
     cross = np.asarray(sum(_correlation(y, u, most) for u, y in zip(heads, sums, strict=True)))
-    own = [np.asarray(sum(_correlation(x, x, most) for x in xs)) for xs in (heads, sums)]
+    autocorrelations = [
+        np.asarray(sum(_correlation(x, x, most) for x in xs)) for xs in (heads, sums)
+    ]
     # Bartlett: variance of Σ u(t−k) y(t) = N Σ R_u(l) R_y(l), from sums that are N times R each
-    both = own[0] * own[1]
-    variance = max(float(both[0] + 2.0 * both[1:].sum()), float(both[0]))
+    products = autocorrelations[0] * autocorrelations[1]
+    variance = max(float(products[0] + 2.0 * products[1:].sum()), float(products[0]))
     variance /= max(sum(len(u) for u in heads), 1)
     return np.abs(cross) / np.sqrt(variance) if variance > 0.0 else np.zeros(most + 1)
 

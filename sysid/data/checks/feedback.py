@@ -1,23 +1,23 @@
-"""Was the log recorded under feedback? Two tests of whether the inputs answer to the outputs.
+"""Tests for feedback: do the inputs depend on the outputs?
 
 *Future inputs* (Sims 1972): y(t) is regressed on its past and on the inputs before, at and after
 t. In open loop the coefficients of the future inputs are zero whatever the input is, deterministic
-or not, as long as the past inputs are all there: MEMORY lags of them, for a smooth input tells at
-any time what it was long ago, and lags around a long delay. Futures that the past foretells to
-within FORETOLD of their power say nothing about answers and are left out.
+or not, as long as the past inputs are all there: MEMORY lags of them, for a smooth input reveals at
+any time what it was long ago, and lags around a long delay. Future inputs that the past predicts to
+within UNPREDICTABLE_SHARE of their power say nothing about feedback and are left out.
 
 *Reactions*: a controller that answers within the sample takes y(t) into u(t), which the regression
-above mistakes for the plant. So the surprises of y are taken from a regression without u(t), and
-u(t) is asked whether it follows from those of the samples before, beside its own past:
+above mistakes for the plant. So the innovations of y are taken from a regression without u(t), and
+u(t) is tested for dependence on those of the samples before, beside its own past:
 
     u(t) = Σ_k φ_k u(t−k) + Σ_{k≥1} γ_k w(t−k) + rest.
 
 A reference that steps makes jumps in u that would drown the answer; residuals are clipped at three
 robust standard deviations, so that jumps count no more than others.
 
-A plant with feedthrough in open loop passes both. What no test on one record can tell from that is
-a controller whose answer within the sample is all there is: white reference, white sensor noise,
-proportional control.
+A plant with feedthrough in open loop passes both. No test on one record can distinguish it from a
+controller that acts within the sample only: white reference, white sensor noise, proportional
+control.
 """
 
 from collections.abc import Sequence
@@ -56,7 +56,7 @@ MEMORY = 40
 ROWS_A_LAG = 5
 """Samples for each lag of each channel."""
 
-FORETOLD = 1e-4
+UNPREDICTABLE_SHARE = 1e-4
 """A future input whose past leaves less than this share of its power open: 1 % of its size."""
 
 ALARM = 0.01
@@ -89,8 +89,8 @@ class FeedbackTest:
             there is none in the log.
         moving: whether the input changes in at least half of the samples, as an answer to noisy
             outputs does.
-        share: part of the output's surprises that future inputs tell, or part of the input's
-            unforeseen changes that the output's surprises tell, 0 … 1, of the clearer test.
+        share: part of the output's innovations that future inputs explain, or part of the input's
+            unpredicted changes that the output's innovations explain, 0 … 1, of the clearer test.
     """
 
     output: str
@@ -125,21 +125,26 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
     if not order and len(far):
         order, far = chosen_order(records), far[:0]
     if not order:
-        raise DataError(f"{records[0].name}: too few samples to look for feedback; record longer")
-    looked = [future_tests(records, order, far), _reactions(records, order, far)]
+        raise DataError(f"{records[0].name}: too few samples to test for feedback; record longer")
+    by_test = [future_tests(records, order, far), _reactions(records, order, far)]
     if with_reference(records):
-        looked.append(_beside_reference(records, order, far))
+        by_test.append(_beside_reference(records, order, far))
     moving = {n: _moves(records, j) for j, n in enumerate(records[0].input_names)}
     tests = []
-    for of_output in zip(*looked, strict=True):
-        clear = min(of_output, key=lambda t: t.p_value)
-        p_value = min(1.0, len(looked) * clear.p_value)
-        tests.append(replace(clear, p_value=p_value, moving=moving[clear.input]))
-    led = _at_most(with_reference(records))
-    if not led:
+    for of_output in zip(*by_test, strict=True):
+        clearest = min(of_output, key=lambda t: t.p_value)
+        p_value = min(1.0, len(by_test) * clearest.p_value)
+        tests.append(replace(clearest, p_value=p_value, moving=moving[clearest.input]))
+    with_references = _at_most(with_reference(records))
+    if not with_references:
         return tuple(tests)
     return tuple(
-        replace(t, reference=followed_difference(led, i, led[0].input_names.index(t.input), order))
+        replace(
+            t,
+            reference=followed_difference(
+                with_references, i, with_references[0].input_names.index(t.input), order
+            ),
+        )
         if t.seen
         else t
         for i, t in enumerate(tests)
@@ -165,7 +170,7 @@ def future_tests(
         fit = long_regression(records, order, -AHEAD, last, far)
     index = _open(fit, records)
     kept = np.unique(fit.lags[index % len(fit.lags)])
-    if len(index) and len(kept) < AHEAD:  # what the past foretells is no regressor either
+    if len(index) and len(kept) < AHEAD:  # what the past predicts is no regressor either
         fit = long_regression(records, order, 0, last, np.union1d(far, kept))
         index = _open(fit, records)
     tests = []
@@ -198,10 +203,10 @@ def _open(fit: LongRegression, records: Sequence[Record]) -> NDArray[np.int64]:
     index = index[np.isfinite(fit.b_error[0].ravel()[index])]
     if not len(index):
         return index
-    # the inverse of their block of (XᵀX)⁻¹ is the Gram matrix of what the past does not foretell
+    # the inverse of their block of (XᵀX)⁻¹ is the Gram matrix of what the past does not predict
     rest = np.diag(np.linalg.pinv(fit.covariance[np.ix_(index, index)], rcond=1e-12))
     power = np.mean(np.concatenate([(r.u - r.u.mean(axis=0)) ** 2 for r in records]), axis=0)
-    return np.compress(rest > FORETOLD * fit.samples * power[index // width], index)
+    return np.compress(rest > UNPREDICTABLE_SHARE * fit.samples * power[index // width], index)
 
 
 def _reactions(records: Sequence[Record], order: int, far: NDArray[np.int64]) -> list[FeedbackTest]:
@@ -217,17 +222,17 @@ def _reactions(records: Sequence[Record], order: int, far: NDArray[np.int64]) ->
         return none
     usable = _at_most(usable)
     X, Y, _ = regressors(usable, order, lags)
-    surprise = Y - X @ np.linalg.lstsq(X, Y, rcond=1e-10)[0]
+    innovations = Y - X @ np.linalg.lstsq(X, Y, rcond=1e-10)[0]
     edges = np.cumsum([len(r) - back for r in usable])[:-1]
-    own = np.union1d(np.arange(1, min(last + ANSWER, back + ANSWER) + 1), far)
-    found = []
-    for i, blank in enumerate(none):
-        heard = np.split(clipped(surprise[:, i]), edges)
-        pairs = [(*_reaction(usable, j, heard, back, own), j) for j in moving]
+    own_lags = np.union1d(np.arange(1, min(last + ANSWER, back + ANSWER) + 1), far)
+    tests = []
+    for i, none_of_output in enumerate(none):
+        of_output = np.split(clipped(innovations[:, i]), edges)
+        pairs = [(*_reaction(usable, j, of_output, back, own_lags), j) for j in moving]
         p, share, j = min(pairs)
         name = first.input_names[j]
-        found.append(FeedbackTest(blank.output, name, min(1.0, p * len(moving)), share))
-    return found
+        tests.append(FeedbackTest(none_of_output.output, name, min(1.0, p * len(moving)), share))
+    return tests
 
 
 def _beside_reference(
@@ -235,60 +240,60 @@ def _beside_reference(
 ) -> list[FeedbackTest]:
     """The clearest answer to each output beside the reference, p-values times the inputs."""
     lags = np.union1d(np.arange(_memory(records, order) + 1), far)
-    led = _at_most(with_reference(records))
+    with_references = _at_most(with_reference(records))
     names = records[0].input_names
-    found = []
+    tests = []
     for output, row in zip(
-        records[0].output_names, answers_beside_reference(led, order, lags), strict=True
+        records[0].output_names, answers_beside_reference(with_references, order, lags), strict=True
     ):
         p, share, j = min((p, share, j) for j, (p, share) in enumerate(row))
-        found.append(FeedbackTest(output, names[j], min(1.0, p * len(names)), share))
-    return found
+        tests.append(FeedbackTest(output, names[j], min(1.0, p * len(names)), share))
+    return tests
 
 
 def _reaction(
     records: Sequence[Record],
     j: int,
-    surprise: Sequence[Array],
+    innovations: Sequence[Array],
     back: int,
-    own: NDArray[np.int64],
+    own_lags: NDArray[np.int64],
 ) -> tuple[float, float]:
-    """(p-value, share) of input ``j`` that follows from the surprises of the samples before.
+    """(p-value, share) of input ``j`` that follows from the innovations of the samples before.
 
-    Surprises begin at sample ``back`` of each record. Where the readings of a row
+    Innovations begin at sample ``back`` of each record. Where the measurements of a row
     precede its command, the present surprise counts as well.
     """
     rows, targets = [], []
     start = back + ANSWER
-    for r, w in zip(records, surprise, strict=True):
-        past = [r.u[start - k : len(r) - k, q] for q in range(r.nu) for k in own]
+    for r, w in zip(records, innovations, strict=True):
+        past = [r.u[start - k : len(r) - k, q] for q in range(r.nu) for k in own_lags]
         begin = 0 if r.reads_before_commands else 1
-        heard = [w[ANSWER - k : len(w) - k] for k in range(begin, begin + ANSWER)]
-        rows.append(np.column_stack([np.ones(len(r) - start), *past, *heard]))
+        past_innovations = [w[ANSWER - k : len(w) - k] for k in range(begin, begin + ANSWER)]
+        rows.append(np.column_stack([np.ones(len(r) - start), *past, *past_innovations]))
         targets.append(r.u[start:, j])
     return _explained(np.concatenate(rows), np.concatenate(targets))
 
 
 def _at_most(records: Sequence[Record]) -> list[Record]:
     """As many samples as the regressions look at."""
-    found, budget = [], MAX_SAMPLES
+    kept, budget = [], MAX_SAMPLES
     for r in records:
         if budget > 0:
-            found.append(r.rows(0, budget))
-            budget -= len(found[-1])
-    return found
+            kept.append(r.rows(0, budget))
+            budget -= len(kept[-1])
+    return kept
 
 
 def _explained(X: Array, y: Array) -> tuple[float, float]:
     """(p-value, share) of the last ANSWER columns beside the others, jumps of y clipped."""
-    own, heard = _basis(X[:, :-ANSWER]), _unit(X[:, -ANSWER:])
-    more = heard - own @ (own.T @ heard)
+    basis, candidates = _basis(X[:, :-ANSWER]), _unit(X[:, -ANSWER:])
+    more = candidates - basis @ (basis.T @ candidates)
     values, vectors = np.linalg.eigh(more.T @ more)
     known = values > RANK
     new = more @ (vectors[:, known] / np.sqrt(values[known]))
     size = float(y @ y)
-    y = clipped(y - _robust(own, y))
-    before = y - own @ (own.T @ y)
+    y = clipped(y - _robust(basis, y))
+    before = y - basis @ (basis.T @ y)
     after = before - new @ (new.T @ before)
     a, b = float(before @ before), float(after @ after)
     free = len(y) - X.shape[1]

@@ -1,4 +1,4 @@
-"""Is the plant linear? A test on a log, before anyone fits a nonlinear model.
+"""Test of a log for nonlinearity, made before any nonlinear model is fitted.
 
 The best linear one-step predictor with many lags leaves errors that nothing linear in the past
 predicts. If the plant is linear, nothing else in the past predicts them either; so products,
@@ -48,9 +48,9 @@ RIDGE = 1e-2
 LAGS = 2
 """Lags of each output, and of each input its strongest ones, that enter products."""
 
-MOST_SIGNALS = 8
+MAX_SIGNALS = 8
 SURROGATES = 40
-LEAST_SPREAD = 1.0
+MIN_SPREAD = 1.0
 """z has spread 1 on long logs; where surrogates say less they are not like the log."""
 
 STRETCH = 200
@@ -59,7 +59,7 @@ STRETCH = 200
 ROWS_A_LAG = 12
 """Samples for each further lag around a long delay."""
 
-FEWEST = 150
+MIN_SAMPLES = 150
 KNOWN = 1e-11
 """Directions of the lags with less power than this share of the strongest are left out."""
 
@@ -93,8 +93,8 @@ def nonlinearity_tests(
 
     Args:
         records: experiments with the same channels.
-        feedback: whether a controller was running. The input of the same sample then tells the
-            reading that it answers to, which is no law of the plant, and is left out.
+        feedback: whether a controller was running. The input of the same sample then reveals the
+            measurement that it answers to, which is no law of the plant, and is left out.
 
     Raises:
         DataError: too few samples for the linear predictor and its blocks.
@@ -102,11 +102,9 @@ def nonlinearity_tests(
     records = shortened(records, ROWS)
     samples = sum(len(r) for r in records)
     first = records[0]
-    order = _order(records) if samples >= FEWEST else 0
+    order = _order(records) if samples >= MIN_SAMPLES else 0
     if not order:
-        raise DataError(
-            f"{first.name}: {samples} samples are too few to tell nonlinear from linear"
-        )
+        raise DataError(f"{first.name}: {samples} samples are too few to test for nonlinearity")
     windows = [w for row in first_seen(records) for w in row]
     far = far_lags(windows, max(order, NEAR))
     if len(far) * first.nu * ROWS_A_LAG > samples:  # the record is too short for so many lags
@@ -114,19 +112,19 @@ def nonlinearity_tests(
     lags = np.union1d(np.arange(int(feedback), order + 1), far)
     measured = _Linear.of(records, order, lags)
     driven = measured.strongest(first.ny, first.nu)
-    found = [measured.scored(j, first.ny, driven) for j in range(first.ny)]
+    scores = [measured.scored(j, first.ny, driven) for j in range(first.ny)]
     rng = np.random.default_rng(0)
     null = np.zeros((SURROGATES, first.ny))
     for b, surrogate in enumerate(_surrogates(records, measured, rng)):
-        twin = _Linear.of(surrogate, order, lags)
-        null[b] = [twin.scored(j, first.ny, driven).z for j in range(first.ny)]
+        refitted = _Linear.of(surrogate, order, lags)
+        null[b] = [refitted.scored(j, first.ny, driven).z for j in range(first.ny)]
     tests = []
     for j, name in enumerate(first.output_names):
         spread = float(np.std(null[:, j], ddof=1)) * float(np.sqrt(1.0 + 1.0 / SURROGATES))
-        z = (found[j].z - float(np.mean(null[:, j]))) / max(spread, LEAST_SPREAD)
+        z = (scores[j].z - float(np.mean(null[:, j]))) / max(spread, MIN_SPREAD)
         # mean and spread come from the surrogates themselves, hence Student's t
         p = float(special.stdtr(SURROGATES - 1, -z))
-        tests.append(NonlinearityTest(name, z, p, found[j].share, found[j].shape, samples))
+        tests.append(NonlinearityTest(name, z, p, scores[j].share, scores[j].shape, samples))
     return tuple(tests)
 
 
@@ -165,23 +163,23 @@ class _Linear:
         """For each output the columns of X of each input's strongest lags."""
         width, order = len(self.lags), self.order
         power = np.abs(self.theta) * 1.0
-        found = []
+        strongest_columns = []
         for j in range(ny):
             columns = []
             for i in range(nu):
                 at = ny * order + i * width
                 columns += [at + int(k) for k in np.argsort(-power[at : at + width, j])[:LAGS]]
-            found.append(columns)
-        return found
+            strongest_columns.append(columns)
+        return strongest_columns
 
     def scored(self, output: int, ny: int, driven: Sequence[Sequence[int]]) -> _Score:
         """z of one output."""
         order = self.order
-        own = [output * order + k for k in range(min(LAGS, order))]
+        own_lags = [output * order + k for k in range(min(LAGS, order))]
         others = [i * order for i in range(ny) if i != output]
-        room = max(MOST_SIGNALS - len(own) - len(others), LAGS)
-        chosen = [*own, *driven[output][:room], *others]
-        kinds = ["output"] * len(own) + ["input"] * len(driven[output][:room])
+        room = max(MAX_SIGNALS - len(own_lags) - len(others), LAGS)
+        chosen = [*own_lags, *driven[output][:room], *others]
+        kinds = ["output"] * len(own_lags) + ["input"] * len(driven[output][:room])
         kinds += ["output"] * len(others)
         columns, labels = _products(self.X[:, chosen], kinds)
         before = np.sqrt(np.mean(columns**2, axis=0))
@@ -207,13 +205,13 @@ def _judged(Z: Array, e: Array, labels: Sequence[str]) -> _Score:
     gram, moment, count = sum(G[:LEARNED]), sum(right[:LEARNED]), blocks[LEARNED].start
     for b in range(LEARNED, len(blocks)):
         gamma = _ridge(np.asarray(gram), np.asarray(moment), count)
-        g, own = Z[blocks[b]] @ gamma, e[blocks[b]]
-        spread = float(np.linalg.norm(g * own))
+        g, errors = Z[blocks[b]] @ gamma, e[blocks[b]]
+        spread = float(np.linalg.norm(g * errors))
         if spread > 0.0:
-            scores.append(float(g @ own) / spread)
-        explained += float(np.sum(own**2 - (own - g) ** 2))
-        total += float(own @ own)
-        gram, moment, count = gram + G[b], moment + right[b], count + len(own)
+            scores.append(float(g @ errors) / spread)
+        explained += float(np.sum(errors**2 - (errors - g) ** 2))
+        total += float(errors @ errors)
+        gram, moment, count = gram + G[b], moment + right[b], count + len(errors)
     parts = _ridge(np.asarray(gram), np.asarray(moment), count) * moment
     shares: dict[str, float] = {}
     for label, part in zip(labels, parts, strict=True):
@@ -260,12 +258,12 @@ def _blocks(rows: int) -> tuple[NDArray[np.int64], list[slice]]:
 
 def _order(records: Sequence[Record]) -> int:
     """More lags than BIC asks for, so that no linear dynamics are left; 16 rows a coefficient."""
-    found = chosen_order(records)
-    if not found:
+    order = chosen_order(records)
+    if not order:
         return 0
     samples = sum(len(r) for r in records)
     most = samples // (16 * (records[0].nu + records[0].ny))
-    return max(2, min(found + max(found // 2, 4), most))
+    return max(2, min(order + max(order // 2, 4), most))
 
 
 def _surrogates(

@@ -1,4 +1,4 @@
-"""Is this log good enough for a fit? All checks that need no model, in a fixed order."""
+"""All checks of a log that need no model, in a fixed order."""
 
 from collections.abc import Callable, Sequence
 
@@ -36,7 +36,7 @@ __all__ = [
     "worst",
 ]
 
-FEWEST = 20
+MIN_SAMPLES = 20
 """Records with fewer samples in all are too short for any of the fits."""
 
 INCOMPLETE = frozenset(("missing", "gaps"))
@@ -78,26 +78,26 @@ def inspect_records(
     facts = LogFacts.of(data)
     records, reading = facts.records, facts.reading
     if not records:
-        raise DataError("there is no record to inspect; name at least one log")
-    found = [*_check_length(records), *check_finite(records)]
+        raise DataError("no record to inspect; name at least one log")
+    findings = [*_check_length(records), *check_finite(records)]
     if any(f.code in INCOMPLETE for f in reading):
-        found = [f for f in found if (f.code, f.severity) != ("missing", Severity.OK)]
-    if worst(tuple(found)) < Severity.FATAL:
-        found += check_constant(records)
-    if worst(tuple(found)) < Severity.FATAL:
+        findings = [f for f in findings if (f.code, f.severity) != ("missing", Severity.OK)]
+    if worst(tuple(findings)) < Severity.FATAL:
+        findings += check_constant(records)
+    if worst(tuple(findings)) < Severity.FATAL:
         for check in SIGNAL_CHECKS:
-            found += check(records)
-        found += check_outliers(records, facts.outliers)
-    if worst(tuple(found)) < Severity.FATAL and records[0].nu:
+            findings += check(records)
+        findings += check_outliers(records, facts.outliers)
+    if worst(tuple(findings)) < Severity.FATAL and records[0].nu:
         records = facts.outliers.records
         for check in INPUT_CHECKS:
-            found += check(records)
-        found += check_excitation(records, order)
-        found += check_sampling(records[0].dt, facts.speeds, facts.delays)
-        found += [*check_delay(facts.delays), *check_feedback(facts.feedback)]
+            findings += check(records)
+        findings += check_excitation(records, order)
+        findings += check_sampling(records[0].dt, facts.speeds, facts.delays)
+        findings += [*check_delay(facts.delays), *check_feedback(facts.feedback)]
         if nonlinearity:
-            found += check_nonlinearity(facts.nonlinearity)
-    return (*reading, *found)
+            findings += check_nonlinearity(facts.nonlinearity)
+    return (*reading, *findings)
 
 
 def require_usable(records: Sequence[Record]) -> None:
@@ -107,7 +107,7 @@ def require_usable(records: Sequence[Record]) -> None:
         DataError: with the first fatal finding as its sentence.
     """
     if not records:
-        raise DataError("there is no record to fit; name at least one log")
+        raise DataError("no record to fit; name at least one log")
     for check in (_check_length, check_finite, check_constant):
         for finding in check(records):
             if finding.severity is Severity.FATAL:
@@ -119,8 +119,8 @@ def _check_length(records: Sequence[Record]) -> list[Finding]:
     seconds = float(np.sum([len(r) * r.dt for r in records]))
     several = "" if len(records) == 1 else f" in {len(records)} experiments"
     text = f"{n} samples{several}, {seconds:.4g} s at {records[0].dt:.4g} s."
-    if n < FEWEST:
-        return [Finding("length", Severity.FATAL, text, f"Record at least {FEWEST} samples.")]
+    if n < MIN_SAMPLES:
+        return [Finding("length", Severity.FATAL, text, f"Record at least {MIN_SAMPLES} samples.")]
     if n < 100:
         return [Finding("length", Severity.NOTE, text, "Few: keep the orders low.")]
     return [Finding("length", Severity.OK, text)]

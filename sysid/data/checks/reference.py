@@ -1,8 +1,8 @@
-"""Feedback where the reference is in the log: does a command answer to an output beside it?
+"""Test for feedback with the reference in the log: does a command depend on an output beside it?
 
 What a command takes from the reference is no answer to the output. Less that, and only then, even a
-command whose reference is white shows what it takes from the readings. So u(t) is regressed on the
-references r, y(t) on all that the plant can know, and the remainders of the two are correlated:
+command whose reference is white shows what it takes from the measurements. So u(t) is regressed on
+the references r, y(t) on all that the plant can know, and the remainders of the two are correlated:
 
     u(t) = Σ_{k≥0} g_k r(t−k) + n(t),
     y(t) = Σ_{k≥1} a_k y(t−k) + Σ_{k≥0} b_k u(t−k) + w(t),        c_k = Σ_t Δn(t) w(t−k), k ≥ 1.
@@ -29,11 +29,11 @@ ANSWER = 8
 """Number of samples within which a loop shows a disturbance in its command."""
 
 COPIED = 1e-6
-"""Size of the remainder relative to the command's below which the reference tells all of it."""
+"""Size of the remainder relative to the command's below which the reference explains all of it."""
 
 
 TIED = 0.01
-"""Share of what reference and output tell of the command that their difference may leave open."""
+"""Share of what reference and output explain of the command that their difference may miss."""
 
 
 def with_reference(records: Sequence[Record]) -> list[Record]:
@@ -41,8 +41,8 @@ def with_reference(records: Sequence[Record]) -> list[Record]:
 
     Records without one say nothing here; the other tests of feedback look at them.
     """
-    led = [r for r in records if r.references is not None]
-    return led if len({r.reference_names for r in led}) == 1 else []
+    kept = [r for r in records if r.references is not None]
+    return kept if len({r.reference_names for r in kept}) == 1 else []
 
 
 def answers_beside_reference(
@@ -58,22 +58,26 @@ def answers_beside_reference(
         lags: those of inputs and references, from 0 on, the last one not below ``order``.
     """
     none = [[(1.0, 0.0)] * records[0].nu for _ in records[0].output_names]
-    led = [replace(r, u=_wished(r), y=r.u, inputs=(), outputs=(), weights=None) for r in records]
-    command, total, _ = regressors(led, 0, lags)
-    past, reading, groups = regressors(records, order, lags)
+    references = [
+        replace(r, u=_wished(r), y=r.u, inputs=(), outputs=(), weights=None) for r in records
+    ]
+    command, total, _ = regressors(references, 0, lags)
+    past, output, groups = regressors(records, order, lags)
     free = len(total) - max(command.shape[1], past.shape[1]) - groups
     if free < max(10, past.shape[1] // 2):
         return none
-    n, w = _remainder(command, total), _remainder(past, reading)
+    n, w = _remainder(command, total), _remainder(past, output)
     used = [len(r) - int(lags[-1]) for r in records]
     edges = np.cumsum([m for m in used if m > 1])[:-1]
     for j in range(records[0].nu):
-        left = clipped(np.diff(n[:, j], prepend=n[:1, j]))
-        if np.std(left) <= COPIED * np.std(total[:, j]):
+        input_innovations = clipped(np.diff(n[:, j], prepend=n[:1, j]))
+        if np.std(input_innovations) <= COPIED * np.std(total[:, j]):
             continue
         for i, row in enumerate(none):
-            heard = clipped(w[:, i])
-            row[j] = _answer(np.split(left, edges), np.split(heard, edges), free)
+            output_innovations = clipped(w[:, i])
+            row[j] = _answer(
+                np.split(input_innovations, edges), np.split(output_innovations, edges), free
+            )
     return none
 
 
@@ -83,19 +87,19 @@ def followed_difference(records: Sequence[Record], i: int, j: int, order: int) -
     Empty where there is none, or where r is in another unit than the file's y_i.
     """
     lags = np.arange(max(order, ANSWER) + 1)
-    own = [replace(r, u=r.y[:, [i]], y=r.u[:, [j]], outputs=(), weights=None) for r in records]
-    past, total, _ = regressors([replace(r, inputs=()) for r in own], int(lags[-1]), lags)
+    single = [replace(r, u=r.y[:, [i]], y=r.u[:, [j]], outputs=(), weights=None) for r in records]
+    past, total, _ = regressors([replace(r, inputs=()) for r in single], int(lags[-1]), lags)
     scale = records[0].outputs[i].scale
     for k, name in enumerate(records[0].reference_names):
-        led = [replace(r, u=_wished(r)[:, [k]] * scale, inputs=()) for r in own]
-        wish, _, _ = regressors(led, 0, lags)
-        command, reading = past[:, : lags[-1]], past[:, lags[-1] :]
-        apart = np.hstack([command, wish, reading])
-        together = np.hstack([command, wish - reading])
-        alone, free, tied = (
+        references = [replace(r, u=_wished(r)[:, [k]] * scale, inputs=()) for r in single]
+        wish, _, _ = regressors(references, 0, lags)
+        command, output = past[:, : lags[-1]], past[:, lags[-1] :]
+        apart = np.hstack([command, wish, output])
+        together = np.hstack([command, wish - output])
+        without, by_both, by_difference = (
             float(np.sum(_remainder(X, total) ** 2)) for X in (command, apart, together)
         )
-        if tied - free <= TIED * (alone - free):
+        if by_difference - by_both <= TIED * (without - by_both):
             return name
     return ""
 
@@ -112,10 +116,10 @@ def _remainder(X: Array, Y: Array) -> Array:
 def _answer(n: Sequence[Array], w: Sequence[Array], free: int) -> tuple[float, float]:
     """(p-value, share) of cᵀ C⁻¹ c over all records."""
     c = np.sum([_products(a, b)[1:] for a, b in zip(n, w, strict=True)], axis=0)
-    own = np.sum([_products(a, a)[:-1] for a in n], axis=0)
+    autocorrelation = np.sum([_products(a, a)[:-1] for a in n], axis=0)
     samples = sum(map(len, n))
     power = float(sum(b @ b for b in w)) * samples / free
-    covariance = toeplitz(own) / free * power
+    covariance = toeplitz(autocorrelation) / free * power
     if not power > 0.0:
         return 1.0, 0.0
     value = float(c @ np.linalg.lstsq(covariance, c, rcond=1e-10)[0])

@@ -1,4 +1,4 @@
-"""Checks of a robot's log against the robot: signs, swapped sides and units of PWM and ω."""
+"""Checks of a robot's log: signs, sides and units of PWM and ω."""
 
 import math
 from collections.abc import Sequence
@@ -24,20 +24,20 @@ _SUSPECTS = (
 def check_robot(records: Sequence[Record]) -> list[Finding]:
     """Sign, side and unit of PWM and ω; nothing for a log that is not a robot's.
 
-    One motor alone, of which no name tells a side, is a fan as likely as a track: of it only the
-    scale of its PWM and its sign are looked at, in words that do not speak of a robot.
+    A single motor whose names show no side may be a fan as well as a track: only the scale of its
+    PWM and its sign are checked, in words that do not mention a robot.
     """
     if not all(r.is_robot_log for r in records):
         return []
     u = np.concatenate([r.u for r in records])
     y = np.concatenate([r.y for r in records])
-    found = _pwm_scale(records[0], u)
+    findings = _pwm_scale(records[0], u)
     if not _has_sides(records[0]):
-        return found + _signs(records)
-    found = found or _omega_unit(records[0], u, y)
-    found += _signs(records)
-    return found or [
-        Finding("robot", Severity.OK, "PWM and ω agree in sign, side and size with the robot.")
+        return findings + _signs(records)
+    findings = findings or _omega_unit(records[0], u, y)
+    findings += _signs(records)
+    return findings or [
+        Finding("robot", Severity.OK, "PWM and ω agree with the robot in sign, side and size.")
     ]
 
 
@@ -80,16 +80,16 @@ def _omega_unit(record: Record, u: Array, y: Array) -> list[Finding]:
     """Compare the largest |ω| with what the largest |PWM| can give."""
     # The 97th percentile of both: a burst of outliers must not pass for another unit.
     drive = min(1.0, float(np.percentile(np.max(np.abs(u), axis=1), 97)) / PWM_FULL_SCALE)
-    seen = float(np.percentile(np.max(np.abs(y), axis=1), 97))
+    measured = float(np.percentile(np.max(np.abs(y), axis=1), 97))
     expected = TOP_OMEGA * drive
     if (
         not record.is_in_pulse_widths
         or drive < 0.1
-        or seen == 0
+        or measured == 0
         or any(c.scale != 1.0 for c in record.outputs)
     ):
         return []
-    ratio = seen / expected
+    ratio = measured / expected
     if 0.25 <= ratio <= 2.0:
         return []
     near = [(abs(math.log(ratio / factor)), unit) for unit, factor in _SUSPECTS]
@@ -102,9 +102,9 @@ def _omega_unit(record: Record, u: Array, y: Array) -> list[Finding]:
         Finding(
             "omega-unit",
             Severity.WARNING,
-            f"ω reaches {seen:.4g}, but at {100 * drive:.0f} % drive the robot's sprockets turn at "
-            f"about {expected:.3g} rad/s.",
-            "If the log is not in rad/s, say so, for example "
+            f"ω reaches {measured:.4g}, but the robot's sprockets turn at about {expected:.3g} "
+            f"rad/s at {100 * drive:.0f} % drive.",
+            "If the log is not in rad/s, give its unit, for example "
             f"{argument(units={record.output_names[0]: unit})}{hint}.",
             ", ".join(record.output_names),
         )
@@ -123,7 +123,7 @@ def _signs(records: Sequence[Record]) -> list[Finding]:
                 "side",
                 Severity.WARNING,
                 "The left ω follows the right PWM and the right ω the left PWM.",
-                "Swap two columns (or two plugs): left and right are mixed up.",
+                "Swap two columns or two plugs: left and right are mixed up.",
             )
         ]
     return [
@@ -137,7 +137,8 @@ def _signs(records: Sequence[Record]) -> list[Finding]:
                 if _has_sides(first)
                 else f"where {first.input_names[j]} rises it falls."
             ),
-            "Swap the motor's two leads or the encoder's two channels, or negate the column.",
+            "Swap the motor's two leads or the encoder's two channels, or change the sign of the "
+            "column.",
             first.output_names[j],
         )
         for j in range(pairs)

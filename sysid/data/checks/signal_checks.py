@@ -17,34 +17,34 @@ MANY_VALUES = 100
 
 def check_finite(records: Sequence[Record]) -> list[Finding]:
     """Missing or infinite samples."""
-    found = []
+    findings = []
     for record in records:
         for name, column in _channels(record):
             bad = np.flatnonzero(~np.isfinite(column))
             if len(bad):
                 many = "1 sample" if len(bad) == 1 else f"{len(bad)} samples, first"
                 text = f"{record.name}: {name} is not a number in {many} at "
-                found.append(
+                findings.append(
                     Finding(
                         "missing",
                         Severity.FATAL,
                         f"{text}t = {record.t0 + bad[0] * record.dt:.6g} s.",
-                        "Mend the log, or read it with `resample='fill'` or `resample='split'`.",
+                        "Repair the log, or read it with `resample='fill'` or `resample='split'`.",
                         name,
                         record.name,
                     )
                 )
-    return found or [Finding("missing", Severity.OK, "No sample is missing.")]
+    return findings or [Finding("missing", Severity.OK, "No sample is missing.")]
 
 
 def check_constant(records: Sequence[Record]) -> list[Finding]:
     """Channels that never change: nothing can be learnt from or about them."""
-    found = []
+    findings = []
     still = [[_is_constant(c) for _, c in _channels(r)] for r in records]
     for i, (name, column) in enumerate(_channels(records[0])):
         what = "input" if i < records[0].nu else "output"
         if all(row[i] for row in still):
-            found.append(
+            findings.append(
                 Finding(
                     "constant",
                     Severity.FATAL,
@@ -56,32 +56,32 @@ def check_constant(records: Sequence[Record]) -> list[Finding]:
         elif any(row[i] for row in still):
             where = next(r.name for r, row in zip(records, still, strict=True) if row[i])
             text = f"The {what} {name} never changes in {where}; the other experiments move it."
-            found.append(Finding("constant", Severity.NOTE, text, "", name, where))
-    return found or [Finding("constant", Severity.OK, "Every input and output moves.")]
+            findings.append(Finding("constant", Severity.NOTE, text, "", name, where))
+    return findings or [Finding("constant", Severity.OK, "Every input and output moves.")]
 
 
 def check_stuck(records: Sequence[Record]) -> list[Finding]:
     """Outputs that hold one value while the inputs move, and samples logged twice."""
-    found = []
+    findings = []
     for record in records:
         if len(record) < 2 * STUCK_SAMPLES:
             continue
         moved = np.any(np.diff(record.u, axis=0) != 0, axis=1)
         for name, y in zip(record.output_names, record.y.T, strict=True):
-            found += _stuck(record, name, y, moved) + _doubled(record, name, y)
-    return found or [Finding("stuck", Severity.OK, "No output is stuck or logged twice.")]
+            findings += _stuck(record, name, y, moved) + _doubled(record, name, y)
+    return findings or [Finding("stuck", Severity.OK, "No output is stuck or logged twice.")]
 
 
 def _stuck(record: Record, name: str, y: Array, moved: NDArray[np.bool_]) -> list[Finding]:
     starts, lengths = _runs(y)
-    usual = float(np.percentile(lengths, 95)) if len(lengths) > 20 else float(np.median(lengths))
+    typical = float(np.percentile(lengths, 95)) if len(lengths) > 20 else float(np.median(lengths))
     changes = np.concatenate([[0], np.cumsum(moved)])
     # The rest before the first command and after the last one is no fault, nor is standing
     # still at zero: friction holds a robot there.
     first, quarter = starts + lengths // 4, lengths // 4
     last = np.maximum(starts + lengths - 1 - quarter, first)
     driven = changes[last] - changes[first] >= 2
-    long = (lengths >= max(STUCK_SAMPLES, 5 * usual)) & (y[starts] != 0) & driven
+    long = (lengths >= max(STUCK_SAMPLES, 5 * typical)) & (y[starts] != 0) & driven
     if not long.any():
         return []
     longest = int(np.argmax(np.where(long, lengths, 0)))
@@ -93,7 +93,7 @@ def _stuck(record: Record, name: str, y: Array, moved: NDArray[np.bool_]) -> lis
             "stuck",
             Severity.WARNING,
             f"{record.name}: {name} repeats {y[start]:.6g} for {length} samples from "
-            f"t = {record.t0 + start * record.dt:.6g} s while the input moves.",
+            f"t = {record.t0 + start * record.dt:.6g} s while the input varies.",
             "Check the sensor and its wire, and leave that stretch out.",
             name,
             record.name,
@@ -109,16 +109,16 @@ def _at_an_end(y: Array, value: float) -> bool:
 def _doubled(record: Record, name: str, y: Array) -> list[Finding]:
     """A sensor slower than the logger: nearly every value stands there twice (or m times)."""
     _, lengths = _runs(y)
-    usual = int(np.median(lengths))
-    regular = np.mean(lengths == usual)
-    if usual < 2 or regular < 0.8 or len(lengths) < 20:
+    repeats = int(np.median(lengths))
+    regular = np.mean(lengths == repeats)
+    if repeats < 2 or regular < 0.8 or len(lengths) < 20:
         return []
     return [
         Finding(
             "doubled",
             Severity.WARNING,
-            f"{record.name}: {name} shows each value {usual} times in a row.",
-            f"The sensor is slower than the log: keep every {usual}th row, or log at its rate.",
+            f"{record.name}: {name} shows each value {repeats} times in a row.",
+            f"The sensor is slower than the log: keep every {repeats}th row, or log at its rate.",
             name,
             record.name,
         )
@@ -127,14 +127,14 @@ def _doubled(record: Record, name: str, y: Array) -> list[Finding]:
 
 def check_saturation(records: Sequence[Record]) -> list[Finding]:
     """Values piled up at an end of the range: a clipping sensor, or PWM at full drive."""
-    found = []
+    findings = []
     for record in records:
         for name, y in zip(record.output_names, record.y.T, strict=True):
             for end, word in ((y.max(), "largest"), (y.min(), "smallest")):
                 share = _pile_up(y, float(end))
                 if share:
                     text = f"{record.name}: {name} is at its {word} value {end:.6g} for "
-                    found.append(
+                    findings.append(
                         Finding(
                             "saturation",
                             Severity.WARNING if share > 0.02 else Severity.NOTE,
@@ -151,8 +151,10 @@ def check_saturation(records: Sequence[Record]) -> list[Finding]:
             if channel.unit == "µs" and full > 0.05:
                 text = f"{record.name}: {name} is at full drive for {100 * full:.2g} % of the time."
                 advice = "Near full drive the motors saturate; a linear model is worst there."
-                found.append(Finding("saturation", Severity.NOTE, text, advice, name, record.name))
-    return found or [Finding("saturation", Severity.OK, "No signal is clipped.")]
+                findings.append(
+                    Finding("saturation", Severity.NOTE, text, advice, name, record.name)
+                )
+    return findings or [Finding("saturation", Severity.OK, "No signal is clipped.")]
 
 
 def _pile_up(y: Array, end: float) -> float:
@@ -171,8 +173,8 @@ def _pile_up(y: Array, end: float) -> float:
 
 
 def check_resolution(records: Sequence[Record]) -> list[Finding]:
-    """Outputs read in steps that are coarse against what they show."""
-    found = []
+    """Outputs whose resolution is coarse relative to their variation."""
+    findings = []
     for record in records:
         for name, y in zip(record.output_names, record.y.T, strict=True):
             values = np.unique(y)
@@ -182,8 +184,8 @@ def check_resolution(records: Sequence[Record]) -> list[Finding]:
             step = float(np.median(gaps[gaps > 1e-9 * np.ptp(y)]))
             part = step / float(np.std(y))
             if part > 0.1:
-                text = f"{record.name}: {name} is read in steps of about {step:.3g}, "
-                found.append(
+                text = f"{record.name}: {name} has a resolution of about {step:.3g}, "
+                findings.append(
                     Finding(
                         "resolution",
                         Severity.WARNING if part > 0.5 else Severity.NOTE,
@@ -193,33 +195,36 @@ def check_resolution(records: Sequence[Record]) -> list[Finding]:
                         record.name,
                     )
                 )
-    return found or [Finding("resolution", Severity.OK, "The outputs are read finely enough.")]
+    return findings or [
+        Finding("resolution", Severity.OK, "The resolution of the outputs is sufficient.")
+    ]
 
 
 def check_outliers(records: Sequence[Record], outliers: Bridged) -> list[Finding]:
     """Single samples far from both neighbours."""
-    found = []
+    findings = []
     for record, flags in zip(records, outliers.flags, strict=True):
         for j, name in enumerate(record.output_names):
             hits = np.flatnonzero(flags[:, j])
             if len(hits):
                 n = len(hits)
-                seen = "1 sample stands" if n == 1 else f"{n} samples stand"
-                text = f"{record.name}: {seen} out of {name}, the first at t = "
+                seen = "1 outlier" if n == 1 else f"{n} outliers"
+                text = f"{record.name}: {seen} in {name}, the first at t = "
                 y = record.y[:, j]
                 far = np.max(np.abs(y[hits] - np.median(y))) > 4 * np.std(y)
-                found.append(
+                findings.append(
                     Finding(
                         "outliers",
                         Severity.WARNING if far or n > 0.005 * len(y) else Severity.NOTE,
                         f"{text}{record.t0 + hits[0] * record.dt:.6g} s. "
-                        f"What is said of dynamics leaves {'it' if n == 1 else 'them'} out.",
-                        "Mend them, or fit with a robust loss.",
+                        "The checks of dynamics ignore "
+                        f"{'this sample' if n == 1 else 'these samples'}.",
+                        "Correct the log, or fit with a robust loss.",
                         name,
                         record.name,
                     )
                 )
-    return found or [Finding("outliers", Severity.OK, "No output has outliers.")]
+    return findings or [Finding("outliers", Severity.OK, "No output has outliers.")]
 
 
 def _channels(record: Record) -> list[tuple[str, Array]]:

@@ -1,1 +1,1 @@
-"""Logs that are still being written: lines as they come, rows as they are read."""
+"""Logs that are still being written: lines as they arrive, and rows made of them."""

@@ -1,4 +1,4 @@
-"""Whole lines of a file that grows, of a pipe or of a serial port, without ever waiting long."""
+"""Complete lines of a growing file, a pipe or a serial port, read without blocking."""
 
 import os
 import select
@@ -44,7 +44,7 @@ class Lines(ABC):
             return []
         *whole, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > LONGEST_LINE or b"\0" in data:
-            raise DataError(f"{self.where} is no text in lines; follow a CSV log")
+            raise DataError(f"{self.where} is not text in lines; follow a CSV log")
         return [line.decode("utf-8", "replace").rstrip("\r") for line in whole]
 
     def last(self) -> list[str]:
@@ -69,7 +69,7 @@ class FileLines(Lines):
         if path.is_dir():
             raise UsageError(f"{path} is a folder; name the log that is written in it")
         if not path.parent.is_dir():
-            raise UsageError(f"there is no folder {path.parent}; check the path")
+            raise UsageError(f"folder not found: {path.parent}; check the path")
         self._path = path
         self._file: IO[bytes] | None = None
 

@@ -21,14 +21,14 @@ from sysid.errors import DataError, UsageError
 HEAD = 20
 """Data lines from which channels, units and sample time are read; fewer if no more come."""
 
-FEWEST = 3
-"""Data lines at least: two intervals tell a sample time."""
+MIN_DATA_LINES = 3
+"""Data lines needed: two intervals define a sample time."""
 
 WHOLE_LOG_ONLY = ("join", "join_offset", "speed_of", "unwrap")
-"""What reading a log looks at all of it for."""
+"""Options that need the whole log."""
 
 BAGS_ONLY = ("stamps", "latency")
-"""What is said of a recording, whose streams are there to be compared."""
+"""Options of bags, whose streams are compared with each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class RowReader:
         """
         if self._format is None:
             self._first += [line for line in lines if line.strip()]
-            wanted = FEWEST + 1 if last else HEAD + 1
+            wanted = MIN_DATA_LINES + 1 if last else HEAD + 1
             if len(self._first) < wanted:
                 return None
             text = "\n".join(self._first) + "\n"
@@ -150,20 +150,20 @@ class RowReader:
     @property
     def _known(self) -> "_Format":
         if self._format is None:
-            raise DataError(f"{self._where}: no header and rows have come so far")
+            raise DataError(f"{self._where}: no header and rows so far")
         return self._format
 
     def _rows(self, lines: Sequence[str]) -> Rows:
-        found = self._known
-        good = [line for line in lines if found.is_row(line)]
-        self._lose(unreadable=sum(not found.is_header(s) for s in lines) - len(good))
+        format = self._known
+        good = [line for line in lines if format.is_row(line)]
+        self._lose(unreadable=sum(not format.is_header(s) for s in lines) - len(good))
         try:
-            t, values = found.numbers(good)
+            t, values = format.numbers(good)
         except DataError:
             parts = [p for p in (self._alone(line) for line in good) if p is not None]
             self._lose(unreadable=len(good) - len(parts))
             if not parts:
-                return self._kept(np.zeros(0), np.zeros((0, found.width)))
+                return self._kept(np.zeros(0), np.zeros((0, format.width)))
             t, values = (np.concatenate(p) for p in zip(*parts, strict=True))
         return self._kept(t, values)
 
@@ -175,8 +175,8 @@ class RowReader:
 
     def _kept(self, t: Array, values: Array) -> Rows:
         """Complete rows, each once, and where something is missing."""
-        found = self._known
-        nu = len(found.inputs)
+        format = self._known
+        nu = len(format.inputs)
         times: list[float] = []
         kept: list[Array] = []
         gaps: list[bool] = []
@@ -187,19 +187,19 @@ class RowReader:
                 self._lose(incomplete=1)
                 self._broken = True
                 continue
-            place = found.place(at, self._last) + self._ahead
-            if self._last is not None and place <= self._last[0] + found.dt * (GAP - 1.0):
-                if not self._broken and place > self._last[0] - found.dt * (GAP - 1.0):
+            place = format.place(at, self._last) + self._ahead
+            if self._last is not None and place <= self._last[0] + format.dt * (GAP - 1.0):
+                if not self._broken and place > self._last[0] - format.dt * (GAP - 1.0):
                     self._lose(doubled=1)
                     continue
-                self._ahead += self._last[0] + found.dt - place  # the clock began again
-                place, self._broken = self._last[0] + found.dt, True
-            late = self._last is not None and place - self._last[0] > GAP * found.dt
+                self._ahead += self._last[0] + format.dt - place  # the clock began again
+                place, self._broken = self._last[0] + format.dt, True
+            late = self._last is not None and place - self._last[0] > GAP * format.dt
             gaps.append(self._last is not None and (self._broken or late))
             self._last, self._broken = (place, row), False
             times.append(place)
             kept.append(row)
-        block = np.array(kept).reshape(-1, found.width) * found.scale
+        block = np.array(kept).reshape(-1, format.width) * format.scale
         return Rows(np.array(times), block[:, :nu], block[:, nu:], np.array(gaps, dtype=bool))
 
     def _lose(self, unreadable: int = 0, incomplete: int = 0, doubled: int = 0) -> None:
@@ -212,7 +212,7 @@ class RowReader:
 
 @dataclass(frozen=True, eq=False)
 class _Format:
-    """What the first lines of a log tell about the others.
+    """The format of a log, read from its first lines.
 
     Attributes:
         table: of the first lines.
@@ -240,7 +240,7 @@ class _Format:
     def of(data: bytes, where: str, options: ReadOptions) -> "_Format":
         table = read_table(data, where, options.delimiter, options.decimal)
         if not isinstance(table.source, Layout):
-            raise UsageError(f"{where} is no text; only a CSV log can be followed")
+            raise UsageError(f"{where} is not text; only a CSV log can be followed")
         timed = options.ts is not None
         choice = choose_columns(
             table.names, options.inputs, options.outputs, options.time, where,
@@ -249,7 +249,7 @@ class _Format:
         bracketed = dict(zip(table.names, table.units, strict=True))
         choice, _ = usable_pose(choice, bracketed, options.units, where)
         if not choice.inputs:
-            raise DataError(f"{where} has no input; a plant that is followed needs one")
+            raise DataError(f"{where} has no input; a followed plant needs one")
         values = table.columns((*choice.inputs, *choice.outputs, *choice.pose))
         conversions = signal_conversions(table, choice, options, np.nan_to_num(values))
         stamps = numbered_clock(table, choice.clock)
@@ -323,7 +323,7 @@ class _Format:
         return np.zeros(len(lines)), values
 
     def place(self, at: float, last: tuple[float, Array] | None) -> float:
-        """The instant of a row; a sample after the one before where no column tells it."""
+        """The instant of a row; one sample after the previous row where no column states it."""
         if self.stamps or self.began is not None:
             return at
         return 0.0 if last is None else last[0] + self.dt
@@ -331,10 +331,10 @@ class _Format:
 
 def _combined(stamps: Array, zero: Array) -> Array:
     """Stamps counted from the first; a second column holds nanoseconds."""
-    found = stamps[:, 0] - zero[0]
+    elapsed = stamps[:, 0] - zero[0]
     if stamps.shape[1] == 2:
-        found = found + 1e-9 * (stamps[:, 1] - zero[1])
-    return np.asarray(found)
+        elapsed = elapsed + 1e-9 * (stamps[:, 1] - zero[1])
+    return np.asarray(elapsed)
 
 
 def _once(t: Array) -> Array:

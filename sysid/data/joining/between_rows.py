@@ -1,4 +1,4 @@
-"""What a second file says between its rows: lines for what is measured, steps for commands."""
+"""Values of a second file between its rows: measurements interpolated, commands held."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ def is_event_log(t: Array, at: Array) -> bool:
     return bool(usual > SPARSE * np.median(np.diff(t)) and long > UNEVEN * short)
 
 
-def held_names(columns: Mapping[str, Array], by_events: bool) -> tuple[str, ...]:
+def zero_order_hold_names(columns: Mapping[str, Array], by_events: bool) -> tuple[str, ...]:
     """The columns that keep their value until the next row: all of a file of events, else
     commands, set points and what stands still in most rows.
 

@@ -1,4 +1,4 @@
-"""The shift between the clocks of two files that saw the same drive, from what both say of it.
+"""Shift between the clocks of two files of one drive, estimated from the motion in both.
 
 Wheels roll s = r (φ_l + φ_r)/2 and turn ψ = r (φ_r − φ_l)/B; a camera sees s and ψ. Increments of
 both over a short window are compared: for every shift of the clocks the camera's are regressed on
@@ -34,7 +34,7 @@ RIVAL = 1.5
 """Another shift that leaves less than so many times what the best one leaves makes it doubtful."""
 
 PIECES = 6
-"""Pieces of the log whose own shifts tell the drift of the clocks, and the standard error."""
+"""Pieces of the log whose shifts give the drift of the clocks and the standard error."""
 
 VISIBLE = 4.0
 """A drift counts when it is so many of its standard errors."""
@@ -112,31 +112,38 @@ def clock_shift(t_log: Array, log: Array, t_other: Array, other: Array) -> Shift
     rival = int(np.argmax(np.where(far, gain, -np.inf)))
     same = far.any() and 1.0 - share[rival] < RIVAL * (1.0 - share[at])
 
-    def left(shift: float, low: float, high: float) -> float:
+    def unexplained(shift: float, low: float, high: float) -> float:
         return 1.0 - _agreement(t_log, log, t_other, other, shift, window, (low, high))
 
     def refined(low: float, high: float, around: float) -> float:
         edge = 2.0 * coarse
-        return _lowest(lambda s: left(s, low, high), around - edge, around + edge, 1e-5 * window)
+        return _lowest(
+            lambda s: unexplained(s, low, high), around - edge, around + edge, 1e-5 * window
+        )
 
     low = max(float(t_other[0]), float(t_log[0]) - best)
     high = min(float(t_other[-1]), float(t_log[-1]) - best)
     shift = refined(low, high, best)
-    agreement = 1.0 - left(shift, low, high)
+    agreement = 1.0 - unexplained(shift, low, high)
     edges = np.linspace(low, high, PIECES + 1)
     mids = 0.5 * (edges[1:] + edges[:-1])
-    own = np.array([refined(p, q, shift) for p, q in pairwise(edges.tolist())])
-    kept = np.abs(own - shift) < 1.9 * coarse  # a piece at rest tells nothing and ends anywhere
+    piece_shifts = np.array([refined(p, q, shift) for p, q in pairwise(edges.tolist())])
+    kept = (
+        np.abs(piece_shifts - shift) < 1.9 * coarse
+    )  # a piece at rest has no information and ends anywhere
     middle, drift, error = 0.5 * (low + high), 0.0, 0.0
     if kept.sum() >= 4:
         centred = mids[kept] - mids[kept].mean()
-        slope = float(centred @ own[kept] / (centred @ centred))
-        rest = own[kept] - own[kept].mean() - slope * centred
-        spread = float(np.sqrt(rest @ rest / (kept.sum() - 2)))
+        slope = float(centred @ piece_shifts[kept] / (centred @ centred))
+        deviation = piece_shifts[kept] - piece_shifts[kept].mean() - slope * centred
+        spread = float(np.sqrt(deviation @ deviation / (kept.sum() - 2)))
         error = spread / float(np.sqrt(kept.sum()))
         seen = abs(slope) > VISIBLE * spread / float(np.sqrt(centred @ centred))
         if seen and abs(slope) * (high - low) > MATTERS * max(steps):
-            drift, shift = slope, float(own[kept].mean() + slope * (middle - mids[kept].mean()))
+            drift, shift = (
+                slope,
+                float(piece_shifts[kept].mean() + slope * (middle - mids[kept].mean())),
+            )
     other_shift = start + coarse * float(lags[rival]) if same else None
     return Shift(shift, error, drift, middle, agreement, other_shift)
 
@@ -221,9 +228,9 @@ def _agreement(
     b = _increments(t_other, other, at, window)
     a = np.column_stack([np.ones(len(a)), a])
     b = b - b.mean(axis=0)
-    left = b - a @ np.linalg.lstsq(a, b, rcond=None)[0]
+    unexplained = b - a @ np.linalg.lstsq(a, b, rcond=None)[0]
     power = np.sum(b**2, axis=0)
     moving = power > 0.0
     if not moving.any():
         return 0.0
-    return float(1.0 - np.mean(np.sum(left**2, axis=0)[moving] / power[moving]))
+    return float(1.0 - np.mean(np.sum(unexplained**2, axis=0)[moving] / power[moving]))

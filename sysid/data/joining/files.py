@@ -1,4 +1,4 @@
-"""Two files of one experiment: the second one's columns on the rows and the clock of the log.
+"""Join two files of one experiment: the columns of the second on the rows and clock of the log.
 
 A camera's pose at 120 Hz and wheel speeds at 50 Hz come in files of their own, each with a clock
 of its own. Where the wheels of the one and the pose of the other are known, the clocks are brought
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
-from sysid.data.joining.between_rows import Lookup, held_names, is_event_log
+from sysid.data.joining.between_rows import Lookup, is_event_log, zero_order_hold_names
 from sysid.data.joining.clock_offset import (
     AGREES,
     Shift,
@@ -26,16 +26,16 @@ from sysid.data.joining.clock_offset import (
 )
 from sysid.data.reading.columns import choose_columns
 from sysid.data.reading.counters import counted
-from sysid.data.reading.held import between_readings, refreshed
 from sysid.data.reading.pose_columns import angle_unit, find_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, median_step, row_times
+from sysid.data.reading.stale import between_measurements, refreshed
 from sysid.data.reading.table import Table, read_table
 from sysid.data.reading.time_column import TimeColumn, find_time
 from sysid.data.record import Array
 from sysid.errors import DataError, UsageError, argument
 
-FEWEST = 20
+MIN_COVERED_ROWS = 20
 """Rows of the log that the second file must cover."""
 
 LONGEST_STEP = 5.0
@@ -82,24 +82,26 @@ def joined(
         UsageError: there is no such file.
     """
     data = read_bytes(other)
-    mine = _series(table, options.time, options.ts, options.units)
-    second = read_table(data, other.name)
-    theirs = _series(second, None, None, {**_unit_of_log(mine, second), **options.units})
-    names = tuple(n for n in theirs.table.names if n not in theirs.clock)
+    log = _series(table, options.time, options.ts, options.units)
+    second_table = read_table(data, other.name)
+    second_series = _series(
+        second_table, None, None, {**_unit_of_log(log, second_table), **options.units}
+    )
+    names = tuple(n for n in second_series.table.names if n not in second_series.clock)
     called = _new_names(names, table.names, other.stem)
-    numbers = _numbers(theirs.table, names)
+    numbers = _numbers(second_series.table, names)
     raw = {called[n]: numbers[n] for n in names if n in numbers}
     known = {n: _filled(column) for n, column in raw.items()}
     if not known:
-        raise DataError(f"{other.name} has no column of numbers beside its time")
-    shift, said = _shift(mine, theirs, known, options)
+        raise DataError(f"{other.name} has no column of numbers besides its time")
+    shift, findings = _shift(log, second_series, known, options)
     where = f"{other.name} joined to {table.where}"
-    found = _brought(mine, shift.to_log(theirs.t), known, raw, where)
-    brackets = dict(zip(theirs.table.names, theirs.table.units, strict=True))
-    more = {called[n]: brackets[n] for n in names if called[n] in found.columns}
-    wider = table.with_columns(found.columns, more, found.rows)
-    note = Finding("join", Severity.NOTE, found.text(where), record=table.where)
-    return wider, (*theirs.findings, *said, note), data
+    brought = _brought(log, shift.to_log(second_series.t), known, raw, where)
+    brackets = dict(zip(second_series.table.names, second_series.table.units, strict=True))
+    more = {called[n]: brackets[n] for n in names if called[n] in brought.columns}
+    wider = table.with_columns(brought.columns, more, brought.rows)
+    note = Finding("join", Severity.NOTE, brought.text(where), record=table.where)
+    return wider, (*second_series.findings, *findings, note), data
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +111,7 @@ class _Brought:
     Attributes:
         columns: by name, one value a row that both cover.
         rows: which rows of the log those are, (N,).
-        held: names of the columns that are held between their readings.
+        held: names of the columns that are held between their measurements.
         changes: rows of a second file that is written only at changes; 0 for any other.
     """
 
@@ -121,19 +123,19 @@ class _Brought:
     def text(self, where: str) -> str:
         """What was done, as a sentence."""
         lost = int(np.count_nonzero(~self.rows))
-        share = f"; {_rows(lost)} of the log that it does not cover left out" if lost else ""
+        share = f"; {_rows(lost)} of the log without its data left out" if lost else ""
         brought = "was" if len(self.columns) == 1 else "were"
         names = ", ".join(self.columns)
-        text = f"{where}: {names} {brought} brought onto the rows of the log{share}"
+        text = f"{where}: {names} {brought} interpolated at the rows of the log{share}"
         if self.held:
-            why = f", as its {self.changes} rows are written at changes" if self.changes else ""
+            why = f" (its {self.changes} rows are written at changes)" if self.changes else ""
             are = "is" if len(self.held) == 1 else "are"
             text += f"; {', '.join(self.held)} {are} held between them{why}"
         return f"{text}."
 
 
 def _brought(
-    mine: Series,
+    log: Series,
     at: Array,
     known: Mapping[str, Array],
     raw: Mapping[str, Array],
@@ -142,7 +144,7 @@ def _brought(
     """The columns at the rows of the log: what is measured by lines, what is commanded held.
 
     Args:
-        mine: the log.
+        log: the log.
         at: instants of the second file's rows on the clock of the log [s], (M,).
         known: its columns without empty cells, (M,) each.
         raw: the same as written.
@@ -152,25 +154,25 @@ def _brought(
         DataError: they hardly overlap.
     """
     order = np.flatnonzero(np.diff(at, prepend=-np.inf) > 0.0)
-    by_events = is_event_log(mine.t, at[order])
+    by_events = is_event_log(log.t, at[order])
     still = tuple(n for n in known if n not in find_pose(tuple(known)).names)
-    kept = held_names({n: known[n][order] for n in still}, by_events)
-    steps = [Lookup.of(mine.t, at[order], raw[n][order]) for n in kept]
-    rows = np.ones(len(mine.t), dtype=bool) if by_events else _covered(mine.t, at[order])
+    kept = zero_order_hold_names({n: known[n][order] for n in still}, by_events)
+    steps = [Lookup.of(log.t, at[order], raw[n][order]) for n in kept]
+    rows = np.ones(len(log.t), dtype=bool) if by_events else _covered(log.t, at[order])
     for step in steps:
         rows &= step.covered
     if by_events and len(kept) < len(known):
-        rows &= _covered(mine.t, at[order])
-    if np.count_nonzero(rows) < FEWEST:
+        rows &= _covered(log.t, at[order])
+    if np.count_nonzero(rows) < MIN_COVERED_ROWS:
         raise DataError(
             f"{where}: both cover {_rows(int(np.count_nonzero(rows)))} of the log, which runs from "
-            f"{mine.t[0]:.6g} to {mine.t[-1]:.6g} s and the other, on its clock, from {at[0]:.6g} "
+            f"{log.t[0]:.6g} to {log.t[-1]:.6g} s and the other, on its clock, from {at[0]:.6g} "
             f"to {at[-1]:.6g} s; give the shift of the clocks with `join_offset=SECONDS`"
         )
     columns = {n: step.values[rows] for n, step in zip(kept, steps, strict=True)}
     for name in (n for n in known if n not in kept):
         series, period, low = _continued(known[name])
-        on_log = np.interp(mine.t[rows], at[order], series[order])
+        on_log = np.interp(log.t[rows], at[order], series[order])
         columns[name] = low + np.mod(on_log - low, period) if period else on_log
     columns = {n: columns[n] for n in known}
     return _Brought(columns, rows, tuple(kept), len(order) if by_events else 0)
@@ -187,9 +189,9 @@ def _series(table: Table, time: str | None, ts: float | None, units: Mapping[str
         raise DataError(
             f"{table.where} has no time column; files are joined by time, so name one with `time`"
         )
-    found = row_times(table, column, units, ts)
+    clock = row_times(table, column, units, ts)
     taken = () if column is None else (column.name, *((column.fine,) if column.fine else ()))
-    return Series(table, found.t, found.origin, taken, found.findings)
+    return Series(table, clock.t, clock.origin, taken, clock.findings)
 
 
 def _unit_of_log(log: Series, other: Table) -> dict[str, str]:
@@ -217,8 +219,8 @@ def _new_names(names: Sequence[str], taken: Sequence[str], stem: str) -> dict[st
 def _numbers(table: Table, names: Sequence[str]) -> dict[str, Array]:
     """The columns that hold numbers, with NaN in empty cells."""
     read = column_reader(table)
-    found = {name: read(name) for name in names}
-    return {n: c for n, c in found.items() if c is not None and np.isfinite(c).any()}
+    columns = {name: read(name) for name in names}
+    return {n: c for n, c in columns.items() if c is not None and np.isfinite(c).any()}
 
 
 def _filled(column: Array) -> Array:
@@ -230,13 +232,13 @@ def _filled(column: Array) -> Array:
 
 def _continued(values: Array) -> tuple[Array, float, float]:
     """A column without the jumps of an angle, its period (0 for none) and where that begins."""
-    found = counted(values, (2.0 * np.pi, 360.0))
-    if not found.period:
+    unwrapped = counted(values, (2.0 * np.pi, 360.0))
+    if not unwrapped.period:
         return values, 0.0, 0.0
-    whole = found.period != 2.0 * np.pi and np.all(values == np.rint(values))
-    low = -found.period / 2.0 if np.min(values) < 0.0 else 0.0
+    whole = unwrapped.period != 2.0 * np.pi and np.all(values == np.rint(values))
+    low = -unwrapped.period / 2.0 if np.min(values) < 0.0 else 0.0
     # a register cannot be read between two counts: it stays what it is, continued
-    return found.values, 0.0 if whole and found.period != 360.0 else found.period, low
+    return unwrapped.values, 0.0 if whole and unwrapped.period != 360.0 else unwrapped.period, low
 
 
 def _covered(t: Array, at: Array) -> NDArray[np.bool_]:
@@ -251,65 +253,66 @@ def _covered(t: Array, at: Array) -> NDArray[np.bool_]:
 
 
 def _shift(
-    mine: Series,
-    theirs: Series,
+    log: Series,
+    second: Series,
     known: Mapping[str, Array],
     options: ReadOptions,
 ) -> tuple[Shift, tuple[Finding, ...]]:
-    log, other = mine.table.where, theirs.table.where
+    log_name, other = log.table.where, second.table.where
     if options.join_offset is not None:
         return Shift(options.join_offset), ()
-    moved = _wheels_and_pose(mine, known, options)
-    start = theirs.origin - mine.origin if theirs.origin and mine.origin else 0.0
+    moved = _wheels_and_pose(log, known, options)
+    start = second.origin - log.origin if second.origin and log.origin else 0.0
     if moved is None:
         pose = bool(find_pose(tuple(known)).names)
-        why = ": no wheel speeds are known that would tell them apart" if pose else ""
-        text = f"{other}: its clock was taken for that of {log}{why}."
-        dated = bool(theirs.origin and mine.origin)
+        why = ", as no wheel speeds are known to estimate their shift" if pose else ""
+        text = f"{other} was read on the clock of {log_name}{why}."
+        dated = bool(second.origin and log.origin)
         if dated and not pose:
-            text = f"{other}: the dates of both files say which of its rows belong to {log}."
+            text = f"{other} was joined to {log_name} by the dates of both files."
         advice = "If their clocks differ, give the shift with `join_offset=SECONDS`."
         severity = Severity.NOTE if dated else Severity.WARNING
-        return Shift(start), (Finding("join", severity, text, advice, record=log),)
-    found = clock_shift(mine.t, moved[0], theirs.t, moved[1])
-    sentence = f"the pose of {other} follows the wheels of {log}"
+        return Shift(start), (Finding("join", severity, text, advice, record=log_name),)
+    found = clock_shift(log.t, moved[0], second.t, moved[1])
+    sentence = f"the pose of {other} follows the wheels of {log_name}"
     if found.agreement < AGREES:
         raise DataError(
             f"{sentence} at no shift of the clocks (best agreement {100 * found.agreement:.0f} %); "
-            "check that they are of one drive, or give the shift with `join_offset=SECONDS`"
+            "check that both are of one drive, or give the shift with `join_offset=SECONDS`"
         )
     if found.rival is not None:
         raise DataError(
             f"{sentence} nearly as well {found.seconds:.3f} s and {found.rival:.3f} s later, as a "
-            f"repeated motion does; say which with "
+            f"repeated motion does; choose one with "
             f"{argument(join_offset=round(float(found.seconds), 3))}"
         )
     late = "behind" if found.seconds >= 0.0 else "ahead of"
     error = f" ± {max(found.std_error, 1e-4):.1g}" if found.std_error else ""
     drift = f" and drifts by {1e6 * found.drift:.0f} µs a second" if found.drift else ""
     text = (
-        f"{other}: its clock is {abs(found.seconds):.4f}{error} s {late} that of {log}{drift}, by "
-        f"the motion that both saw ({100 * found.agreement:.0f} % of it agrees)."
+        f"{other}: its clock is {abs(found.seconds):.4f}{error} s {late} that of "
+        f"{log_name}{drift}, "
+        f"estimated from the motion in both files (agreement {100 * found.agreement:.0f} %)."
     )
-    return found, (Finding("join", Severity.NOTE, text, record=log),)
+    return found, (Finding("join", Severity.NOTE, text, record=log_name),)
 
 
 def _wheels_and_pose(
-    mine: Series, known: Mapping[str, Array], options: ReadOptions
+    log: Series, known: Mapping[str, Array], options: ReadOptions
 ) -> tuple[Array, Array] | None:
     """What the log's wheels have rolled, and way and turn of the second file's pose."""
     pose = find_pose(tuple(known)).names
     if not pose:
         return None
-    read = column_reader(mine.table)
-    free = [n for n in mine.table.names if n not in mine.clock]
+    read = column_reader(log.table)
+    other_columns = [n for n in log.table.names if n not in log.clock]
     wanted = options.outputs or options.speed_of
     outputs: dict[str, None] = {}
     # one wheel sees half of the motion: the others count although they are not asked for
     for inputs, named in ((options.inputs, wanted), ((), ())):
         with suppress(DataError, UsageError):
-            chosen = choose_columns((*free, *pose), inputs, named, timed=True).outputs
-            outputs |= dict.fromkeys(n for n in chosen if n in free)
+            chosen = choose_columns((*other_columns, *pose), inputs, named, timed=True).outputs
+            outputs |= dict.fromkeys(n for n in chosen if n in other_columns)
     rolled = []
     for name in outputs:
         column = read(name)
@@ -320,8 +323,8 @@ def _wheels_and_pose(
             continue
         slow = refreshed([column], [np.arange(len(column), dtype=np.float64)[:, None]])
         if slow is not None:
-            column = between_readings(mine.t, column, slow.fresh[0])
-        rolled.append(travelled(mine.t, column[:, None]))
+            column = between_measurements(log.t, column, slow.fresh[0])
+        rolled.append(travelled(log.t, column[:, None]))
     if not rolled:
         return None
     x, y, psi = (known[n] for n in pose)
@@ -336,15 +339,17 @@ def companion(joins: Sequence[str], log: Path) -> Path | None:
     Raises:
         UsageError: a log is given two files.
     """
-    own = [j.partition("=")[2] for j in joins if "=" in j and _same(j.partition("=")[0], log)]
+    for_this_log = [
+        j.partition("=")[2] for j in joins if "=" in j and _same(j.partition("=")[0], log)
+    ]
     plain = [j for j in joins if "=" not in j]
-    found = own or plain
-    if len(found) > 1:
+    chosen = for_this_log or plain
+    if len(chosen) > 1:
         raise UsageError(
-            f"`join` names {', '.join(found)} for {log.name}; join one file to a log, LOG=FILE "
+            f"`join` names {', '.join(chosen)} for {log.name}; join one file to a log, LOG=FILE "
             "where there are several logs"
         )
-    return Path(found[0]) if found else None
+    return Path(chosen[0]) if chosen else None
 
 
 def _same(name: str, log: Path) -> bool:

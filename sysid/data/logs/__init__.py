@@ -1,1 +1,1 @@
-"""Logs of any kind of file: their tables, and the readings of sensors in them."""
+"""Logs of any kind of file: their tables, and the measurements of sensors in them."""

@@ -1,4 +1,4 @@
-"""The table of a log, whatever kind of file it is: text, Parquet, or a recording of ROS."""
+"""Read the table of a log of any kind: text, Parquet or a bag of ROS."""
 
 from dataclasses import dataclass
 from hashlib import sha256
@@ -62,8 +62,8 @@ def _check_no_bag_options(path: Path, options: ReadOptions) -> None:
         UsageError: something of it is given.
     """
     if options.map:
-        raise UsageError(f"{path.name} is no bag: `map` has no use with it; name its columns")
+        raise UsageError(f"{path.name} is not a bag, and `map` is for bags only; name its columns")
     plain = ReadOptions()
     for name in ("stamps", "latency"):
         if getattr(options, name) != getattr(plain, name):
-            raise UsageError(f"{path.name} is no bag: `{name}` has no use with it; leave it out")
+            raise UsageError(f"{path.name} is not a bag, and `{name}` is for bags only; omit it")

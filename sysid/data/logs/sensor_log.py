@@ -1,4 +1,4 @@
-"""Logs of sensors: columns that need not be complete, at the instants at which they were written.
+"""Logs of sensors: columns with gaps, at the instants at which they were written.
 
 A log for a fit is brought onto an even grid; here nothing is filled in: a sensor that read nothing
 at a row has an empty cell there, and the rows keep their own times.
@@ -26,7 +26,7 @@ from sysid.errors import DataError, UsageError
 
 @dataclass(frozen=True)
 class Wanted:
-    """A reading that a log may hold.
+    """A measurement that a log may hold.
 
     Attributes:
         name: as the workbench calls it, e.g. ``gyro_z``.
@@ -48,14 +48,14 @@ class SensorLog:
     Attributes:
         name: of the file.
         t: instants from the first row on, (N,) [s], rising.
-        readings: name → values in SI units, (N,); NaN where nothing was read.
+        measurements: name → values in SI units, (N,); NaN where nothing was read.
         pose: true x, y [m], ψ [rad] where the log holds a pose, (N, 3).
         findings: what there is to say about the reading.
     """
 
     name: str
     t: Array
-    readings: Mapping[str, Array]
+    measurements: Mapping[str, Array]
     pose: Array | None
     findings: tuple[Finding, ...] = field(default=())
 
@@ -70,8 +70,8 @@ def read_sensor_log(
 
     Args:
         path: CSV or Parquet.
-        wanted: the readings to look for.
-        columns: reading → column, where the names differ; ``-column`` where its sign does.
+        wanted: the measurements to look for.
+        columns: measurement → column, where the names differ; ``-column`` where its sign does.
         options: ``time``, ``ts``, ``units``, ``delimiter`` and ``decimal`` count here.
 
     Raises:
@@ -87,11 +87,11 @@ def read_sensor_log(
     if not places:
         names = ", ".join(w.name for w in wanted)
         raise DataError(
-            f"{table.where} holds none of the readings {names}: name the columns, e.g. "
+            f"{table.where} holds none of the measurements {names}; name the columns, e.g. "
             f"gyro_z={table.names[-1]}"
         )
     known = {w.name: w for w in wanted}
-    readings = {
+    measurements = {
         n: signs.get(n, 1.0) * _in_si(table, known[n], c, options.units) for n, c in places.items()
     }
     choice = choose_columns(
@@ -107,39 +107,41 @@ def read_sensor_log(
     t = clock.t - clock.t[0]
     falls = np.flatnonzero(np.diff(t) <= 0)
     if len(falls):
-        raise DataError(f"{table.place(int(falls[0]) + 1)}: the time does not rise: sort the rows")
+        raise DataError(
+            f"{table.place(int(falls[0]) + 1)}: the time does not increase; sort the rows"
+        )
     brackets = dict(zip(table.names, table.units, strict=True))
     choice, pose_units = usable_pose(choice, brackets, options.units, table.where)
     pose: Array | None = None
-    said: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     if choice.pose:
         block = table.columns((*choice.outputs, *choice.pose))
-        block, said = pose_in_si(block, choice, pose_units, table.where)
+        block, findings = pose_in_si(block, choice, pose_units, table.where)
         pose = block[:, -3:]
-    return SensorLog(path.name, t, readings, pose, (*log.findings, *clock.findings, *said))
+    return SensorLog(path.name, t, measurements, pose, (*log.findings, *clock.findings, *findings))
 
 
 def _places(
     table: Table, wanted: Sequence[Wanted], named: Mapping[str, str], units: Mapping[str, str]
 ) -> dict[str, str]:
-    """Reading → column: as named, else of the same name, else by what a name says."""
+    """Measurement → column: as named, else of the same name, else by what a name says."""
     lower = {n.lower(): n for n in table.names}
     for name, column in named.items():
         if column.lower() not in lower:
             raise UsageError(
-                f"{table.where} has no column {column!r} for {name}: its columns are "
+                f"{table.where} has no column {column!r} for {name}; its columns are "
                 f"{', '.join(table.names[:20])}"
             )
         if name not in {w.name for w in wanted}:
             known = ", ".join(w.name for w in wanted)
-            raise UsageError(f"{name!r} is no reading of a sensor: the readings are {known}")
-    found = {name: lower[column.lower()] for name, column in named.items()}
+            raise UsageError(f"{name!r} is not a known measurement; known are {known}")
+    columns = {name: lower[column.lower()] for name, column in named.items()}
     for w in wanted:
-        if w.name not in found and w.name in lower:
-            found[w.name] = lower[w.name]
-    meant = {n: meaning(n) for n in table.names if n not in found.values()}
+        if w.name not in columns and w.name in lower:
+            columns[w.name] = lower[w.name]
+    meant = {n: meaning(n) for n in table.names if n not in columns.values()}
     for w in wanted:
-        if w.name in found or not w.quantity:
+        if w.name in columns or not w.quantity:
             continue
         like = [
             n
@@ -147,20 +149,20 @@ def _places(
             if (m.quantity, m.side) == (w.quantity, w.side) and _fits(table, w, n, units)
         ]
         if len(like) == 1:
-            found[w.name] = like[0]
-    return found
+            columns[w.name] = like[0]
+    return columns
 
 
 def _unit(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) -> str:
     """The unit that a column says it is in, by option, in brackets or in its name."""
     by_option = {n.lower(): u for n, u in units.items()}
-    said = by_option.get(column.lower()) or by_option.get(wanted.name)
-    said = said or table.units[table.names.index(column)]
-    return said or ("" if column.lower() == wanted.name else ending(column)[1])
+    stated = by_option.get(column.lower()) or by_option.get(wanted.name)
+    stated = stated or table.units[table.names.index(column)]
+    return stated or ("" if column.lower() == wanted.name else ending(column)[1])
 
 
 def _fits(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) -> bool:
-    """Whether a column can be the reading by its unit."""
+    """Whether a column can be the measurement by its unit."""
     unit = _unit(table, wanted, column, units)
     return not unit or conversion(unit, column).unit == wanted.unit
 
@@ -174,7 +176,7 @@ def _in_si(table: Table, wanted: Wanted, column: str, units: Mapping[str, str]) 
     known: Conversion = conversion(unit, column)
     if known.unit != wanted.unit:
         raise UsageError(
-            f"{table.where}: {column} is in {unit}, but {wanted.name} is to be in {wanted.unit}; "
-            f"say its unit, e.g. {column}={wanted.unit}"
+            f"{table.where}: {column} is in {unit}, but {wanted.name} needs {wanted.unit}; give "
+            f"its unit, e.g. {column}={wanted.unit}"
         )
     return values * known.scale

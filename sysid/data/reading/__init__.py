@@ -1,1 +1,1 @@
-"""From the text of a log to columns, units and times."""
+"""Read a log: columns, units and times."""

@@ -1,4 +1,4 @@
-"""The instants of the rows [s]: the unit of a time column, its roll-overs, its doubled rows."""
+"""Instants of the rows [s]: unit of the time column, roll-overs, repeated rows."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ class Clock:
 
 
 def stated_unit(column: TimeColumn, bracket: str, given: str | None) -> float | None:
-    """The unit [s] of a time column by option, bracket or name; None where nothing tells it.
+    """The unit [s] of a time column by option, bracket or name; None where none is stated.
 
     Raises:
         UsageError: the unit asked for is none of time.
@@ -75,8 +75,8 @@ def stated_unit(column: TimeColumn, bracket: str, given: str | None) -> float | 
         unit = unit_of(given)
         if unit is None:
             raise UsageError(
-                f"{argument(units={column.name: given})} is no unit of time; {column.name} is the "
-                f"time column, so choose one of {', '.join(UNIT_NAMES.values())}"
+                f"{argument(units={column.name: given})} is not a unit of time; {column.name} is "
+                f"the time column; choose one of {', '.join(UNIT_NAMES.values())}"
             )
         return unit
     return unit_of(bracket) or unit_in_name(column.name)
@@ -88,7 +88,7 @@ def instants(raw: Array, column: TimeColumn, unit: float | None, where: str, pla
     Args:
         raw: the numbers, shape (N,).
         column: the column and how it was found.
-        unit: its unit [s] where it is told, else None: it is then guessed from its steps.
+        unit: its unit [s] where it is stated, else None: it is then guessed from its steps.
         where: name of the file.
         place: row → "file, line n".
 
@@ -99,14 +99,14 @@ def instants(raw: Array, column: TimeColumn, unit: float | None, where: str, pla
     if len(missing):
         raise DataError(
             f"{place(int(missing[0]))}, column {column.name}: the time is missing; "
-            "mend or delete that line"
+            "correct or delete that line"
         )
     t, findings = unrolled(raw, column.name, where, place)
     if unit is None:
         unit, doubt = guessed_unit(t, column, where)
         findings = (*findings, *doubt)
     elif column.by_name and column.name.lower() not in TIME_COLUMNS:
-        findings = (*findings, _said(t, column, unit, where))
+        findings = (*findings, _unit_note(t, column, unit, where))
     seconds = t * unit
     origin = float(seconds[0]) if abs(seconds[0]) > FIRST_WHOLE else 0.0
     if origin:
@@ -126,16 +126,16 @@ def unrolled(raw: Array, name: str, where: str, place: Place) -> tuple[Array, tu
     ahead = d[d > 0]
     if not len(back) or not len(ahead):
         return raw, ()
-    usual, longest = float(np.median(ahead)), float(np.max(ahead))
+    typical, longest = float(np.median(ahead)), float(np.max(ahead))
     for modulus in _moduli():
         mended = d[back] + modulus
-        if np.all((mended >= 0.5 * usual) & (mended <= max(5.5 * usual, longest))):
+        if np.all((mended >= 0.5 * typical) & (mended <= max(5.5 * typical, longest))):
             turns = np.zeros(len(raw))
             turns[back + 1] = 1.0
             times = "once" if len(back) == 1 else f"{len(back)} times"
             text = (
                 f"{where}: the clock {name} starts over at {modulus:.10g} {times} (first in "
-                f"{place(int(back[0]) + 1).removeprefix(where + ', ')}); this was undone."
+                f"{place(int(back[0]) + 1).removeprefix(where + ', ')}); the roll-over was removed."
             )
             note = Finding("rollover", Severity.NOTE, text, record=where)
             return raw + modulus * np.cumsum(turns), (note,)
@@ -148,9 +148,9 @@ def _moduli() -> tuple[float, ...]:
 
 
 def guessed_unit(t: Array, column: TimeColumn, where: str) -> tuple[float, tuple[Finding, ...]]:
-    """The unit [s] of a time column that does not tell it, from its steps, and a word about it.
+    """The unit [s] of a time column without one, guessed from its steps, and a note about it.
 
-    Numbers in the range of an epoch (since 1970) tell it by their size. Else steps below 10 are
+    Numbers in the range of an epoch (since 1970) show it by their size. Else steps below 10 are
     seconds, larger ones the unit in which they are between 1 ms and 1 s.
     """
     d = np.diff(t)
@@ -172,30 +172,30 @@ def guessed_unit(t: Array, column: TimeColumn, where: str) -> tuple[float, tuple
 def _guess(
     column: TimeColumn, unit: float, step: float, where: str, how: str
 ) -> tuple[Finding, ...]:
-    name, own = column.name, UNIT_NAMES[unit]
-    other = "s" if own != "s" else "ms"
+    name, unit_name = column.name, UNIT_NAMES[unit]
+    alternative = "s" if unit_name != "s" else "ms"
     sure = how == "since 1970"
-    taken = "was read in" if column.by_name else "was taken for the time, in"
+    taken = "was read in" if column.by_name else "was taken as the time, in"
     return (
         Finding(
             "time-unit",
             Severity.NOTE if sure else Severity.WARNING,
-            f"{where}: column {name} rises by {step:.6g} a row and {taken} {own} ({how}): a "
+            f"{where}: column {name} rises by {step:.6g} a row and {taken} {unit_name} ({how}): a "
             f"sample every {step * unit:.4g} s.",
-            f"If that is wrong, say so: {argument(units={name: other})}"
-            + ("" if column.by_name else ", or `ts=SECONDS` if it is no time")
+            f"If that is wrong, give {argument(units={name: alternative})}"
+            + ("" if column.by_name else ", or `ts=SECONDS` if it is not the time")
             + ".",
             record=where,
         ),
     )
 
 
-def _said(t: Array, column: TimeColumn, unit: float, where: str) -> Finding:
+def _unit_note(t: Array, column: TimeColumn, unit: float, where: str) -> Finding:
     d = np.diff(t)
     ahead = d[d > 0]
-    usual = float(np.median(ahead)) if len(ahead) else 0.0
+    typical = float(np.median(ahead)) if len(ahead) else 0.0
     # the mean: a median of rounded steps is one of them; 1.5 usual steps are a gap
-    step = float(np.mean(ahead[ahead <= 1.5 * usual])) * unit if len(ahead) else 0.0
+    step = float(np.mean(ahead[ahead <= 1.5 * typical])) * unit if len(ahead) else 0.0
     return Finding(
         "time-unit",
         Severity.NOTE,

@@ -1,4 +1,4 @@
-"""Which column of a log is what: time, inputs, outputs and pose, by option or by name."""
+"""Roles of a log's columns: time, inputs, outputs and pose, by option or by name."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ class Choice:
         unit: unit of the time column [s]; None when it only counts samples.
         ignored: the other columns.
         rule: how inputs and outputs were found: "option", "robot", "prefix" or "last", where the
-            only column left was taken, or the only ones, which a number tells apart.
+            only column left was taken, or the only ones, which differ by a number.
         clock: the time column with how it was found, or None.
         alike: columns that look like parts of a pose but are none here, and why.
     """
@@ -90,48 +90,53 @@ def choose_columns(
         where: what to call the file in messages.
         read: reads a column as numbers, to see which one rises as a time does; None to go by
             names alone.
-        timed: whether the sample time is known from elsewhere, so that no column need tell it.
+        timed: whether the sample time is known from elsewhere, so that no column need state it.
 
     Raises:
         UsageError: a name asked for is not there, is asked for twice, is both input and output,
             or is the time.
-        DataError: inputs or outputs cannot be told from the names.
+        DataError: inputs or outputs cannot be identified by the names.
     """
-    driven = tuple(inputs) != (NO_INPUT,) or NO_INPUT in names
-    given_u = tuple(_find(n, names, "`inputs`", where) for n in inputs) if driven else ()
+    has_inputs = tuple(inputs) != (NO_INPUT,) or NO_INPUT in names
+    given_u = tuple(_find(n, names, "`inputs`", where) for n in inputs) if has_inputs else ()
     given_y = tuple(_find(n, names, "`outputs`", where) for n in outputs)
     _no_repeats(given_u, given_y, where)
     clock = _clock(names, given_u, given_y, time, where, read, timed)
     taken = () if clock is None else (clock.name, *((clock.fine,) if clock.fine else ()))
     free = [n for n in names if n not in (*given_u, *given_y, *taken)]
     free = [n for n in free if not counts_rows(n, read)]
-    found = find_pose(free)
-    if given_y and (given_u or not driven):
-        found_u, found_y, rule = given_u, given_y, "option"
+    pose_columns = find_pose(free)
+    if given_y and (given_u or not has_inputs):
+        input_names, output_names, rule = given_u, given_y, "option"
     else:
-        found_u, found_y, rule = _signals(free, given_u, given_y, found.names)
-    if not driven:
-        found_u = ()
-    elif not found_u and not inputs and set(free) <= {*found_y, *_only(free)}:
-        found_y, driven = found_y or _only(free), False  # a signal on its own: a time series
-    if (driven and not found_u) or not found_y:
-        raise DataError(_unclear(names, found_u, found_y, _signals_only(free, read), where))
-    used = {*found_u, *found_y, *taken}
-    pose = found.names
+        input_names, output_names, rule = _signals(free, given_u, given_y, pose_columns.names)
+    if not has_inputs:
+        input_names = ()
+    elif not input_names and not inputs and set(free) <= {*output_names, *_only(free)}:
+        output_names, has_inputs = (
+            output_names or _only(free),
+            False,
+        )  # a signal on its own: a time series
+    if (has_inputs and not input_names) or not output_names:
+        raise DataError(
+            _unclear(names, input_names, output_names, _signals_only(free, read), where)
+        )
+    used = {*input_names, *output_names, *taken}
+    pose = pose_columns.names
     if any(p in used for p in pose):
-        pose, found = (), PoseColumns((), pose, "one of them is an input or output")
-    alike = tuple(n for n in found.alike if n not in used)
+        pose, pose_columns = (), PoseColumns((), pose, "one of them is an input or output")
+    alike = tuple(n for n in pose_columns.alike if n not in used)
     ignored = tuple(n for n in names if n not in used and n not in pose)
     return Choice(
-        found_u,
-        found_y,
+        input_names,
+        output_names,
         pose,
         clock.name if clock else None,
         None if clock is None or clock.counts else unit_in_name(clock.name) or 1.0,
         ignored,
         rule,
         clock,
-        PoseColumns(pose, alike if len(alike) > 1 or pose else (), found.why),
+        PoseColumns(pose, alike if len(alike) > 1 or pose else (), pose_columns.why),
     )
 
 
@@ -157,23 +162,30 @@ def _clock(
         if name in given:
             raise UsageError(f"column {name} of {where} is the time; it cannot be a signal too")
         return TimeColumn(name, counts=is_counter(name))
-    own = find_time(names, read, (), not timed)
+    by_itself = find_time(names, read, (), not timed)
     for name in given:
         named = is_time(name) or is_counter(name)
         if (named and tells_time(read, name)) or (
-            own is not None and own.name == name and not named
+            by_itself is not None and by_itself.name == name and not named
         ):
             side = "input" if name in given_u else "output"
             fits = _is_input if side == "input" else _is_output
             others = [n for n in names if n not in given and not (is_time(n) or is_counter(n))]
             others = [n for n in others if fits(n)] or others
             what = (
-                "counts rows" if is_counter(name) else "is the time" if named else "rises as a time"
+                "counts rows"
+                if is_counter(name)
+                else "is the time"
+                if named
+                else "increases like a time"
             )
             instead = "or record one"
             if others:
-                way = {"input": argument(inputs=others[0]), "output": argument(outputs=others[0])}
-                instead = f"such as {way[side]}"
+                options = {
+                    "input": argument(inputs=others[0]),
+                    "output": argument(outputs=others[0]),
+                }
+                instead = f"such as {options[side]}"
             raise UsageError(
                 f"column {name} of {where} {what} and cannot be the {side}; name another column, "
                 f"{instead}"
@@ -192,37 +204,55 @@ def _signals(
     both_u, both_y = _sides(meant, "command"), _sides(meant, "speed")
     if both_u and both_y and not given_u and not given_y:
         return both_u, both_y, "robot"
-    found_u = given_u or tuple(n for n in free if _is_input(n))
-    found_y = given_y
-    if not found_y:
-        measured = [n for n in free if _is_output(n) and n not in found_u]
+    input_names = given_u or tuple(n for n in free if _is_input(n))
+    output_names = given_y
+    if not output_names:
+        measured = [n for n in free if _is_output(n) and n not in input_names]
         if pose and any(n not in pose for n in measured):
             measured = [n for n in measured if n not in pose]
-        found_y = tuple(measured)
-    left = {n: m for n, m in meant.items() if n not in (*found_u, *found_y)}
-    found_u = found_u or both_u or _plainest(left, ("command",)) or _one_drive(left, found_y)
-    left = {n: m for n, m in left.items() if n not in found_u}
-    found_y = found_y or both_y or _plainest(left, ("speed", "reading")) or _sides(left, "reading")
-    rest = [n for n, m in left.items() if m.quantity == "other" and n not in found_y]
-    rest = [n for n in rest if not set(words(n)) <= set(SIDES)]  # "left" tells nothing but a side
-    if bool(found_u) != bool(found_y) and len(rest) == 1 and len(left) == 1:
-        last = (rest[0],)
-        return found_u or last, found_y or last, "last"
-    if found_u and not found_y and rest and len(rest) == len(left) and _numbered(rest):
-        return found_u, tuple(rest), "last"  # zone_1, zone_2 beside heater_1, heater_2
-    return found_u, found_y, "prefix"
+        output_names = tuple(measured)
+    unassigned = {n: m for n, m in meant.items() if n not in (*input_names, *output_names)}
+    input_names = (
+        input_names
+        or both_u
+        or _plainest(unassigned, ("command",))
+        or _one_drive(unassigned, output_names)
+    )
+    unassigned = {n: m for n, m in unassigned.items() if n not in input_names}
+    output_names = (
+        output_names
+        or both_y
+        or _plainest(unassigned, ("speed", "measurement"))
+        or _sides(unassigned, "measurement")
+    )
+    unnamed = [n for n, m in unassigned.items() if m.quantity == "other" and n not in output_names]
+    unnamed = [
+        n for n in unnamed if not set(words(n)) <= set(SIDES)
+    ]  # "left" states nothing but a side
+    if bool(input_names) != bool(output_names) and len(unnamed) == 1 and len(unassigned) == 1:
+        last = (unnamed[0],)
+        return input_names or last, output_names or last, "last"
+    if (
+        input_names
+        and not output_names
+        and unnamed
+        and len(unnamed) == len(unassigned)
+        and _numbered(unnamed)
+    ):
+        return input_names, tuple(unnamed), "last"  # zone_1, zone_2 beside heater_1, heater_2
+    return input_names, output_names, "prefix"
 
 
 def _numbered(names: Sequence[str]) -> bool:
-    """Whether only a number tells the names apart."""
+    """Whether the names differ by a number only."""
     return len({re.sub(r"\d+", "", n) for n in names}) == 1
 
 
-def _one_drive(left: Mapping[str, Meaning], found_y: Sequence[str]) -> tuple[str, ...]:
-    """The one torque, force, current or frequency beside readings of what it moves, or none."""
-    drives = tuple(n for n in left if may_drive(n))
-    commanded = any(m.quantity == "command" for m in left.values())
-    effects = any(is_effect(n) for n in (*left, *found_y))
+def _one_drive(unassigned: Mapping[str, Meaning], output_names: Sequence[str]) -> tuple[str, ...]:
+    """The one torque, force, current or frequency beside measurements of what it moves, or none."""
+    drives = tuple(n for n in unassigned if may_drive(n))
+    commanded = any(m.quantity == "command" for m in unassigned.values())
+    effects = any(is_effect(n) for n in (*unassigned, *output_names))
     return drives if len(drives) == 1 and effects and not commanded else ()
 
 
@@ -234,9 +264,9 @@ def _is_output(name: str) -> bool:
     """By its prefix, unless a word says that it is a set point, or commanded (``speed_cmd``)."""
     if not _OUTPUT.fullmatch(name) or _NOT_MEASURED.search(name.lower()):
         return False
-    found = meaning(name)
+    meant = meaning(name)
     plain = name.lower().startswith(("y", "out"))
-    return plain or found.quantity not in ("reference", "command")
+    return plain or meant.quantity not in ("reference", "command")
 
 
 def _sides(meant: Mapping[str, Meaning], quantity: str) -> tuple[str, ...]:
@@ -251,7 +281,7 @@ def _sides(meant: Mapping[str, Meaning], quantity: str) -> tuple[str, ...]:
 
 
 def _plainest(meant: Mapping[str, Meaning], quantities: Sequence[str]) -> tuple[str, ...]:
-    """The one column of the plainest words, or those that only a number tells apart, or none."""
+    """The one column of the plainest words, or those that differ by a number only, or none."""
     for quantity in quantities:
         of = {n: m.rank for n, m in meant.items() if m.quantity == quantity}
         if of:
@@ -269,7 +299,7 @@ def _find(name: str, names: Sequence[str], which: str, where: str) -> str:
         return near[0]
     shown = repr(wanted) if wanted else "an empty name"
     raise UsageError(
-        f"{which} asks for {shown}, which is no column of {where}; its columns are {_listed(names)}"
+        f"{which} names {shown}, which is not a column of {where}; its columns are {_listed(names)}"
     )
 
 
@@ -292,7 +322,7 @@ def _unclear(
     signals: Sequence[str],
     where: str,
 ) -> str:
-    missing = "input and which output"
+    missing = "the input and output"
     if inputs or outputs:
         missing = "the input" if outputs else "the output"
     free = [n for n in signals if n not in (*inputs, *outputs)]
@@ -301,10 +331,10 @@ def _unclear(
             f"{where} has no column left for {missing}: its columns are {_listed(names)}; "
             "a log needs at least one input and one output"
         )
-    alone = "" if inputs else " (`inputs='none'` where nothing drives it)"
+    alone = "" if inputs else " (`inputs='none'` for a log without inputs)"
     return (
-        f"{where}: cannot tell which column is {missing} among {_listed(names)}; "
-        f"say so with `inputs=NAME`{alone} and `outputs=NAME`, or name the columns u… and y…"
+        f"{where}: {missing} cannot be identified among {_listed(names)}; "
+        f"give `inputs=NAME`{alone} and `outputs=NAME`, or name the columns u… and y…"
         f"{_example(free, inputs, outputs)}"
     )
 
@@ -340,7 +370,7 @@ def _with_partners(likely: Sequence[str]) -> tuple[str, ...]:
 
 
 def _is_switch(name: str, read: Read) -> bool:
-    """Whether a column without a telling name takes two values, as a light barrier does."""
+    """Whether a column of unknown meaning takes two values, as a light barrier does."""
     column = read(name)
     return meaning(name).quantity == "other" and column is not None and len(set(column)) <= 2
 

@@ -1,4 +1,4 @@
-"""Counters and angles that start over: where they wrap or are reset, undone; speed from position.
+"""Unwrapping of counters and angles, and speed from position.
 
 A counter of n bits goes from its last value to its first one. Between two rows the true step is
 the one that is whole periods away from the step read and smaller than half a period:
@@ -12,7 +12,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.column_words import READINGS, words
+from sysid.data.column_words import MEASUREMENTS, words
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array
 from sysid.data.units import Conversion
@@ -35,7 +35,7 @@ TRAVEL = 6.0
 """A position goes further than so many of its larger steps (99 % quantile); white noise around the
 two ends of a switched signal, unwrapped, spans two of them."""
 
-FEWEST_VALUES = 20
+MIN_DISTINCT_VALUES = 20
 """A signal of fewer different values is switched, not counted."""
 
 FULL_TURN = 0.9
@@ -72,13 +72,13 @@ def counted(y: Array, periods: Sequence[float], full: bool = False) -> Counted:
     """A column with the wraps and resets that it shows undone.
 
     Args:
-        y: readings as the file has them, (N,).
+        y: measurements as the file has them, (N,).
         periods: periods besides those of registers that its unit admits.
-        full: of these only one that the readings fill.
+        full: of these only one that the measurements fill.
     """
     whole = bool(np.all(y == np.rint(y)))
     low, high = float(np.min(y)), float(np.max(y))
-    if len(y) < FEWEST_VALUES or len(np.unique(y)) < FEWEST_VALUES:
+    if len(y) < MIN_DISTINCT_VALUES or len(np.unique(y)) < MIN_DISTINCT_VALUES:
         return Counted(y)
     admitted = [m for m in periods if high - low <= 1.001 * m]
     if full:
@@ -122,7 +122,7 @@ def suspected(y: Array) -> float:
 
     The speed goes on where it does, so the period is the jump without a step like the one before.
     """
-    if np.any(y != np.rint(y)) or len(np.unique(y)) < FEWEST_VALUES:
+    if np.any(y != np.rint(y)) or len(np.unique(y)) < MIN_DISTINCT_VALUES:
         return 0.0
     d = np.diff(y)
     jumps = np.flatnonzero(np.abs(d) > 0.5 * np.ptp(y))
@@ -183,7 +183,7 @@ def without_jumps(
     for name in periods:
         if name != EVERY and name not in turns:
             raise UsageError(
-                f"`unwrap` names {name!r}, which is no output of {where}; they are "
+                f"`unwrap` names {name!r}, which is not an output of {where}; the outputs are "
                 f"{', '.join(turns)}"
             )
     out = values.copy()
@@ -196,19 +196,21 @@ def without_jumps(
             continue
         if period is None:
             turn = turns[name]
-            found = counted(values[:, k], (2.0 * pi, 360.0) if turn is None else turn, turn is None)
+            column = counted(
+                values[:, k], (2.0 * pi, 360.0) if turn is None else turn, turn is None
+            )
             if turn is None and name not in speeds:
-                findings += _running_count(found.values, found.wraps, name, where)
-            if not (found.wraps or found.resets):
+                findings += _running_count(column.values, column.wraps, name, where)
+            if not (column.wraps or column.resets):
                 findings += _doubted(suspected(values[:, k]), name, where)
         else:
-            found = _forced(values[:, k], period, name, where, name in periods)
-        out[:, k] = found.values
-        findings += _said(found, name, where, period is not None)
+            column = _forced(values[:, k], period, name, where, name in periods)
+        out[:, k] = column.values
+        findings += _unwrap_finding(column, name, where, period is not None)
     if periods.get(EVERY) and not findings:
         raise DataError(
             f"{where}: no output starts over every {periods[EVERY]:g}; give the period in the "
-            "file's own unit, or leave it out and it is looked for"
+            "file's own unit, or omit it to have it detected"
         )
     return out, tuple(findings)
 
@@ -216,17 +218,17 @@ def without_jumps(
 def _running_count(y: Array, wraps: int, name: str, where: str) -> list[Finding]:
     """What to do with an output that is a number of counts which goes on and on.
 
-    Its name or a register's wraps say so: a slow reading in whole numbers looks alike.
+    Its name or a register's wraps say so: a slow measurement in whole numbers looks alike.
     """
-    if np.any(y != np.rint(y)) or len(np.unique(y)) < FEWEST_VALUES:
+    if np.any(y != np.rint(y)) or len(np.unique(y)) < MIN_DISTINCT_VALUES:
         return []
-    named_count = bool({*words(name)} & set(READINGS[-1]))
+    named_count = bool({*words(name)} & set(MEASUREMENTS[-1]))
     step = np.abs(np.diff(y))
     if not (named_count or wraps) or np.ptp(y) < TRAVEL * float(np.quantile(step, 0.99)):
         return []
     text = (
-        f"{where}: {name} counts on and on in whole numbers, as an encoder does: it is a position "
-        "without a unit, and most models are of a speed."
+        f"{where}: {name} counts in whole numbers like an encoder: it is a position without a "
+        "unit, and most models describe a speed."
     )
     unit = {name: "counts=N/rev"}
     advice = (
@@ -240,11 +242,11 @@ def _doubted(period: float, name: str, where: str) -> list[Finding]:
     if not period:
         return []
     text = (
-        f"{where}: {name} jumps by about {period:g} and goes on at the same speed, as a counter "
-        "that starts over does; it was read as it stands."
+        f"{where}: {name} jumps by about {period:g} and continues at the same speed, like a "
+        "counter that starts over; it was not unwrapped."
     )
     there = argument(unwrap={name: float(f"{period:g}")})
-    advice = f"Say where it starts over, {there}, or {argument(unwrap={name: None})}."
+    advice = f"Give its period, {there}, or keep the jumps, {argument(unwrap={name: None})}."
     return [Finding("counter", Severity.WARNING, text, advice, name, where)]
 
 
@@ -253,27 +255,27 @@ def _forced(y: Array, period: float, name: str, where: str, named: bool) -> Coun
         if not named:  # the period holds for every output, and this one is no such counter
             return Counted(y)
         raise DataError(
-            f"{where}: {name} runs from {np.min(y):g} to {np.max(y):g}, which no counter that "
-            f"starts over every {period:g} can; give the period in the file's own unit"
+            f"{where}: {name} runs from {np.min(y):g} to {np.max(y):g}, but a counter of period "
+            f"{period:g} cannot; give the period in the file's own unit"
         )
     n = int(np.count_nonzero(np.abs(np.diff(y)) > 0.5 * period))
     return Counted(unwrapped(y, period), period, n)
 
 
 def _real(name: str) -> str:
-    return f"If these jumps are real, say {argument(unwrap={name: None})}."
+    return f"If these jumps are real, give {argument(unwrap={name: None})}."
 
 
-def _said(found: Counted, name: str, where: str, given: bool) -> list[Finding]:
-    if found.wraps:
-        times = "once" if found.wraps == 1 else f"{found.wraps} times"
-        text = f"{where}: {name} starts over every {found.period:.6g}, {times}; it was unwrapped."
+def _unwrap_finding(column: Counted, name: str, where: str, given: bool) -> list[Finding]:
+    if column.wraps:
+        times = "once" if column.wraps == 1 else f"{column.wraps} times"
+        text = f"{where}: {name} starts over every {column.period:.6g}, {times}; it was unwrapped."
         advice = "" if given else _real(name)
-    elif found.resets:
-        times = "once" if len(found.resets) == 1 else f"{len(found.resets)} times"
+    elif column.resets:
+        times = "once" if len(column.resets) == 1 else f"{len(column.resets)} times"
         text = (
             f"{where}: {name} was reset to zero {times} while it moved, first in row "
-            f"{found.resets[0] + 1}; it was continued from its last value."
+            f"{column.resets[0] + 1}; it was continued from its last value."
         )
         advice = _real(name)
     else:
@@ -303,7 +305,7 @@ def continued(
         speed_of: outputs whose speed is asked for; for another counter it is proposed.
 
     Raises:
-        UsageError, DataError: an option names no output or does not fit its readings.
+        UsageError, DataError: an option names no output or does not fit its measurements.
     """
     turns: dict[str, tuple[float, ...] | None] = dict.fromkeys(headings, (2.0 * pi, 360.0))
     for name, unit in outputs.items():
@@ -335,28 +337,28 @@ def as_speeds(
     for name in speed_of:
         if name not in outputs:
             raise UsageError(
-                f"`speed_of` names {name!r}, which is no output of {where}; they are "
+                f"`speed_of` names {name!r}, which is not an output of {where}; the outputs are "
                 f"{', '.join(outputs)}"
             )
     out = values.copy()
-    found: dict[str, Conversion] = {}
-    said: list[Finding] = []
+    units: dict[str, Conversion] = {}
+    findings: list[Finding] = []
     for name, unit in outputs.items():
         if name not in speed_of:
-            found[name] = unit
+            units[name] = unit
             continue
         k = list(names).index(name)
         out[:, k] = speeds(t, values[:, k])
         counted = unit.file_unit.partition("=")[0] or unit.unit or "counts"
         rate = Conversion(f"{unit.unit or 'counts'}/s", unit.scale, f"{counted}/s")
-        found[f"{name}_speed"] = rate
+        units[f"{name}_speed"] = rate
         step = grain(values[:, k]) * unit.scale / float(np.median(np.diff(t)))
         text = (
-            f"{where}: {name}_speed is the mean speed between two readings of {name}, half "
+            f"{where}: {name}_speed is the mean speed between two measurements of {name}, half "
             f"a sample late; one step of {name} in a sample is {step:.3g} {rate.unit}."
         )
-        said.append(Finding("counter", Severity.NOTE, text, channel=name, record=where))
-    return out, found, tuple(said)
+        findings.append(Finding("counter", Severity.NOTE, text, channel=name, record=where))
+    return out, units, tuple(findings)
 
 
 def speeds(t: Array, y: Array) -> Array:

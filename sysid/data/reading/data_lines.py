@@ -1,4 +1,4 @@
-"""The data lines of a text log: the first ones as text, a long tail of plain numbers as bytes."""
+"""Data lines of a text log: the first lines as text, a long tail of plain numbers as bytes."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Dates and times of day as people, loggers and spreadsheets write them, in seconds."""
+"""Dates and times of day in the formats of people, loggers and spreadsheets, in seconds."""
 
 import datetime
 import re
@@ -53,16 +53,16 @@ def seconds_of(cells: Sequence[str]) -> tuple[Array, float] | int | None:
     if pattern is None:
         return None
     swapped = pattern is FORMATS["slashes"] and _day_before_month(cells, pattern)
-    found = np.empty(len(cells), dtype=np.int64)
+    nanoseconds = np.empty(len(cells), dtype=np.int64)
     days: dict[tuple[str, ...], int] = {}
     for k, cell in enumerate(cells):
         match = pattern.fullmatch(cell.strip())
         instant = None if match is None else _nanoseconds(match.groupdict(), swapped, days)
         if instant is None:
             return k
-        found[k] = instant
-    elapsed = (found - found[0]).astype(np.float64) / NANO
-    return elapsed, float(found[0]) / NANO
+        nanoseconds[k] = instant
+    elapsed = (nanoseconds - nanoseconds[0]).astype(np.float64) / NANO
+    return elapsed, float(nanoseconds[0]) / NANO
 
 
 def _nanoseconds(

@@ -1,4 +1,4 @@
-"""Where the header of a text log stands: below titles, above a row of units, behind a sign."""
+"""Find the header of a text log: below titles, above a row of units, behind a comment sign."""
 
 import csv
 import re
@@ -35,11 +35,11 @@ _PROCESSING = frozenset(
         *("sample", "average", "minimum", "maximum", "total", "mittelwert"),
     )
 )
-"""Words, in lower case, with which a row says how a logger made its numbers from readings."""
+"""Words, in lower case, with which a row says how a logger made its numbers from measurements."""
 _UNIT_LABELS = frozenset(
     ("vertical units", "y_unit_label", "units", "unit", "einheit", "einheiten")
 )
-"""First cells, in lower case, of a line that tells the units of the columns that are read."""
+"""First cells, in lower case, of a line with the units of the columns."""
 _TITLES = 60
 """No logger writes more lines than this before its header."""
 _LABEL = re.compile(r"[A-Za-z_][\w .()\[\]/%°-]*")
@@ -55,7 +55,7 @@ class Header:
         units: the line of units below it, or None.
         body: the lines of data.
         notes: what was left out, as parts of sentences.
-        interval: time between two rows [s] that a title tells, None without.
+        interval: time between two rows [s] that a title states, None without.
     """
 
     line: Line
@@ -95,7 +95,7 @@ def find_header(numbered: Sequence[Line]) -> Header:
         above, rest = block[:first], rest[first - 1 :]
         summed = len(above) > 2 and _is_processing(above[-1][1])
         if summed:
-            notes += (f"line {above.pop()[0]}, how the logger sums up, was left out",)
+            notes += (f"line {above.pop()[0]}, a row of processing labels, was left out",)
         if _is_units(above[-1][1], above[-2][1], rest[0][1]):
             units = above.pop()[1]
         full = [i for i in _ending(above) if _is_full(above[i][1], rest[0][1])]
@@ -109,9 +109,9 @@ def find_header(numbered: Sequence[Line]) -> Header:
         if units is None and rest:
             units = _stated_units([text for _, text in titles], head[1], rest[0][1])
     remarks = [text for _, text in numbered[:_TITLES] if _comment(text)]
-    stated = [interval_of(_uncommented(text)) for text in (*[t for _, t in titles], *remarks)]
-    every = {seconds for seconds in stated if seconds is not None}
-    return Header(head, units, rest, notes, every.pop() if len(every) == 1 else None)
+    intervals = [interval_of(_uncommented(text)) for text in (*[t for _, t in titles], *remarks)]
+    distinct = {seconds for seconds in intervals if seconds is not None}
+    return Header(head, units, rest, notes, distinct.pop() if len(distinct) == 1 else None)
 
 
 def is_numeric(text: str) -> bool:
@@ -133,10 +133,10 @@ def is_data(text: str) -> bool:
 
 def measured(cell: str) -> tuple[str, str] | None:
     """Number and unit of a cell such as ``0.01 sec`` or ``12 V``; None for any other."""
-    found = _MEASURED.fullmatch(cell.strip())
-    if found is None or not looks_like_unit(found["unit"], _UNIT_NAMES):
+    match = _MEASURED.fullmatch(cell.strip())
+    if match is None or not looks_like_unit(match["unit"], _UNIT_NAMES):
         return None
-    return found["number"], found["unit"]
+    return match["number"], match["unit"]
 
 
 def cells_of(line: str, sep: str) -> list[str]:
@@ -197,7 +197,7 @@ def _body(lines: Sequence[Line], header: str) -> tuple[list[Line], tuple[str, ..
     if repeated:
         notes += (
             f"the header, which is repeated {'once' if repeated == 1 else f'{repeated} times'} "
-            "below (did the logger start again?), was left out there",
+            "below (did the logger restart?), was left out there",
         )
     return kept, notes
 
@@ -214,23 +214,23 @@ def _without_monitor(numbered: Sequence[Line]) -> tuple[list[Line], tuple[str, .
 
 def _without_labels(lines: Sequence[Line]) -> tuple[list[Line], tuple[str, ...]]:
     """Lines of a serial plotter, such as ``pwm:80,rpm:12.5``, as a header and numbers."""
-    found: list[Line] = []
+    rows: list[Line] = []
     names: list[str] = []
     for i, text in lines:
         cells = [
             c.strip().partition(":") for c in re.split(r"[,;\t]|(?<=\d)\s+", text.strip()) if c
         ]
         numbers = [value.strip() for _, sign, value in cells if sign]
-        own = [name.strip() for name, sign, _ in cells if sign]
-        names = names or own
-        if len(own) < 2 or own != names or not all(_LABEL.fullmatch(n) for n in own):
+        labels = [name.strip() for name, sign, _ in cells if sign]
+        names = names or labels
+        if len(labels) < 2 or labels != names or not all(_LABEL.fullmatch(n) for n in labels):
             return list(lines), ()
         if len(numbers) != len(cells) or not all(_NUMBER.fullmatch(n) for n in numbers):
             return list(lines), ()
-        found.append((i, ";".join(numbers)))
-    if not found:
+        rows.append((i, ";".join(numbers)))
+    if not rows:
         return list(lines), ()
-    return [(0, ";".join(names)), *found], ("the names in front of the numbers are the columns",)
+    return [(0, ";".join(names)), *rows], ("the names in front of the numbers are the columns",)
 
 
 def _first_row(block: Sequence[Line]) -> int:
@@ -326,7 +326,7 @@ def _is_units(line: str, header: str, data: str) -> bool:
 
 
 def _stated_units(titles: Sequence[str], header: str, data: str) -> str | None:
-    """The line of a title block that tells units, as a row of units below the header would.
+    """The line of a title block with units, as a row of units below the header would be.
 
     Its label stands where the header has the time, or before all columns: ``Vertical Units,V,A``.
     """

@@ -1,4 +1,4 @@
-"""Lines of a log that say ``name=value``: a device's console, and the interval in a title block."""
+"""Lines ``name=value`` of a device's console, and the interval stated in a title block."""
 
 import re
 from collections import Counter
@@ -48,39 +48,43 @@ def without_keys(lines: Sequence[Line]) -> tuple[list[Line], tuple[str, ...]]:
         return list(lines), ()
     read = [(i, _COLOUR.sub("", text)) for i, text in lines]
     pairs = [[(m["name"], m["value"]) for m in _PAIR.finditer(text)] for _, text in read]
-    kinds = Counter(tuple(name for name, _ in found) for found in pairs if len(found) > 1)
+    kinds = Counter(
+        tuple(name for name, _ in pairs_of_line)
+        for pairs_of_line in pairs
+        if len(pairs_of_line) > 1
+    )
     if not kinds:
         return list(lines), ()
     names, count = kinds.most_common(1)[0]
     if count <= MOST * len(lines) or len(set(names)) < len(names):
         return list(lines), ()
     rows = [
-        (i, text, found)
-        for (i, text), found in zip(read, pairs, strict=True)
-        if tuple(name for name, _ in found) == names
+        (i, text, pairs_of_line)
+        for (i, text), pairs_of_line in zip(read, pairs, strict=True)
+        if tuple(name for name, _ in pairs_of_line) == names
     ]
-    units = {n: _unit([dict(found)[n] for _, _, found in rows]) for n in names}
+    units = {n: _unit([dict(pairs_of_line)[n] for _, _, pairs_of_line in rows]) for n in names}
     clock, times = _clock([text for _, text, _ in rows])
     header = [*clock, *(f"{n} [{units[n]}]" if units[n] else n for n in names)]
     table = [(0, ";".join(header))]
-    for (i, _, found), time in zip(rows, times, strict=True):
-        cells = [v[: len(v) - len(units[n])] if units[n] else v for n, v in found]
+    for (i, _, pairs_of_line), time in zip(rows, times, strict=True):
+        cells = [v[: len(v) - len(units[n])] if units[n] else v for n, v in pairs_of_line]
         table.append((i, ";".join([*time, *cells])))
-    said: tuple[str, ...] = (
+    notes: tuple[str, ...] = (
         f"the names before the signs = are the columns ({', '.join(names)})"
-        + (f"; the time stands in front of them, as column {clock[0]}" if clock else ""),
+        + (f"; the time in front of them is column {clock[0]}" if clock else ""),
     )
     lost = len(lines) - len(rows)
     if lost:
-        said += (
-            f"{lost} line{' that says' if lost == 1 else 's that say'} none of them "
+        notes += (
+            f"{lost} line{'' if lost == 1 else 's'} without them "
             f"{'was' if lost == 1 else 'were'} left out",
         )
-    return table, said
+    return table, notes
 
 
 def interval_of(title: str) -> float | None:
-    """The time between two rows [s] that a line above the header tells with its unit, or None.
+    """The time between two rows [s] that a line above the header states with its unit, or None.
 
     ``"Interval","20 ms"``, ``Sample rate: 50 Hz``, LabVIEW's ``Delta_X``, which is in seconds; any
     other bare number is in no unit that one may guess.
@@ -88,11 +92,11 @@ def interval_of(title: str) -> float | None:
     delta = _DELTA.fullmatch(title.strip())
     if delta is not None and float(delta["number"]) > 0.0:
         return float(delta["number"])
-    found = _INTERVAL.fullmatch(title.strip())
-    if found is None:
+    match = _INTERVAL.fullmatch(title.strip())
+    if match is None:
         return None
-    unit, number = found["unit"].lower().replace("μ", "µ"), float(found["number"])
-    often = found["what"].lower() in ("rate", "frequency", "frequenz")
+    unit, number = match["unit"].lower().replace("μ", "µ"), float(match["number"])
+    often = match["what"].lower() in ("rate", "frequency", "frequenz")
     if not number > 0.0:
         return None
     if often:
@@ -102,8 +106,8 @@ def interval_of(title: str) -> float | None:
 
 def _unit(values: Sequence[str]) -> str:
     """The unit glued to every value of a name, empty where there is none."""
-    found = [_VALUE.fullmatch(v) for v in values]
-    units = {(m["unit"] or "") if m else "" for m in found}
+    matches = [_VALUE.fullmatch(v) for v in values]
+    units = {(m["unit"] or "") if m else "" for m in matches}
     return units.pop() if len(units) == 1 else ""
 
 

@@ -1,4 +1,4 @@
-"""The pose of a vehicle in a log: its columns by name, their units, and the angle's fold undone."""
+"""Pose of a vehicle in a log: its columns by name, their units, and the angle unwrapped."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ _BESIDE = frozenset(
 ALIGNED = 0.7
 """Mean of cos 2(way − angle) from which an angle's unit is believed: 1 is perfect agreement,
 and the directions of another unit are spread over the circle."""
-FEWEST_MOVES = 30
+MIN_MOVES = 30
 """Steps of the way from which the direction of travel is compared with the angle."""
 
 
@@ -59,20 +59,20 @@ def find_pose(names: Sequence[str]) -> PoseColumns:
     ``x, y, psi`` go before decorated names (``pos_x [mm]``, ``odom_yaw``); decorated ones are
     used where there is one of each, or one set that shares its decoration.
     """
-    found: dict[str, list[str]] = {axis: [] for axis in AXES}
+    by_axis: dict[str, list[str]] = {axis: [] for axis in AXES}
     for name in names:
         axis = _axis(name)
         if axis:
-            found[axis].append(name)
-    if not found["angle"] and not (found["x"] and found["y"]):
+            by_axis[axis].append(name)
+    if not by_axis["angle"] and not (by_axis["x"] and by_axis["y"]):
         return PoseColumns()
-    every = tuple(n for n in names if any(n in group for group in found.values()))
-    missing = [axis for axis in AXES if not found[axis]]
+    every = tuple(n for n in names if any(n in group for group in by_axis.values()))
+    missing = [axis for axis in AXES if not by_axis[axis]]
     if missing:
-        if not (found["x"] and found["y"]):
+        if not (by_axis["x"] and by_axis["y"]):
             return PoseColumns()  # a lone angle is a signal like any other
-        return PoseColumns((), every, "there is no angle (psi, yaw, heading, theta) beside them")
-    picked = _one_set(found)
+        return PoseColumns((), every, "the angle (psi, yaw, heading, theta) is missing")
+    picked = _one_set(by_axis)
     if not picked:
         return PoseColumns((), every, "there are several of them")
     return PoseColumns(picked, tuple(n for n in every if n not in picked), "another set was used")
@@ -91,12 +91,12 @@ def pose_conversions(
     Raises:
         UsageError: a unit is not known, or is none of a length or of an angle.
     """
-    found = []
+    conversions = []
     for axis, name in zip(AXES, pose, strict=True):
         stated = units.get(name) or brackets.get(name) or ending(name)[1]
         wanted, examples = ("rad", "rad or deg") if axis == "angle" else ("m", "m, cm or mm")
         if not stated:
-            found.append(Conversion(wanted, 0.0 if axis == "angle" else 1.0, ""))
+            conversions.append(Conversion(wanted, 0.0 if axis == "angle" else 1.0, ""))
             continue
         try:
             known = conversion(stated, name)
@@ -104,17 +104,17 @@ def pose_conversions(
             known = Conversion("", 1.0, stated)
         if known.unit != wanted:
             raise UsageError(
-                f"the unit of {name} is {stated}, which is none of the pose; "
+                f"the unit of {name} is {stated}, which does not fit a pose; "
                 f"give {argument(units={name: wanted})} ({examples})"
             )
-        found.append(known)
-    return tuple(found)
+        conversions.append(known)
+    return tuple(conversions)
 
 
 def angle_unit(x: Array, y: Array, angle: Array) -> tuple[str, bool]:
-    """The unit of an angle that does not tell it: ("rad" or "deg", whether it was seen).
+    """The unit of an angle without one: ("rad" or "deg", whether it was detected).
 
-    Two things tell: a fold (a jump of nearly 2π or 360 between neighbours), and the way: while
+    Two things show it: a fold (a jump of nearly 2π or 360 between neighbours), and the way: while
     the vehicle drives, the direction of the way is the angle, or opposite to it in reverse, so
     Re mean exp(2i(χ − ψ)) is near 1 for the right unit.
     """
@@ -154,7 +154,7 @@ def _agreement(x: Array, y: Array, angle: Array) -> float:
     for k in range(1, len(x)):
         if np.hypot(x[k] - x[kept[-1]], y[k] - y[kept[-1]]) > 0.005 * span:
             kept.append(k)
-    if span == 0.0 or len(kept) < FEWEST_MOVES:
+    if span == 0.0 or len(kept) < MIN_MOVES:
         return 0.0
     i = np.array(kept)
     way = np.arctan2(np.diff(y[i]), np.diff(x[i]))
@@ -174,17 +174,19 @@ def _axis(name: str) -> str:
     return "angle" if word in _ANGLES else ""
 
 
-def _one_set(found: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+def _one_set(by_axis: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
     """One column an axis: the only ones, those without decoration, or one decoration's."""
-    if all(len(group) == 1 for group in found.values()):
-        return tuple(found[axis][0] for axis in AXES)
-    by: dict[frozenset[str], dict[str, list[str]]] = {}
-    for axis, group in found.items():
+    if all(len(group) == 1 for group in by_axis.values()):
+        return tuple(by_axis[axis][0] for axis in AXES)
+    by_decoration: dict[frozenset[str], dict[str, list[str]]] = {}
+    for axis, group in by_axis.items():
         for name in group:
             decoration = frozenset(set(words(without_unit(name))) & _BESIDE)
-            by.setdefault(decoration, {}).setdefault(axis, []).append(name)
+            by_decoration.setdefault(decoration, {}).setdefault(axis, []).append(name)
     whole = {
-        k: v for k, v in by.items() if set(v) == set(AXES) and all(len(g) == 1 for g in v.values())
+        k: v
+        for k, v in by_decoration.items()
+        if set(v) == set(AXES) and all(len(g) == 1 for g in v.values())
     }
     chosen = whole.get(frozenset()) or (next(iter(whole.values())) if len(whole) == 1 else None)
     return tuple(chosen[axis][0] for axis in AXES) if chosen else ()

@@ -1,4 +1,4 @@
-"""The pose of a log in metres and radians: units, the angle's sense and folds, and what is said."""
+"""Convert the pose of a log to metres and radians: units, sense and jumps of the angle."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -75,7 +75,7 @@ def pose_in_si(
         return values, pose_findings(choice, where)
     out = values.copy()
     first = len(choice.inputs) + len(choice.outputs)
-    said = list(pose_findings(choice, where))
+    findings = list(pose_findings(choice, where))
     for k in (0, 1):
         out[:, first + k] *= units[k].scale
     x, y, angle = out[:, first], out[:, first + 1], out[:, first + 2]
@@ -85,21 +85,21 @@ def pose_in_si(
         unit_name, seen = angle_unit(x, y, angle)
         unit = Conversion("rad", np.pi / 180.0 if unit_name == "deg" else 1.0, unit_name)
         if unit_name == "deg":
-            text = f"{where}: {name} tells no unit and was read in degrees, as its values show."
-            advice = f"If that is wrong, say so: {argument(units={name: 'rad'})}."
-            said.append(Finding("pose", Severity.WARNING, text, advice, name, where))
+            text = f"{where}: {name} has no unit and was read in degrees, judging by its values."
+            advice = f"If that is wrong, give {argument(units={name: 'rad'})}."
+            findings.append(Finding("pose", Severity.WARNING, text, advice, name, where))
         elif not seen and np.ptp(angle) > 4.0 * np.pi:
-            text = f"{where}: {name} tells no unit and was read in radians."
-            advice = f"If it holds degrees, say so: {argument(units={name: 'deg'})}."
-            said.append(Finding("pose", Severity.WARNING, text, advice, name, where))
+            text = f"{where}: {name} has no unit and was read in radians."
+            advice = f"If it is in degrees, give {argument(units={name: 'deg'})}."
+            findings.append(Finding("pose", Severity.WARNING, text, advice, name, where))
     angle = unfolded(angle * unit.scale)
     if is_compass(choice.pose[2]) and counts_as_compass(x, y, angle):
         angle = 0.5 * np.pi - angle
         text = (
-            f"{where}: {choice.pose[2]} counts clockwise from y, as a compass does, by the way "
-            f"driven; it was read as 90° − {choice.pose[2]}."
+            f"{where}: by the path driven, {choice.pose[2]} counts clockwise from y, like a "
+            f"compass; it was read as 90° − {choice.pose[2]}."
         )
-        said.append(Finding("pose", Severity.WARNING, text, record=where))
+        findings.append(Finding("pose", Severity.WARNING, text, record=where))
     out[:, first + 2] = angle
     converted = [
         f"{n} from {c.file_unit}"
@@ -110,5 +110,5 @@ def pose_in_si(
     converted_to = f" ({', '.join(converted)}, converted to m and rad)" if converted else ""
     if converted or choice.pose != ("x", "y", "psi"):
         text = f"{where}: the pose is {names}{converted_to}."
-        said.append(Finding("reading", Severity.NOTE, text, record=where))
-    return out, tuple(said)
+        findings.append(Finding("reading", Severity.NOTE, text, record=where))
+    return out, tuple(findings)

@@ -1,4 +1,4 @@
-"""ReadOptions: how a log is to be read, in a form that a model can store."""
+"""ReadOptions: how to read a log, in a form that a model can store."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.reading.held import check_held
+from sysid.data.reading.stale import check_held
 from sysid.data.reading.time_column import unit_of
 from sysid.data.reading.timing import ResamplePolicy, check_policy
 from sysid.data.units import conversion, pwm_conversion
@@ -29,8 +29,9 @@ class ReadOptions:
         pwm_max: the command value of full drive, where it is not 20000; None otherwise.
         resample: what to do about jitter, gaps and missing cells (see ``timing``).
         unwrap: output → number after which its counter starts over, None to leave its jumps alone;
-            an empty name for every output; else it is seen from the readings (see ``counters``).
-        held: what to do about sensors slower than the log: ``auto`` reads the log at their rate,
+            an empty name for every output; else it is seen from the measurements (see
+        ``counters``). held: what to do about sensors slower than the log: ``auto`` reads the log at
+        their rate,
             ``keep`` leaves every row, a number is that of the rows in a sample (see ``held``).
         join: files with more columns of the same experiment, ``LOG=FILE`` where there are several
             logs; they are brought onto the log's rows by time (see ``join``).
@@ -40,7 +41,7 @@ class ReadOptions:
         stamps: the clock of a bag's streams, one of ``STAMPS`` (see ``bags.clocks``).
         latency: what to do about streams of a bag that come late: ``remove``, or ``/topic=SECONDS``
             for each that is to be moved; they are said and kept unless given.
-        speed_of: outputs that are positions and are read as the speed between their readings.
+        speed_of: outputs that are positions and are read as the speed between their measurements.
 
     Raises:
         UsageError: an option cannot be.

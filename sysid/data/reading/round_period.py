@@ -1,4 +1,4 @@
-"""The round sample time behind stamps that were written with few digits."""
+"""Round sample time of stamps that were written with few digits."""
 
 import numpy as np
 
@@ -7,8 +7,8 @@ from sysid.data.record import Array
 STAMP_UNITS = (86400.0, 3600.0, 60.0, 1.0)
 """Units of stamps [s] that are longer than a second, or one: shorter ones end in a decimal too."""
 COARSEST = 0.2
-"""A last digit beyond this share of the sample time rounds too much to tell a period."""
-FEWEST_STAMPS = 10
+"""A last digit beyond this share of the sample time is too coarse to find a period."""
+MIN_STAMPS = 10
 """Fewer stamps agree with several periods."""
 
 
@@ -27,7 +27,7 @@ def last_digit(t: Array, dt: float) -> float:
 
 
 def round_period(t: Array, dt: float) -> float:
-    """A sample time T of two digits near ``dt`` if every stamp tells it to its last digit.
+    """A sample time T of two digits near ``dt`` if every stamp agrees with it to its last digit.
 
     |t_k − t_0 − n_k T| ≤ q for all k, with n_k whole and q the step of the last digit; else dt.
 
@@ -36,7 +36,7 @@ def round_period(t: Array, dt: float) -> float:
         dt: their usual or mean step [s].
     """
     period = float(f"{dt:.2g}")
-    if len(t) < FEWEST_STAMPS or period == dt or not period > 0.0:
+    if len(t) < MIN_STAMPS or period == dt or not period > 0.0:
         return dt
     if abs(period - dt) > COARSEST * dt:
         return dt

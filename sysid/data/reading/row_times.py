@@ -1,4 +1,4 @@
-"""When each row of a log was written: from its time column, a counter of rows, or ``ts`` alone."""
+"""Instant of each row of a log, from its time column, a counter of rows, or ``ts`` alone."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,7 +19,7 @@ from sysid.data.record import Array
 from sysid.errors import DataError, argument
 
 SAME_STEP = 0.01
-"""A sample time by option and one by the time column within this fraction of each other agree."""
+"""Relative difference within which the sample times of option and time column agree."""
 
 
 def column_reader(table: Table) -> Read:
@@ -65,16 +65,16 @@ def row_times(
         DataError: a stamp is missing or is none.
         UsageError: the unit asked for the time column is none of time.
     """
-    found = _row_times(table, column, units, ts, numbers)
+    clock = _row_times(table, column, units, ts, numbers)
     if column is None or column.over is None:
-        return found
+        return clock
     text = (
-        f"{table.where}: the time is {column.name}, the sender's own stamp; {column.over}, when "
-        "the message was recorded, was left aside."
+        f"{table.where}: the time is {column.name}, the sender's stamp; {column.over}, the time of "
+        "recording, was not used."
     )
-    advice = f"To go by the recorder's clock say {argument(time=column.over)}."
+    advice = f"To use the recorder's clock give {argument(time=column.over)}."
     note = Finding("time-unit", Severity.NOTE, text, advice, record=table.where)
-    return replace(found, findings=(*found.findings, note))
+    return replace(clock, findings=(*clock.findings, note))
 
 
 def _row_times(
@@ -87,7 +87,7 @@ def _row_times(
     where = table.where
     if column is None:
         every: Array = np.arange(len(table), dtype=np.float64) * (ts or table.interval or 1.0)
-        return Clock(every, 0.0, _untold(ts, table))
+        return Clock(every, 0.0, _unknown_sample_time(ts, table))
     given = next((u for n, u in units.items() if n.lower() == column.name.lower()), None)
     dates = table.dates(column.name)
     if dates is not None:
@@ -109,13 +109,15 @@ def _row_times(
         counts = instants(raw, column, 1.0, where, place).t if column.by_name else raw
         step = median_step(counts)
         each = ts or table.interval or 1.0
-        return Clock((counts - counts[0]) / step * each, 0.0, _untold(ts, table, column))
+        return Clock(
+            (counts - counts[0]) / step * each, 0.0, _unknown_sample_time(ts, table, column)
+        )
     bracket = dict(zip(table.names, table.units, strict=True)).get(column.name, "")
     unit = stated_unit(column, bracket, given)
     if unit is None and ts is not None:
         unit = 1.0  # the option says what a step is; the column only says which rows are missing
-        found = instants(raw, column, unit, where, table.place)
-        return _scaled(found, column, ts, where, raw)
+        clock = instants(raw, column, unit, where, table.place)
+        return _scaled(clock, column, ts, where, raw)
     return _checked(instants(raw, column, unit, where, table.place), column, ts, where)
 
 
@@ -125,39 +127,39 @@ def median_step(t: Array) -> float:
     return step if step > 0 else 1.0
 
 
-def _scaled(found: Clock, column: TimeColumn, ts: float, where: str, raw: Array) -> Clock:
-    """Stamps of an untold unit under a sample time by option."""
-    step = median_step(found.t)
+def _scaled(clock: Clock, column: TimeColumn, ts: float, where: str, raw: Array) -> Clock:
+    """Stamps of unknown unit under a sample time by option."""
+    step = median_step(clock.t)
     for unit in (1.0, 1e-3, 1e-6, 1e-9):
         if abs(step * unit / ts - 1.0) <= SAME_STEP:
-            return Clock(found.t * unit, found.origin * unit, found.findings)
-    return _checked(found, column, ts, where)
+            return Clock(clock.t * unit, clock.origin * unit, clock.findings)
+    return _checked(clock, column, ts, where)
 
 
-def _checked(found: Clock, column: TimeColumn, ts: float | None, where: str) -> Clock:
-    """The clock, or ``ts`` where the two contradict each other, aloud."""
-    step = median_step(found.t)
+def _checked(clock: Clock, column: TimeColumn, ts: float | None, where: str) -> Clock:
+    """The clock, or ``ts`` with a warning where the two contradict each other."""
+    step = median_step(clock.t)
     if ts is None or abs(step / ts - 1.0) <= SAME_STEP:
-        return found
+        return clock
     text = (
         f"{where}: column {column.name} says {step:.4g} s between samples, `ts` says {ts:g} s; "
         "`ts` was used."
     )
-    advice = "Leave `ts` out if the time column is right."
+    advice = "Omit `ts` if the time column is right."
     note = Finding("sample-time", Severity.WARNING, text, advice, record=where)
-    return Clock(found.t / step * ts, found.origin, (*found.findings, note))
+    return Clock(clock.t / step * ts, clock.origin, (*clock.findings, note))
 
 
-def _untold(
+def _unknown_sample_time(
     ts: float | None, table: Table, column: TimeColumn | None = None
 ) -> tuple[Finding, ...]:
-    """What to say where no column tells the time: nothing if the option does."""
+    """Warning where no column states the time; none where the option does."""
     where = table.where
     if ts is not None:
         return ()
     if table.interval is not None:
-        text = f"{where}: the title above the header says one row every {table.interval:.6g} s."
-        advice = "If that is not so, give the sample time in seconds with `ts`."
+        text = f"{where}: the title above the header states one row every {table.interval:.6g} s."
+        advice = "If that is wrong, give the sample time in seconds with `ts`."
         return (Finding("sample-time", Severity.NOTE, text, advice, record=where),)
     counts, unit = "", ""
     if column is not None:
@@ -167,8 +169,8 @@ def _untold(
         Finding(
             "sample-time",
             Severity.WARNING,
-            f"{where} does not tell its sample time{counts}: it was set to 1 s, so every time "
-            "below counts samples.",
+            f"{where} has no sample time{counts}; it was set to 1 s, so every time below counts "
+            "samples.",
             f"Give the sample time in seconds with `ts`{unit}.",
             record=where,
         ),

@@ -1,4 +1,4 @@
-"""A log file as named columns of numbers: plain CSV by NumPy, what is odd and Parquet by pandas."""
+"""A log file as named columns of numbers: plain CSV by NumPy, other text and Parquet by pandas."""
 
 import io
 import re
@@ -88,7 +88,7 @@ class Table:
 
     @property
     def interval(self) -> float | None:
-        """Time between two rows [s] that a title above the header tells, None without."""
+        """Time between two rows [s] that a title above the header states, None without."""
         return self.source.interval if isinstance(self.source, Layout) else None
 
     def __len__(self) -> int:
@@ -111,11 +111,11 @@ class Table:
             DataError: a cell is no number, or is infinite; line, column and text are named.
         """
         index = [self.names.index(n) for n in names if n not in self.extra]
-        own = np.empty((len(self), 0))
+        numbers = np.empty((len(self), 0))
         if index:
-            own = self._text(index) if isinstance(self.source, Layout) else self._frame(index)
+            numbers = self._text(index) if isinstance(self.source, Layout) else self._frame(index)
         values = np.empty((len(self), len(names)))
-        values[:, [n not in self.extra for n in names]] = own
+        values[:, [n not in self.extra for n in names]] = numbers
         for k, name in enumerate(names):
             if name in self.extra:
                 values[:, k] = self.extra[name]
@@ -126,8 +126,8 @@ class Table:
             value = values[row, column]
             what = "infinity" if np.isinf(value) else f"{value:g}"
             raise DataError(
-                f"{self.place(int(row))}, column {names[column]}: {what} is no measurement; "
-                "mend or delete that line"
+                f"{self.place(int(row))}, column {names[column]}: {what} is not a valid "
+                "number; correct or delete that line"
             )
         return values
 
@@ -157,13 +157,13 @@ class Table:
                 return None
             stamp = pd.api.types.is_datetime64_any_dtype(frame)
             cells = [c.isoformat() if stamp else str(c) for c in frame]
-        found = seconds_of(cells)
-        if isinstance(found, int):
+        parsed = seconds_of(cells)
+        if isinstance(parsed, int):
             raise DataError(
-                f"{self.place(found)}, column {name}: {cells[found]!r} is no date written as the "
-                f"first one, {cells[0]}; mend or delete that line"
+                f"{self.place(parsed)}, column {name}: {cells[parsed]!r} is not a date written "
+                f"like the first one, {cells[0]}; correct or delete that line"
             )
-        return found
+        return parsed
 
     def _text(self, index: list[int]) -> Array:
         layout = self.source
@@ -226,7 +226,7 @@ class Table:
 
     def switches(self, names: Sequence[str]) -> dict[str, str]:
         """The columns of these that hold a switch's words -> the words, as ``OFF = 0, ON = 1``."""
-        found: dict[str, str] = {}
+        words_of_column: dict[str, str] = {}
         for name in (n for n in names if n not in self.extra):
             column = self.names.index(name)
             if isinstance(self.source, Layout):
@@ -244,8 +244,8 @@ class Table:
             if _states(texts) is not None:
                 stated = {t: STATES[t.lower()] for t in texts if t.lower() in STATES}
                 words = sorted(stated.items(), key=lambda pair: pair[1])
-                found[name] = ", ".join(f"{word} = {value:g}" for word, value in words)
-        return found
+                words_of_column[name] = ", ".join(f"{word} = {value:g}" for word, value in words)
+        return words_of_column
 
     def _not_a_number(self, index: list[int]) -> str:
         """Name the first cell that is no number."""
@@ -258,17 +258,17 @@ class Table:
                 number = text.replace(",", ".") if layout.decimal == "," else text
                 if text.lower() in MISSING or _is_number(number):
                     continue
-                hint = "mend or delete that line"
+                hint = "correct or delete that line"
                 if re.fullmatch(r"[+-]?\d+,\d+", text):
-                    hint = "it looks like a decimal comma: say so with the decimal option"
+                    hint = "it looks like a decimal comma; give the decimal option"
                 elif re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?", text):
-                    hint = "thousands separators are not read: write the log without them"
+                    hint = "thousands separators are not supported; write the log without them"
                 elif row == 0 and re.fullmatch(r"\[?[A-Za-zµ°%][\w/^·* .-]{0,9}\]?", text):
                     hint = "write numbers below the header (units go into the column names: u_V)"
                 shown = text if len(text) <= 40 else text[:37] + "…"
                 name = self.names[column]
-                return f"{self.place(row)}, column {name}: {shown!r} is no number; {hint}"
-        return f"{self.where} holds a cell that is no number; write it again as plain CSV"
+                return f"{self.place(row)}, column {name}: {shown!r} is not a number; {hint}"
+        return f"{self.where} holds a cell that is not a number; write it again as plain CSV"
 
     def _frame(self, index: list[int]) -> Array:
         import pandas as pd
@@ -290,8 +290,8 @@ class Table:
             if len(lost):
                 text = str(column.iloc[lost[0]])[:40]
                 raise DataError(
-                    f"{self.place(int(lost[0]))}, column {self.names[i]}: {text!r} is no number; "
-                    "mend that row"
+                    f"{self.place(int(lost[0]))}, column {self.names[i]}: {text!r} is not a "
+                    "number; correct that row"
                 )
             parts.append(numbers.to_numpy(dtype=np.float64, na_value=np.nan))
         return np.column_stack(parts)
@@ -304,7 +304,7 @@ def read_table(
 
     Args:
         data: the whole file.
-        where: its name, for messages and to tell Parquet by ``.parquet`` or ``.pq``.
+        where: its name, for messages and to recognise Parquet by ``.parquet`` or ``.pq``.
         delimiter, decimal: None to find them.
 
     Raises:
@@ -339,11 +339,11 @@ def read_table(
     if isinstance(source, Layout) and any(source.units):
         units = tuple(u or below for u, below in zip(units, source.units, strict=True))
         stated = ", ".join(f"{n} in {u}" for n, u in zip(names, source.units, strict=True) if u)
-        notes += (f"{where}: a line beside the header tells the units: {stated}.",)
+        notes += (f"{where}: units from a line next to the header: {stated}.",)
     if isinstance(source, Layout) and any(source.in_cells):
-        units = tuple(own or u for own, u in zip(source.in_cells, units, strict=True))
+        units = tuple(in_cell or u for in_cell, u in zip(source.in_cells, units, strict=True))
         stated = ", ".join(f"{n} in {u}" for n, u in zip(names, source.in_cells, strict=True) if u)
-        notes += (f"{where}: the units stand behind the numbers: {stated}.",)
+        notes += (f"{where}: units from behind the numbers: {stated}.",)
     return Table(where, names, units, notes, source)
 
 

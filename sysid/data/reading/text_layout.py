@@ -1,4 +1,4 @@
-"""How a text log is laid out: encoding, header, delimiter, decimal sign, lines with data."""
+"""Layout of a text log: encoding, header, delimiter, decimal sign, data lines."""
 
 import re
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ class Layout:
         lines: line number of each data line in the file, counted from 1.
         notes: what a person should know about the reading.
         units: cells of a row of units below the header, as many as names; empty cells without.
-        interval: time between two rows [s] that a title tells, None without.
+        interval: time between two rows [s] that a title states, None without.
         in_cells: the unit behind every number of a column, as many as names; empty without.
     """
 
@@ -88,14 +88,14 @@ def _lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line and not line.isspace()]
     if not numbered:
         raise DataError(f"{where} is empty; a log needs a header row and rows of numbers")
-    found = find_header(numbered)
-    first, header = found.line[0], found.line[1].strip("\ufeff").lstrip(" ")
-    rows, numbers = [line for _, line in found.body], [i for i, _ in found.body]
-    notes += tuple(f"{where}: {note}." for note in found.notes)
+    header_parts = find_header(numbered)
+    first, header = header_parts.line[0], header_parts.line[1].strip("\ufeff").lstrip(" ")
+    rows, numbers = [line for _, line in header_parts.body], [i for i, _ in header_parts.body]
+    notes += tuple(f"{where}: {note}." for note in header_parts.notes)
 
     sep = cut = _delimiter(header, rows[:20], delimiter)
     if sep == "," and decimal != "." and _quoted_commas(rows[:200]):
-        # a comma between cells and inside the numbers: only the quotes tell them apart
+        # a comma between cells and inside the numbers: only the quotes distinguish them
         header, *rows = ["\t".join(cells_of(line, ",")) for line in (header, *rows)]
         sep, decimal = "\t", ","
     names = tuple(c.strip() for c in cells_of(header, sep))
@@ -106,19 +106,23 @@ def _lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None
         )
     if not rows:
         raise DataError(f"{where} has a header but no rows of numbers; record the log again")
-    rows, behind = _without_units(rows, numbers, sep, names, where)
+    rows, units_in_cells = _without_units(rows, numbers, sep, names, where)
     point = decimal or _decimal(rows, sep)
     if point not in (".", ","):
         raise UsageError(f"the decimal sign must be '.' or ',', got {point!r}")
     if point == sep:
         raise UsageError(f"delimiter and decimal sign cannot both be {sep!r}; give another one")
     names, rows, numbers, more = _even_out(names, rows, numbers, sep, where, complete)
-    units = () if found.units is None else tuple(map(bare_unit, cells_of(found.units, cut)))
+    units = (
+        ()
+        if header_parts.units is None
+        else tuple(map(bare_unit, cells_of(header_parts.units, cut)))
+    )
     units = (*units, *[""] * len(names))[: len(names)]
-    in_cells = tuple(behind.get(i, "") for i in range(len(names)))
+    in_cells = tuple(units_in_cells.get(i, "") for i in range(len(names)))
     notes = (*notes, *more)
     return Layout(
-        names, sep, point, DataLines(rows), numbers, notes, units, found.interval, in_cells
+        names, sep, point, DataLines(rows), numbers, notes, units, header_parts.interval, in_cells
     )
 
 
@@ -171,14 +175,14 @@ def _decode(data: bytes, where: str) -> tuple[str, tuple[str, ...]]:
     if b"\0" in data:
         if _looks_wide(data):
             raise DataError(f"{where} looks like UTF-16 text without its mark; save it as UTF-8")
-        raise DataError(f"{where} is no text: it holds zero bytes; give a CSV or Parquet log")
+        raise DataError(f"{where} is not text (it holds zero bytes); give a CSV or Parquet log")
     try:
         return data.decode("utf-8-sig"), ()
     except UnicodeDecodeError as error:
         head = data[:4096]
         odd = sum(b < 9 or 13 < b < 32 for b in head)
         if odd > 0.02 * len(head):
-            raise DataError(f"{where} is no text but binary; give a CSV or Parquet log") from None
+            raise DataError(f"{where} is binary; give a CSV or Parquet log") from None
         line = data[: error.start].count(b"\n") + 1
         note = f"{where} is not UTF-8 (line {line}); read as Latin-1."
         return data.decode("latin-1"), (note,)
@@ -270,7 +274,7 @@ def _even_out(
             )
             raise DataError(
                 f"{where}, line {line} has {_n(count, 'cell')} where the header has {wanted}"
-                f"{hint}; mend or delete that line"
+                f"{hint}; correct or delete that line"
             )
     return names, rows, numbers, notes
 

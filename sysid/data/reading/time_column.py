@@ -1,4 +1,4 @@
-"""Which column of a log is its time: by name, else a first column that rises steadily."""
+"""Find the time column of a log: by name, else a first column that increases steadily."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -86,8 +86,8 @@ _BESIDE = frozenset(
 )
 """Words that may stand beside those in the name of a time column."""
 
-FEWEST = 10
-"""Rows from which a column without a telling name may be taken for the time."""
+MIN_ROWS = 10
+"""Rows needed to take a column for the time by its values alone."""
 STEADY = 0.8
 """Share of a clock's steps that lie within half of the usual one; most signals fail this."""
 RISING = 0.9
@@ -96,7 +96,7 @@ RISING = 0.9
 
 @dataclass(frozen=True)
 class TimeColumn:
-    """The column that tells the time of every row.
+    """The column with the time of every row.
 
     Attributes:
         name: the column.
@@ -177,7 +177,7 @@ def find_time(
         read: reads a column; None to go by names alone.
         skip: columns asked for as signals.
         by_steps: whether a first column may be the time by its steps alone; not where the
-            sample time is known, and a column that stands still then tells nothing either.
+            sample time is known, and a column that stands still then states nothing either.
     """
     free = [n for n in names if n not in skip]
     named = [n for n in free if is_time(n)]
@@ -233,8 +233,8 @@ def _with_fraction(named: Sequence[str], read: Read | None) -> TimeColumn | None
 def _of_sender(named: Sequence[str], read: Read) -> TimeColumn | None:
     """The stamp in a message's header where the plainest time is when the recorder received it.
 
-    It is the moment of the reading, without the jitter of the way; taken where it is complete and
-    rises in every row.
+    It is the moment of the measurement, without the jitter of the way; taken where it is complete
+    and rises in every row.
     """
     if {"header", "stamp"} <= set(words(named[0])):
         return None
@@ -266,7 +266,7 @@ def _rises(column: Array | None) -> bool:
 
 
 def _steady(column: Array) -> bool:
-    if len(column) < FEWEST or not np.all(np.isfinite(column)) or not _rises(column):
+    if len(column) < MIN_ROWS or not np.all(np.isfinite(column)) or not _rises(column):
         return False
     d = np.diff(column)
     usual = float(np.median(d))

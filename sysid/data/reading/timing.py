@@ -1,4 +1,4 @@
-"""The time column: is it a uniform grid, and if not, can the samples be brought onto one."""
+"""Uniform grids: check that the instants form one, and resample where they do not."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from sysid.errors import DataError, UsageError
 
 ResamplePolicy = Literal["auto", "hold", "refuse", "fill", "split"]
 """auto: even out jitter and gaps of a few samples; hold: so, and an output cell that is empty is
-the last reading again; refuse: only a uniform grid will do;
+the last measurement again; refuse: only a uniform grid will do;
 fill: interpolate over gaps of any length; split: cut at gaps into several experiments."""
 
 POLICIES: tuple[str, ...] = get_args(ResamplePolicy)
@@ -93,7 +93,7 @@ def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Gri
     dt = float(d[inside].sum() / max((np.count_nonzero(inside) + missing[inside].sum()), 1))
     if not 1e-9 <= dt <= 1e9:
         raise DataError(
-            f"{where}: samples {dt:.3g} s apart are not credible; check the time column"
+            f"{where}: a sample time of {dt:.3g} s is not credible; check the time column"
         )
     dt = float(f"{dt:.12g}")  # 0.0999999… of a mean over printed tenths is 0.1
     dt = round_period(t, dt)
@@ -146,10 +146,10 @@ def onto_grid(t: Array, dt: float, u: Array, y: Array) -> tuple[Array, Array]:
     y_new = np.column_stack([np.interp(k, at, column) for column in y.T])
     if at is nearest:
         return u[np.searchsorted(at, k, side="right") - 1], y_new
-    return held_means(at, u, np.append(k, float(count))), y_new
+    return zero_order_hold_means(at, u, np.append(k, float(count))), y_new
 
 
-def held_means(at: Array, u: Array, edges: Array) -> Array:
+def zero_order_hold_means(at: Array, u: Array, edges: Array) -> Array:
     """Means of a held signal between edges that are a unit apart, (M, nu).
 
     Args:
@@ -171,27 +171,27 @@ def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> t
         return ()
     i = int(bad[0])
     if np.all(d < 0):
-        raise DataError(f"{where}: time runs backward all along; sort the rows by time")
+        raise DataError(f"{where}: time decreases throughout; sort the rows by time")
     if not np.any(d > 0) or np.count_nonzero(d == 0) > len(d) // 3:
         raise DataError(
-            f"{place(i + 1)}: time stands still at {t[i]:.9g} (as {np.count_nonzero(d == 0)} rows "
+            f"{place(i + 1)}: time stays at {t[i]:.9g} (as {np.count_nonzero(d == 0)} rows "
             "do); log it with more digits, or give the sample time with `ts`"
         )
     if d[i] == 0:
         raise DataError(
-            f"{place(i + 1)}: time {t[i]:.9g} is there twice; delete one of the two lines"
+            f"{place(i + 1)}: time {t[i]:.9g} appears twice; delete one of the two lines"
         )
     back = np.flatnonzero(d < 0)
     restarts = np.abs(t[back + 1] - t[0]) <= 2.0 * np.median(np.abs(d))
     if policy == "split" and not np.any(d == 0):
         return tuple(int(j) for j in back)
     hint = (
-        "it holds several logs: `resample='split'` makes an experiment of each"
+        "the file holds several logs; `resample='split'` makes an experiment of each"
         if restarts.all()
         else "sort the rows or delete that line"
     )
     raise DataError(
-        f"{place(i + 1)}: time does not increase, it goes from {t[i]:.9g} to {t[i + 1]:.9g}; {hint}"
+        f"{place(i + 1)}: time does not increase; it goes from {t[i]:.9g} to {t[i + 1]:.9g}; {hint}"
     )
 
 
@@ -220,7 +220,7 @@ def _jitter(d: Array, dt: float, policy: ResamplePolicy, where: str) -> Finding:
         "jitter",
         Severity.WARNING if rms > 3 else Severity.NOTE,
         f"{seen} s; it was resampled onto a uniform grid.",
-        "Log at a fixed rate where you can: interpolation smooths the fastest part of the signals.",
+        "Log at a fixed rate if possible: interpolation smooths the fastest part of the signals.",
         record=where,
     )
 
@@ -256,7 +256,7 @@ def _gap_findings(
             "gaps",
             Severity.WARNING,
             seen + did,
-            "Look for what kept the logger from writing; interpolated samples hold no information.",
+            "Find out what kept the logger from writing; interpolated samples hold no information.",
             record=where,
         )
     ]

@@ -1,1 +1,1 @@
-"""Hand-written YAML files: their values, the lines these stand on, and what is wrong in words."""
+"""Hand-written YAML files: values with line numbers, and errors as sentences."""

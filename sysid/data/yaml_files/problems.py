@@ -1,4 +1,4 @@
-"""What is wrong with a hand-written file, in words: one sentence with its line."""
+"""Errors in a hand-written file, each as one sentence with its line."""
 
 import difflib
 from collections.abc import Callable, Sequence

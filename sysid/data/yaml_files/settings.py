@@ -1,4 +1,4 @@
-"""A section of a hand-written file: keys with types and bounds, checked, never changed."""
+"""Base class of the sections of a hand-written file: typed, bounded, immutable keys."""
 
 from typing import Annotated, Any
 

@@ -1,4 +1,4 @@
-"""Reading a small YAML file into plain values while remembering the line of every one of them."""
+"""Read a small YAML file into plain values, with the line of each."""
 
 import re
 from dataclasses import dataclass
@@ -116,7 +116,7 @@ def _text(path: Path, name: str) -> str:
             raise DataError(f"{name} is larger than 100 kB: this is not a hand-written YAML file")
         return path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:
-        raise DataError(f"there is no file {path}: check the name and the folder") from None
+        raise DataError(f"file not found: {path}: check the name and the folder") from None
     except UnicodeDecodeError as error:
         raise DataError(
             f"{name} is not a text file (byte {error.start} is not UTF-8): save it as UTF-8 text"
@@ -133,10 +133,12 @@ def _refuse_excess(text: str, name: str) -> None:
         mark = event.start_mark
         line = 1 if mark is None else mark.line + 1
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-            raise DataError(f"{name}:{line}: anchors and aliases are not read: write the value out")
+            raise DataError(
+                f"{name}:{line}: anchors and aliases are not supported: write the value out"
+            )
         tag = getattr(event, "tag", None)
         if tag is not None:
-            raise DataError(f"{name}:{line}: the tag {tag} is not read: remove it")
+            raise DataError(f"{name}:{line}: the tag {tag} is not supported: remove it")
         depth += isinstance(event, yaml.CollectionStartEvent)
         depth -= isinstance(event, yaml.CollectionEndEvent)
         if depth > DEEPEST:
@@ -160,7 +162,7 @@ def _plain(
             raise DataError(f"{name}:{line}: a key must be a word: write key: value")
         if key in values:
             raise DataError(
-                f"{name}:{line}: the key {key!r} stands here a second time, first in line "
+                f"{name}:{line}: the key {key!r} appears a second time, first in line "
                 f"{lines[(*place, key)]}: keep one of them"
             )
         lines[(*place, key)] = line

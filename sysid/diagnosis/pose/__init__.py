@@ -1,1 +1,1 @@
-"""Effects that only the pose shows."""
+"""Effects between tracks and ground, which only the pose shows."""

@@ -1,4 +1,4 @@
-"""Naming what is missing between the tracks and the ground, from logs that hold the pose.
+"""Diagnosis of what is missing between tracks and ground, from logs with a pose.
 
 Errors of the motors do not leak in: the *measured* wheel speeds drive the vehicle, and increments
 of its pose over two seconds are compared, so that nothing accumulates.
@@ -8,7 +8,7 @@ of its pose over two seconds are compared, so that nothing accumulates.
 Effects come one at a time, the best first, while the rule of acceptance of ``evidence`` holds, and
 an earlier one goes again when a later one has made it needless. Some explanations compete with the
 effects without being any: another radius of both tracks, speed sensors that do not read zero at
-rest, and readings of the pose, or of its heading, that come late.
+rest, and measurements of the pose, or of its heading, that come late.
 """
 
 import math
@@ -21,12 +21,7 @@ from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import Gap
 from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.policies import POSE, RULE
-from sysid.diagnosis.pose.evidence import (
-    PoseResiduals,
-    held_pairs,
-    pose_gap,
-    pose_residuals,
-)
+from sysid.diagnosis.pose.evidence import PoseResiduals, holdout_pairs, pose_gap, pose_residuals
 from sysid.diagnosis.pose.growth import Step, allowed, grown
 from sysid.diagnosis.pose.words import sentence_of, warnings_of
 from sysid.effects.catalogue import effect
@@ -56,21 +51,21 @@ from sysid.estimation.vehicle.windows import (
 )
 from sysid.vehicle.kinematics import Geometry
 
-FEWEST = 6
+MIN_WINDOWS = 6
 """Windows that each part must hold."""
 
-FEWEST_RECORDS = 4
+MIN_RECORDS = 4
 """From so many records on they are parted as a whole, which loses no window to a border; two each,
 so that none stands for its part alone."""
 
-JUDGING = 0.25
-"""Share of all windows that the part which judges must hold, where there are records to choose
+MIN_HOLDOUT_SHARE = 0.25
+"""Share of all windows that the held-out part must hold, where there are records to choose
 from: a vehicle that starts hard once a mission shows in a single one whether it slips then by
 chance only."""
 
-FEWEST_TURNS = 0.1
-"""Share of all turning that the records that judge must hold: a mission turns where it begins, and
-a straight way to the goal does not tell what that turn was worth."""
+MIN_TURN_SHARE = 0.1
+"""Share of all turning that the held-out records must hold: a mission turns where it begins, and
+a straight way to the goal does not show the gain of that turn."""
 
 BESIDE = 0.005
 """Share of a length that is uncertain at least where it is fitted together with effects: noise of
@@ -85,17 +80,17 @@ class PoseDiagnosis:
 
     Attributes:
         effects: accepted effects in order of acceptance.
-        ground: the same with their numbers, for a model.
+        ground: the same with their parameters, for a model.
         std_errors: effect → parameter → standard error of the left and the right track, (2,);
-            0 where a number was not free.
+            0 where a parameter was not free.
         candidates: (effect, score) of every one at the first stage, best first; the score is the
             share of the error of the increments that it takes away.
         gap: held-out increments x, y (forward, lateral [m]) and psi [rad] before and after, over
             the windows that the effects move.
         whole: the same over all held-out windows.
         residuals: what the increments are still off by.
-        detectable: per effect the smallest change of its number that these logs would have shown;
-            None where they cannot.
+        detectable: per effect the smallest change of its parameter that these logs would have
+            shown; None where they cannot.
         windows: windows (estimation, held-out); they overlap fourfold.
         warnings: sentences.
         geometry: the vehicle's lengths, where they had to be estimated from the pose.
@@ -115,13 +110,13 @@ class PoseDiagnosis:
 
 
 def diagnose_pose(
-    estimation: Sequence[Record], held: Sequence[Record], geometry: Geometry | None = None
+    estimation: Sequence[Record], holdout: Sequence[Record], geometry: Geometry | None = None
 ) -> PoseDiagnosis | None:
     """Name effects of the vehicle stage.
 
     Args:
-        estimation: records that numbers are estimated on.
-        held: records that judge; where they hold too few windows, or hardly a turn, all records,
+        estimation: records that parameters are estimated on.
+        holdout: held-out records; where they hold too few windows, or hardly a turn, all records,
             or stretches of them, estimate and judge in turn.
         geometry: lengths of the vehicle. Unless given, those of the thesis's robot, or estimated
             together with the effects where the pose contradicts those; what only another radius or
@@ -133,7 +128,7 @@ def diagnose_pose(
     channels = track_channels(estimation[0])
     if channels is None:
         return None
-    parts = _parted(estimation, held, channels)
+    parts = _parted(estimation, holdout, channels)
     if parts is None:
         return None
     tracks, others = parts
@@ -142,11 +137,15 @@ def diagnose_pose(
     estimate = contradicted(every, Geometry()) if geometry is None else None
     known = geometry is not None
     geometry = estimate.geometry if estimate is not None else geometry or Geometry()
-    found = _diagnosed(tracks, others, geometry, estimate, known)
-    if estimate is not None and found.geometry is not None and not found.geometry.contradicts:
+    diagnosis = _diagnosed(tracks, others, geometry, estimate, known)
+    if (
+        estimate is not None
+        and diagnosis.geometry is not None
+        and not diagnosis.geometry.contradicts
+    ):
         # what is missing explains it: beside the effects the lengths are those assumed
-        found = _diagnosed(tracks, others, estimate.assumed, None, known)
-    return replace(found, warnings=(*changed, *found.warnings))
+        diagnosis = _diagnosed(tracks, others, estimate.assumed, None, known)
+    return replace(diagnosis, warnings=(*changed, *diagnosis.warnings))
 
 
 def _diagnosed(
@@ -173,7 +172,7 @@ _Found = tuple[PoseSearch, Fitted, list[Step], Fitted, tuple[tuple[str, float], 
 
 
 def _searched(search: PoseSearch) -> _Found:
-    """(search, before, after, steps, ranking); what the steps leave is told beside them."""
+    """(search, before, after, steps, ranking); the remaining error is reported beside the steps."""
     base = search.fit(())
     return search, base, *grown(search, base)
 
@@ -184,22 +183,24 @@ def _beyond(final: Fitted, noise: Noise) -> Array:
     Speeds that change between samples, or noise with a memory, are in no reading's third
     differences. A channel that holds more than its noise must not outweigh the others.
     """
-    left = np.concatenate([*final.errors.estimation, *final.errors.held])
-    return np.asarray(noise.floor**2 * np.maximum(np.mean(left**2, axis=0) - 1.0, 0.0))
+    residuals = np.concatenate([*final.errors.estimation, *final.errors.holdout])
+    return np.asarray(noise.floor**2 * np.maximum(np.mean(residuals**2, axis=0) - 1.0, 0.0))
 
 
 _Parts = tuple[tuple[Track, ...], tuple[Track, ...]]
 
 
 def _parted(
-    estimation: Sequence[Record], held: Sequence[Record], channels: tuple[int, int]
+    estimation: Sequence[Record], holdout: Sequence[Record], channels: tuple[int, int]
 ) -> _Parts | None:
-    """What estimates and what judges: as given, else record by record in turn, else stretch by
+    """Estimation and held-out part: as given, else record by record in turn, else stretch by
     stretch; None where there is too little in any way."""
-    both = (*estimation, *held)
-    given = tracks_of(estimation, channels), tracks_of(held, channels)
-    several = len(both) >= FEWEST_RECORDS
-    if _serves(given) and not (several and _windows(given[1]) < JUDGING * _windows(sum(given, ()))):
+    both = (*estimation, *holdout)
+    given = tracks_of(estimation, channels), tracks_of(holdout, channels)
+    several = len(both) >= MIN_RECORDS
+    if _serves(given) and not (
+        several and _windows(given[1]) < MIN_HOLDOUT_SHARE * _windows(sum(given, ()))
+    ):
         return given
     if several:
         parts = tracks_of(both[::2], channels), tracks_of(both[1::2], channels)
@@ -208,14 +209,14 @@ def _parted(
     if _serves(given):
         return given
     parts = tracks_of(both, channels, 0), tracks_of(both, channels, 1)
-    return parts if _fewest(parts) >= FEWEST else None
+    return parts if _min_windows(parts) >= MIN_WINDOWS else None
 
 
 def _serves(parts: _Parts) -> bool:
-    return _fewest(parts) >= FEWEST and _turns_judged(parts) >= FEWEST_TURNS
+    return _min_windows(parts) >= MIN_WINDOWS and _turns_judged(parts) >= MIN_TURN_SHARE
 
 
-def _fewest(parts: _Parts) -> int:
+def _min_windows(parts: _Parts) -> int:
     return min(map(_windows, parts))
 
 
@@ -224,7 +225,7 @@ def _windows(part: Sequence[Track]) -> int:
 
 
 def _turns_judged(parts: _Parts) -> float:
-    """Share of the squared turns of all windows that those which judge hold."""
+    """Share of the squared turns of all windows in the held-out part."""
     first, second = (
         sum(float(np.sum(t.measured(Geometry())[:, 2] ** 2)) for t in part) for part in parts
     )
@@ -242,11 +243,11 @@ def _pose_diagnosis(
     ranking: tuple[tuple[str, float], ...],
     estimate: GeometryEstimate | None,
 ) -> PoseDiagnosis:
-    pairs = held_pairs(search, [s.candidate for s in steps])
-    beside = (*search.always, *(s.candidate for s in steps if not s.told))
+    pairs = holdout_pairs(search, [s.candidate for s in steps])
+    beside = (*search.always, *(s.candidate for s in steps if not s.claimed))
     floor = search.estimation.noise.floor
     return PoseDiagnosis(
-        effects=tuple(_named(s, final) for s in steps if s.told and s.candidate.id),
+        effects=tuple(_named(s, final) for s in steps if s.claimed and s.candidate.id),
         ground=ground_of(final.q, beside),
         std_errors=_std_errors(final, beside),
         candidates=ranking,
@@ -255,7 +256,7 @@ def _pose_diagnosis(
         detectable=_detectable(search, final),
         windows=(
             sum(len(e) for e in base.errors.estimation),
-            sum(len(e) for e in base.errors.held),
+            sum(len(e) for e in base.errors.holdout),
         ),
         residuals=pose_residuals(search, final),
         warnings=warnings_of(search, final, [(s.candidate, s.ties) for s in steps]),
@@ -264,7 +265,7 @@ def _pose_diagnosis(
 
 
 def _beside(estimate: GeometryEstimate, final: Fitted) -> GeometryEstimate:
-    """The lengths as fitted together with the effects; what the pose does not tell stays."""
+    """The lengths fitted together with the effects; undetermined ones are unchanged."""
     r, B = estimate.geometry.r, estimate.geometry.B
     at_radius, at_distance = radius_slot(), distance_slot()
     scale, turn = float(final.q[at_radius]), float(final.q[at_distance])
@@ -300,28 +301,28 @@ def _named(step: Step, final: Fitted) -> NamedEffect:
 
 
 def _std_errors(final: Fitted, always: Sequence[Candidate]) -> dict[str, dict[str, Array]]:
-    found: dict[str, dict[str, Array]] = {}
+    errors: dict[str, dict[str, Array]] = {}
     lengths = {k for c in always for k in c.slots}
     for k in final.free:
         slot = every_slot()[k]
         if slot.owner in (BOTH_RADII, SPEED_OFFSET) or k in lengths:
             continue
-        both = found.setdefault(slot.owner, {}).setdefault(slot.name, np.zeros(2))
+        both = errors.setdefault(slot.owner, {}).setdefault(slot.name, np.zeros(2))
         sides = [0, 1] if slot.side < 0 else [slot.side]
         both[sides] = final.std_error(k)
-    return found
+    return errors
 
 
 def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
     """Per effect the larger of two sizes: a few standard errors, and what lowers the error enough.
 
-    Both by linearisation at the model after; the second asks that the whitened error grows by
+    Both by linearisation at the augmented model; the second asks that the whitened error grows by
     1/``RULE.held_out`` where the effect is left out.
     """
     J = search.estimation.jacobian(final.q)
     r = search.estimation.residual(final.q)
     variance = float(np.mean(r**2))
-    found: dict[str, float | None] = {}
+    smallest: dict[str, float | None] = {}
     for c in every_candidate():
         first = every_slot()[c.slots[0]].name
         if not c.id or first != effect(c.id).parameters[0].name:
@@ -330,11 +331,11 @@ def _detectable(search: PoseSearch, final: Fitted) -> dict[str, float | None]:
         size: float | None = None
         # a length that is estimated hides it
         if power > 0 and c not in search.always and allowed(c, search, ()):
-            seen = POSE.shown * math.sqrt(variance / power)
+            seen = POSE.detectable_std_errors * math.sqrt(variance / power)
             needed = math.sqrt((RULE.held_out**-2 - 1.0) * variance * len(r) / power)
             slot = every_slot()[c.slots[0]]
             size = max(seen, needed)
             size = size if size < max(slot.upper - slot.null, slot.null - slot.lower) else None
-        if c.id not in found or (size or math.inf) > (found[c.id] or math.inf):
-            found[c.id] = size
-    return found
+        if c.id not in smallest or (size or math.inf) > (smallest[c.id] or math.inf):
+            smallest[c.id] = size
+    return smallest

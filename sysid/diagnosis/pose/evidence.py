@@ -1,4 +1,4 @@
-"""What speaks for an effect in increments of the pose, whose noise is known; and the proof."""
+"""Evidence for an effect in increments of the pose, whose noise is known; and the validation."""
 
 import math
 from collections.abc import Sequence
@@ -12,25 +12,21 @@ from sysid.diagnosis.gap import REPLICATES, ChannelGap, Gap
 from sysid.diagnosis.policies import POSE
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.effects.ground import Ground
-from sysid.estimation.vehicle.ground_fit import (
-    Candidate,
-    Fitted,
-    PoseProblem,
-    PoseSearch,
-)
+from sysid.estimation.vehicle.ground_fit import Candidate, Fitted, PoseProblem, PoseSearch
 from sysid.estimation.vehicle.windows import CHANNELS, OVERLAP
 from sysid.fitting.holdout import Errors
 
 
 def evidence_of(before: Fitted, after: Fitted, tried: int) -> Evidence:
-    """What speaks for the numbers that ``after`` has in addition, as in ``evidence``, but for this:
+    """What speaks for the parameters that ``after`` has in addition, as in ``evidence``, but for
+    this:
 
     The noise of an increment is known and an effect may show in the few windows of one turn, so
-    that neither blocks nor a coloured residual's sample size tell chance from effect. G, the fall
-    of the white squared error over both parts with numbers from the estimation part, is χ² with
-    one degree of freedom where nothing is there: its root is t, of as many degrees of freedom as
-    windows do not overlap, because no more tell how large the noise is. Blocks and held-out
-    error count the windows that the effect moves, and the channels: the turn does not tell of a
+    that neither blocks nor a coloured residual's sample size distinguish chance from effect. G, the
+    fall of the white squared error over both parts with parameters from the estimation part, is χ²
+    with one degree of freedom where nothing is there: its root is t, of as many degrees of freedom
+    as windows do not overlap, because no more determine the size of the noise. Blocks and held-out
+    error count the windows that the effect moves, and the channels: the turn does not show a
     vehicle that slides sideways.
     """
     from scipy.stats import t as student
@@ -90,7 +86,7 @@ def _of_moved_channels(pairs: Sequence[tuple[Array, Array]]) -> list[tuple[Array
 
 
 def _pairs(before: Errors, after: Errors) -> list[tuple[Array, Array]]:
-    old, now = (*before.estimation, *before.held), (*after.estimation, *after.held)
+    old, now = (*before.estimation, *before.holdout), (*after.estimation, *after.holdout)
     return list(zip(old, now, strict=True))
 
 
@@ -98,19 +94,19 @@ FEW_TOUCHED = 2 * OVERLAP
 """Fewer held-out windows that the effects move prove little: both parts then judge each other."""
 
 
-def held_pairs(search: PoseSearch, keys: Sequence[Candidate]) -> list[tuple[Array, Array]]:
-    """Errors of windows before and after, each judged by numbers that were not fitted on it.
+def holdout_pairs(search: PoseSearch, keys: Sequence[Candidate]) -> list[tuple[Array, Array]]:
+    """Errors of windows before and after, each judged by parameters that were not fitted on it.
 
     The held-out windows; where the effects move too few of them, those of the estimation part,
-    too, with numbers fitted on the held-out part.
+    too, with parameters fitted on the held-out part.
     """
     before, after = search.fit(()), search.fit(keys)
-    pairs = list(zip(before.errors.held, after.errors.held, strict=True))
+    pairs = list(zip(before.errors.holdout, after.errors.holdout, strict=True))
     if sum(int(t.sum()) for t in _touched(pairs)) >= FEW_TOUCHED:
         return pairs
-    turned = replace(search, estimation=search.held, held=search.estimation)
+    turned = replace(search, estimation=search.holdout, holdout=search.estimation)
     before, after = turned.fit(()), turned.fit(keys)
-    return pairs + list(zip(before.errors.held, after.errors.held, strict=True))
+    return pairs + list(zip(before.errors.holdout, after.errors.holdout, strict=True))
 
 
 def _touched(pairs: Sequence[tuple[Array, Array]]) -> list[NDArray[np.bool_]]:
@@ -127,7 +123,7 @@ def pose_gap(
     The interval is a bootstrap over groups of windows that overlap.
 
     Args:
-        pairs: errors before and after of each record (see ``held_pairs``).
+        pairs: errors before and after of each record (see ``holdout_pairs``).
         floor: noise of the increments, (3,).
         seed: of the bootstrap.
         everywhere: over all windows instead.
@@ -162,54 +158,55 @@ def pose_gap(
 
 @dataclass(frozen=True)
 class PoseResiduals:
-    """What increments of the pose are off by with the model after.
+    """What increments of the pose are off by with the augmented model.
 
     Attributes:
-        loud: channels off by several times their noise, and how many.
-        share: share of the held-out squared error of these that way, turn and heading foretell.
+        above_noise: channels off by several times their noise, and how many.
+        share: share of the held-out squared error of these that distance, turn and heading
+            predict.
     """
 
-    loud: dict[str, float]
+    above_noise: dict[str, float]
     share: float
 
     @property
     def structured(self) -> bool:
         """Whether something is missing."""
-        return self.share > POSE.structured
+        return self.share > POSE.min_predicted_share
 
     @property
     def sentence(self) -> str:
         """What it means, empty where the pose is off by little."""
-        if not self.loud:
+        if not self.above_noise:
             return ""
-        size = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in self.loud.items())
-        seen = f"Over two seconds the pose is still off by far more than its noise ({size})"
+        size = ", ".join(f"{name} {ratio:.1f} times" for name, ratio in self.above_noise.items())
+        seen = f"Over two seconds the pose error is far above its noise ({size})"
         if self.structured:
             return (
-                f"{seen}, and way, turn and heading foretell {100 * self.share:.0f} % of it: "
-                "between robot and ground something is missing that the catalogue does not hold."
+                f"{seen}. Distance, turn and heading predict {100 * self.share:.0f} % of it: "
+                "something between robot and ground is missing from the catalogue."
             )
         return (
-            f"{seen}, but way, turn and heading do not foretell it: a disturbance of pose or "
+            f"{seen}. Distance, turn and heading do not predict it: a disturbance of pose or "
             "speeds."
         )
 
 
 def pose_residuals(search: PoseSearch, final: Fitted) -> PoseResiduals:
     """Regress what is left on way, turn and heading: fitted on one part, judged on the other."""
-    held = np.concatenate(final.errors.held)
-    size = np.sqrt(np.mean(held**2, axis=0))
-    at = np.flatnonzero(size > POSE.loud)
-    loud = {CHANNELS[i]: float(size[i]) for i in at}
+    holdout = np.concatenate(final.errors.holdout)
+    size = np.sqrt(np.mean(holdout**2, axis=0))
+    at = np.flatnonzero(size > POSE.residual_to_noise)
+    above_noise = {CHANNELS[i]: float(size[i]) for i in at}
     if not len(at):
         return PoseResiduals({}, 0.0)
-    X, Z = (_known(problem) for problem in (search.estimation, search.held))
+    X, Z = (_known(problem) for problem in (search.estimation, search.holdout))
     scale = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-12)
     X, Z, Y = X / scale, Z / scale, np.concatenate(final.errors.estimation)
     gram = X.T @ X + 1e-2 * len(X) * np.eye(X.shape[1])
-    rest = held - Z @ np.linalg.solve(gram, X.T @ Y)
-    old, new = np.sum(held[:, at] ** 2, axis=0), np.sum(rest[:, at] ** 2, axis=0)
-    return PoseResiduals(loud, float(np.clip(np.max(1.0 - new / old), 0.0, 1.0)))
+    rest = holdout - Z @ np.linalg.solve(gram, X.T @ Y)
+    old, new = np.sum(holdout[:, at] ** 2, axis=0), np.sum(rest[:, at] ** 2, axis=0)
+    return PoseResiduals(above_noise, float(np.clip(np.max(1.0 - new / old), 0.0, 1.0)))
 
 
 def _known(problem: PoseProblem) -> Array:

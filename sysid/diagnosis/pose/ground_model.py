@@ -1,4 +1,4 @@
-"""From a diagnosis of the pose to an ordinary model: saved, exported and driven with its ground."""
+"""Models with effects between tracks and ground, as ordinary models."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -24,9 +24,9 @@ def with_ground(
 
     Args:
         model: an augmented model of two tracks without effects of the vehicle.
-        ground: effects and numbers, left and right.
-        std_errors: standard errors of these numbers, 0 where a number was not estimated; they
-            are taken as uncorrelated with all others, because other data (the pose) tell them.
+        ground: effects and parameters, left and right.
+        std_errors: standard errors of these parameters, 0 where a parameter was not estimated; they
+            are taken as uncorrelated with all others, because they come from other data (the pose).
         tracks: outputs of the left and of the right track.
 
     Raises:
@@ -68,7 +68,7 @@ def with_ground(
     )
 
 
-def without_readings(model: Model) -> Model:
+def without_sensor_effects(model: Model) -> Model:
     """The model of the wheels themselves: without effects that change what is read only."""
     old = model.structure
     if not isinstance(old, Augmented):

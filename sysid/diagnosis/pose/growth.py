@@ -1,4 +1,4 @@
-"""Effects between tracks and ground come one at a time, the best first, while the rule accepts.
+"""Forward selection of effects between tracks and ground, one at a time, the best first.
 
 An earlier one goes again when a later one has made it needless.
 """
@@ -32,14 +32,14 @@ class Step:
     Attributes:
         candidate: what it is.
         evidence: what speaks for it.
-        ties: what cannot be told from it.
-        told: whether it is claimed; not where it only stands beside the others.
+        ties: what cannot be distinguished from it.
+        claimed: whether it is reported; false where it only accompanies the others.
     """
 
     candidate: Candidate
     evidence: Evidence
     ties: tuple[Candidate, ...]
-    told: bool = True
+    claimed: bool = True
 
 
 Grown = tuple[list[Step], Fitted, tuple[tuple[str, float], ...]]
@@ -51,13 +51,13 @@ def grown(search: PoseSearch, base: Fitted) -> Grown:
     Turns on the spot fall short by slip as by another width, and which it is may show only beside
     what comes after: so the effects that tie with the first are tried in its place, too.
     """
-    found = _grown_from(search, base, "")
-    if not found[0]:
-        return found
-    first = found[0][0].candidate.id
+    best = _grown_from(search, base, "")
+    if not best[0]:
+        return best
+    first = best[0][0].candidate.id
     rivals = effect(first).ties if first else ()
     others = [_grown_from(search, base, id) for id in rivals]
-    return min([found, *(o for o in others if o[0])], key=lambda o: _score(o[1]))
+    return min([best, *(o for o in others if o[0])], key=lambda o: _score(o[1]))
 
 
 def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
@@ -72,7 +72,7 @@ def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
     steps: list[Step] = []
     ranking: tuple[tuple[str, float], ...] = ()
     current = base
-    while sum(s.told and bool(s.candidate.id) for s in steps) < POSE.most_effects:
+    while sum(s.claimed and bool(s.candidate.id) for s in steps) < POSE.most_effects:
         rivals = [c for c in every_candidate() if allowed(c, search, chosen)]
         fits = [(c, search.fit([*chosen, c], current)) for c in rivals]
         fits.sort(key=lambda item: _score(item[1]))
@@ -81,7 +81,7 @@ def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
         rated = judged(search, current, fits)
         if instead and not steps:
             rated = [p for p in rated if p[0].id == instead]
-        passed = [p for p in rated if _stands(*p, search, chosen)]
+        passed = [p for p in rated if _is_acceptable(*p, search, chosen)]
         if not passed:
             room = POSE.most_effects - len(steps) >= 2  # both of the pair
             pair = together(search, current, rated, chosen) if room else None
@@ -95,7 +95,8 @@ def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
         close = [
             (c, f, e)
             for c, f, e in passed
-            if apart(first[1], f) < POSE.tied or e.t**2 >= POSE.same_gain * first[2].t ** 2
+            if apart(first[1], f) < POSE.tie_std_errors
+            or e.t**2 >= POSE.same_gain * first[2].t ** 2
         ]
         best, fitted, evidence = next((p for p in close if p[0].id), first)
         ties = tuple(c for c, _, _ in close if c.id != best.id)
@@ -109,7 +110,7 @@ def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
         if not (asked_for and _away(step.candidate, current)):
             chosen, current = rest, without
     kept = [
-        replace(s, told=s.told and not _short(s.candidate, current, search))
+        replace(s, claimed=s.claimed and not _short(s.candidate, current, search))
         for s in steps
         if s.candidate in chosen
     ]
@@ -128,10 +129,10 @@ def together(
 ) -> tuple[Step, Step] | None:
     """Two effects of which neither is proven without the other; None where there are none.
 
-    A turn that falls short by another width and by hard starts, too, foretells no other mission's
+    A turn that falls short by another width and by hard starts, too, predicts no other mission's
     turn by its width alone.
     """
-    found: list[tuple[float, tuple[Step, Step]]] = []
+    pairs: list[tuple[float, tuple[Step, Step]]] = []
     likely = [(c, f) for c, f, e in rated if c.id and e.significant and e.t >= POSE.late_t]
     for first, alone in likely[:PAIRED]:
         with_it = [*chosen, first]
@@ -146,8 +147,8 @@ def together(
             whole = evidence_of(current, both, tried)
             if all(e and _proven(*e[0], search) for e in each) and whole.accepted:
                 pair = Step(first, each[0][0][2], ()), Step(second, each[1][0][2], ())
-                found.append((_score(both), pair))
-    return min(found, key=lambda p: p[0])[1] if found else None
+                pairs.append((_score(both), pair))
+    return min(pairs, key=lambda p: p[0])[1] if pairs else None
 
 
 def _proven(c: Candidate, f: Fitted, e: Evidence, search: PoseSearch) -> bool:
@@ -157,7 +158,7 @@ def _proven(c: Candidate, f: Fitted, e: Evidence, search: PoseSearch) -> bool:
 def judged(
     search: PoseSearch, current: Fitted, fits: Sequence[tuple[Candidate, Fitted]]
 ) -> list[tuple[Candidate, Fitted, Evidence]]:
-    """What speaks for each candidate whose numbers mean something."""
+    """What speaks for each candidate whose parameters mean something."""
     return [
         (c, f, evidence_of(current, f, len(fits)))
         for c, f in fits
@@ -166,27 +167,27 @@ def judged(
 
 
 def _stuck(c: Candidate, fitted: Fitted) -> bool:
-    """Whether a candidate's number ended on a bound, or that of another one which is not nothing:
-    what a candidate makes needless goes to its null value, and goes in the end."""
+    """Whether a candidate's parameter ended on a bound, or that of another one which is not
+    nothing: what a candidate makes needless goes to its null value, and goes in the end."""
     return any(k in c.slots or fitted.q[k] != every_slot()[k].null for k in fitted.at_bound)
 
 
 def _away(c: Candidate, fitted: Fitted) -> bool:
-    """Whether a candidate's numbers, or one of several, are away from doing nothing."""
+    """Whether a candidate's parameters, or one of several, are away from doing nothing."""
     return any(
-        abs(fitted.q[k] - every_slot()[k].null) > POSE.away * (fitted.std_error(k) or 0.0)
+        abs(fitted.q[k] - every_slot()[k].null) > POSE.min_std_errors * (fitted.std_error(k) or 0.0)
         for k in c.slots
     )
 
 
-def _stands(
+def _is_acceptable(
     c: Candidate, f: Fitted, e: Evidence, search: PoseSearch, chosen: Sequence[Candidate]
 ) -> bool:
     """Whether the rule accepts a candidate.
 
-    A number that what is still missing leaves uncertain may come where it foretells much; in the
+    A parameter that what is still missing leaves uncertain may come where it predicts much; in the
     end it must be sure. Of a lag shorter than the sampling leaves open nothing is claimed: it
-    stands beside the effects where the likelihood asks for it, so that no effect makes up for it.
+    accompanies the effects where the likelihood asks for it, so that no effect makes up for it.
     """
     later = bool(chosen)
     if not _away(c, f) and (not e.accepted or _late(e)):
@@ -199,7 +200,9 @@ def _stands(
 def _short(c: Candidate, f: Fitted, search: PoseSearch) -> bool:
     """Whether a candidate is a lag so short that the sampling may make it."""
     lag = c in lags() or (c.law is not None and c.law.as_lag)
-    return lag and abs(float(f.q[c.slots[0]])) <= POSE.between * search.estimation.tracks[0].dt
+    return (
+        lag and abs(float(f.q[c.slots[0]])) <= POSE.min_lag_samples * search.estimation.tracks[0].dt
+    )
 
 
 def _late(evidence: Evidence) -> bool:
@@ -208,9 +211,9 @@ def _late(evidence: Evidence) -> bool:
 
 
 def allowed(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bool:
-    """Both radii and their common scale are two numbers together, not three; and slip at any speed
-    is one of them, which only a radius that is known tells. One law says what way is lost while
-    the vehicle speeds up."""
+    """Both radii and their common scale are two parameters together, not three; and slip at any
+    speed is one of them, which only a known radius shows. One law says what way is lost
+    while the vehicle speeds up."""
     taken = (*search.always, *chosen)
     if c in taken or (_of_changes(c) and any(_of_changes(x) for x in taken)):
         return False
@@ -229,16 +232,16 @@ def _as_radius(c: Candidate) -> bool:
 
 
 def _large_enough(c: Candidate, fitted: Fitted, search: PoseSearch) -> bool:
-    """Whether a number is beyond what a ruler, or the sampling, leaves open."""
+    """Whether a parameter is beyond what a ruler, or the sampling, leaves open."""
     value = abs(float(fitted.q[c.slots[0]]))
     if c.law is not None and c.law.of_speed:
         fastest = max(float(np.nanmax(np.abs(t.omega))) for t in search.estimation.tracks)
-        return value * fastest > POSE.lost
-    return not _as_radius(c) or value > POSE.rolled
+        return value * fastest > POSE.min_growing_slip
+    return not _as_radius(c) or value > POSE.min_slip
 
 
 def _beyond_others(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bool:
-    """Whether a law is there whatever does nearly the same is worth: readings of the pose that
+    """Whether a law is there whatever does nearly the same is worth: measurements of the pose that
     come late for one with a memory; for slip in straight drive what only shortens turns."""
     if c.law is None:
         return True
@@ -258,15 +261,15 @@ def _beyond_others(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]
 def _score(fitted: Fitted) -> float:
     """N ln V + k ln N, to a digit that no search decides: what is the same thing said in two ways
     (one radius smaller, the other larger, beside radii that are estimated) comes in order."""
-    n = sum(e.size for e in (*fitted.white.estimation, *fitted.white.held))
+    n = sum(e.size for e in (*fitted.white.estimation, *fitted.white.holdout))
     return round(n * math.log(max(fitted.cost, 1e-300)) + len(fitted.free) * math.log(n), 2)
 
 
 def _ranking(
     base: Fitted, fits: Sequence[tuple[Candidate, Fitted]]
 ) -> tuple[tuple[str, float], ...]:
-    found: dict[str, float] = {}
+    scores: dict[str, float] = {}
     for c, f in fits:
         if c.id:
-            found.setdefault(c.id, 1.0 - math.sqrt(f.cost / base.cost))
-    return tuple(found.items())
+            scores.setdefault(c.id, 1.0 - math.sqrt(f.cost / base.cost))
+    return tuple(scores.items())

@@ -1,4 +1,4 @@
-"""What a diagnosis of the pose says: effects with their numbers, and what is no effect."""
+"""Sentences of a pose diagnosis: effects with their parameters, and what competes with them."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ from sysid.estimation.vehicle.ground_fit import (
 
 
 def sentence_of(c: Candidate, value: float, error: float, side: int) -> str:
-    """An effect with its number, in plain words."""
+    """An effect with its parameter, in plain words."""
     e = effect(c.id)
     in_numbers = e.in_numbers if c.law is None else c.law.in_numbers
     if in_numbers is not None:
@@ -33,11 +33,10 @@ def sentence_of(c: Candidate, value: float, error: float, side: int) -> str:
 
 
 def warnings_of(
-    search: PoseSearch,
-    final: Fitted,
-    steps: Sequence[tuple[Candidate, Sequence[Candidate]]],
+    search: PoseSearch, final: Fitted, steps: Sequence[tuple[Candidate, Sequence[Candidate]]]
 ) -> tuple[str, ...]:
-    """What is said beside the effects: what competes with them, and what they cannot be told from.
+    """What is said beside the effects: what competes with them, and what they cannot be
+    distinguished from.
 
     Args:
         search: the fits.
@@ -45,35 +44,35 @@ def warnings_of(
         steps: what was accepted, each with what ties with it.
     """
     keys = {c.key for c, _ in steps}
-    said = []
+    sentences = []
     if BOTH_RADII in keys:
         r = geometry_of(final.q, search.estimation.geometry).r
-        said.append(
+        sentences.append(
             f"Both sides roll as if their radius were {r:.5g} m, not "
             f"{search.estimation.geometry.r:g} m: set vehicle.r in the mission."
             + ("" if search.radius_known else _or_slip(float(final.q[radius_slot()])))
         )
-    said += _late_readings(final, keys, search.estimation.tracks[0].dt)
+    sentences += _late_readings(final, keys, search.estimation.tracks[0].dt)
     if SPEED_OFFSET in keys:
-        left, right = (
+        left_offset, right_offset = (
             v for s, v in zip(every_slot(), final.q, strict=True) if s.owner == SPEED_OFFSET
         )
-        said.append(
-            "The pose says that the speed sensors read "
-            f"{left:.3g} and {right:.3g} rad/s (left, right) at rest: take that off "
-            "the readings."
+        sentences.append(
+            "By the pose, the speed sensors read "
+            f"{left_offset:.3g} and {right_offset:.3g} rad/s (left, right) at standstill: "
+            "subtract these offsets."
         )
     if sum(bool(c.id) and c.length is Length.RADIUS for c, _ in steps) == 2:
-        said.append("Neither side has the radius given: check vehicle.r.")
+        sentences.append("Neither side has the radius given: check vehicle.r.")
     for c, ties in steps:
         unnamed = [t.key for t in ties if not t.id]
         if c.id and unnamed:
-            said.append(
-                f"{c.id} cannot be told from "
+            sentences.append(
+                f"These logs cannot distinguish {c.id} from "
                 + " or ".join(_UNNAMED[k] for k in unnamed)
-                + " on these logs."
+                + "."
             )
-    return tuple(said)
+    return tuple(sentences)
 
 
 _UNNAMED = {
@@ -90,9 +89,9 @@ def _or_slip(scale: float) -> str:
     if scale >= 1.0:
         return ""
     return (
-        f" Or they slip and lose {100 * (1.0 - scale):.3g} % of their way in straight drive, too: "
-        "driving on one ground cannot tell the two. Give a measured radius (`geometry`), or drive "
-        "on another ground: slip changes with it, a radius does not."
+        f" Or they slip and lose {100 * (1.0 - scale):.3g} % of the distance in straight drive: "
+        "one ground cannot distinguish the two. Give a measured radius (`geometry`), or drive on "
+        "another ground: slip changes with it, a radius does not."
     )
 
 
@@ -101,7 +100,7 @@ def _late_readings(final: Fitted, keys: set[str], dt: float) -> list[str]:
     late = {
         slot.owner: float(v)
         for slot, v in zip(every_slot(), final.q, strict=True)
-        if slot.owner in keys and abs(v) > POSE.between * dt
+        if slot.owner in keys and abs(v) > POSE.min_lag_samples * dt
     }
     said = []
     for key, what, beside in _LATE:
@@ -110,13 +109,13 @@ def _late_readings(final: Fitted, keys: set[str], dt: float) -> list[str]:
             said.append(f"The {what} comes {abs(late[key]):.3g} s {when} than the {beside}.")
     if late.get(HEADING_LAG, 0.0) > 0.0:
         said[-1] += (
-            " Whether its readings are late or the vehicle turns late, these logs do not tell: "
-            "turns that start and stop while it drives would."
+            " These logs cannot distinguish late measurements from a vehicle that turns late: "
+            "turns that start and stop while driving would."
         )
     if POSE_FILTER in late:
         said.append(
-            f"The pose follows the wheel speeds with a lag of {late[POSE_FILTER]:.3g} s, in way "
-            "and turn alike: its readings are smoothed, or the vehicle itself moves so much later."
+            f"The pose follows the wheel speeds with a lag of {late[POSE_FILTER]:.3g} s, in "
+            "distance and turn alike: its measurements are smoothed, or the vehicle moves later."
         )
     return said
 

@@ -1,1 +1,1 @@
-"""Which effects would explain what a model misses: candidates, search, naming, intervals."""
+"""The search for effects: candidates, evidence, forward selection, intervals."""

@@ -1,4 +1,4 @@
-"""One more effect: every effect of the catalogue tried on top of a set, fitted and judged."""
+"""One more effect: every effect of the catalogue added to a set, fitted and scored."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -15,20 +15,16 @@ from sysid.diagnosis.policies import BUDGET, RULE
 from sysid.diagnosis.search.admission import admissible, beyond_sampling
 from sysid.diagnosis.search.batched_search import best_tracks, refined, search
 from sysid.diagnosis.search.edges import between_levels, edges_of
-from sysid.diagnosis.search.evidence import (
-    Evidence,
-    compare_errors,
-    effective_samples,
-)
+from sysid.diagnosis.search.evidence import Evidence, compare_errors, effective_samples
 from sysid.diagnosis.search.exchanged import exchanged, lags_of
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.logs import logs_of
-from sysid.diagnosis.search.named_sets import Judged, Node
-from sysid.diagnosis.search.numbers import Slot
+from sysid.diagnosis.search.parameter_table import ModelParameter
 from sysid.diagnosis.search.prepared import Data, prepare
-from sysid.diagnosis.search.starts import free_slots, starts_of
-from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
+from sysid.diagnosis.search.starts import free_parameters, starts_of
 from sysid.effects.base import Effect, StartsFrom, Wave
-from sysid.effects.by_log import BY_LOG, number_of
+from sysid.effects.by_log import BY_LOG, parameter_of_log
 from sysid.effects.catalogue import LEVEL, about
 from sysid.fitting.holdout import Errors
 
@@ -37,8 +33,8 @@ class CandidateSearch:
     """The search for one more effect on one system.
 
     Args:
-        model: super-model of the system.
-        estimation, held: records.
+        model: full model of the system.
+        estimation, holdout: records.
         scales: full drive of each track's command.
         delay: dead time of the base in samples.
         level: whether a constant load belongs to the base.
@@ -49,9 +45,9 @@ class CandidateSearch:
 
     def __init__(
         self,
-        model: SuperModel,
+        model: FullModel,
         estimation: Sequence[Record],
-        held: Sequence[Record],
+        holdout: Sequence[Record],
         scales: Array,
         delay: int,
         level: bool = False,
@@ -60,63 +56,70 @@ class CandidateSearch:
         fixed_core: bool = False,
     ) -> None:
         self.model, self.level, self.needed = model, level, needed
-        self.estimation, self.held = tuple(estimation), tuple(held)
-        mine, theirs = weights if weights is not None else (None, None)
-        self.logs = logs_of(self.estimation, self.held)
-        self.data = prepare(self.estimation, scales, delay, mine, logs=self.logs.estimation)
+        self.estimation, self.holdout = tuple(estimation), tuple(holdout)
+        estimation_weights, holdout_weights = weights if weights is not None else (None, None)
+        self.logs = logs_of(self.estimation, self.holdout)
+        self.data = prepare(
+            self.estimation, scales, delay, estimation_weights, logs=self.logs.estimation
+        )
         rows = len(self.data.drive)
-        self.held_data = prepare(self.held, scales, delay, theirs, rows, self.logs.held)
+        self.holdout_data = prepare(
+            self.holdout, scales, delay, holdout_weights, rows, self.logs.holdout
+        )
         owners = ("core", LEVEL.id) if level else ("core",)
-        core = tuple(k for k, s in enumerate(model.slots) if s.owner in owners)
+        core = tuple(k for k, s in enumerate(model.parameters) if s.owner in owners)
         self.core = () if fixed_core else core
         self.origin = model.null
-        self.stepwise = {s.owner for s in model.slots if s.stepwise}
+        self.stepwise = {s.owner for s in model.parameters if s.stepwise}
 
     def holding(self, id: str) -> Self:
         """The same search around a base that holds an effect."""
-        found = copy(self)
-        found.core = (*self.core, *self.model.of(id))
-        return found
+        search = copy(self)
+        search.core = (*self.core, *self.model.of(id))
+        return search
 
-    def base(self, starts: Array) -> Node:
-        """The base fitted from given values of all slots, (lanes, slots)."""
+    def base(self, starts: Array) -> CandidateModel:
+        """The base fitted from given values of all parameters, (batch, parameters)."""
         q, cost = search(self.model, starts, [self.core] * len(starts), self.data, BUDGET.polish)
-        return self.node((), best_tracks(self.model, q, cost), self.core)
+        return self.candidate((), best_tracks(self.model, q, cost), self.core)
 
-    def node(
+    def candidate(
         self,
         effects: tuple[str, ...],
         q: Array,
         free: Sequence[int],
         touched: NDArray[np.bool_] | None = None,
-    ) -> Node:
-        """A node with its errors on both parts."""
+    ) -> CandidateModel:
+        """A candidate model with its errors on both parts."""
         every = np.ones(self.model.tracks, dtype=bool)
-        if self.held != self.estimation and edges_of(self.model, free):
-            q = between_levels(self.model, q, free, self.data, self.held_data, best_tracks)
+        if self.holdout != self.estimation and edges_of(self.model, free):
+            q = between_levels(self.model, q, free, self.data, self.holdout_data, best_tracks)
         errors = Errors(
-            self._errors(q, self.data),
-            self._errors(self.in_phase(q, effects), self.held_data),
+            self._errors(q, self.data), self._errors(self.in_phase(q, effects), self.holdout_data)
         )
-        return Node(effects, q, tuple(free), errors, every if touched is None else touched)
+        return CandidateModel(
+            effects, q, tuple(free), errors, every if touched is None else touched
+        )
 
     def _errors(self, q: Array, data: Data) -> tuple[Array, ...]:
         run = self.model.run(q, data)[0]
         return data.split(np.where(data.weight > 0.0, data.y - run, np.nan))
 
     def in_phase(self, q: Array, effects: Sequence[str]) -> Array:
-        """What belongs to a log suits the held-out ones: a wave's phase, and their own numbers."""
-        if self.held == self.estimation:
+        """Parameters with the held-out logs' own values: the phase of a wave, gains and loads."""
+        if self.holdout == self.estimation:
             return q
-        own = [
-            self.model.place[id, number_of(k), i]
+        log_parameters = [
+            self.model.index[id, parameter_of_log(k), i]
             for id in BY_LOG
-            for k in self.logs.judging
+            for k in self.logs.validation
             for i in range(self.model.tracks)
             if id in effects
         ]
-        if own:
-            q = search(self.model, q[None], [own], self.held_data, BUDGET.more_steps)[0][0]
+        if log_parameters:
+            q = search(self.model, q[None], [log_parameters], self.holdout_data, BUDGET.more_steps)[
+                0
+            ][0]
         for id in effects:
             waves = about(id).waves
             if waves:
@@ -129,83 +132,84 @@ class CandidateSearch:
         for j in range(BUDGET.phases):
             turn = 2.0 * np.pi * j / BUDGET.phases
             for wave, i in product(waves, range(self.model.tracks)):
-                a = self.model.place[id, wave.cosine, i]
-                b = self.model.place[id, wave.sine, i]
+                a = self.model.index[id, wave.cosine, i]
+                b = self.model.index[id, wave.sine, i]
                 rows[j, a] = q[a] * np.cos(turn) - q[b] * np.sin(turn)
                 rows[j, b] = q[a] * np.sin(turn) + q[b] * np.cos(turn)
-        data = self.held_data
+        data = self.holdout_data
         runs = self.model.run(rows, data)
         cost = np.sum((data.weight * (data.y - runs)) ** 2, axis=1)
         return best_tracks(self.model, rows, cost)
 
-    def polished(self, node: Node) -> Node:
-        """The node fitted to the end."""
-        q, _ = refined(self.model, node.q[None], [node.free], self.data, BUDGET.polish)
-        return self.node(node.effects, q[0], node.free, node.touched)
+    def polished(self, candidate: CandidateModel) -> CandidateModel:
+        """The candidate model fitted to the end."""
+        q, _ = refined(self.model, candidate.q[None], [candidate.free], self.data, BUDGET.polish)
+        return self.candidate(candidate.effects, q[0], candidate.free, candidate.touched)
 
     def candidates(
-        self, node: Node, effects: Sequence[Effect], most: int = BUDGET.shortlist
-    ) -> list[Judged]:
-        """Every effect added to a node, the most promising fitted in full, most likely first.
+        self, candidate: CandidateModel, effects: Sequence[Effect], most: int = BUDGET.shortlist
+    ) -> list[ScoredCandidate]:
+        """Every effect added to a candidate model, the most promising fitted in full, most likely
+        first.
 
         All starts take a few steps, the best start of each law of an effect some more, and only the
         effects that then lead are fitted to the end, of which each keeps one law.
         """
-        errors = np.nan_to_num(self.data.y - self.model.run(node.q, self.data)[0])
+        errors = np.nan_to_num(self.data.y - self.model.run(candidate.q, self.data)[0])
         now = np.sum((self.data.weight * errors) ** 2, axis=0)
-        lanes: list[Array] = []
+        batch: list[Array] = []
         owners: list[Effect] = []
-        lags = lags_of(self.model, node)
+        lags = lags_of(self.model, candidate)
         for e in effects:
-            if e.id in (*node.effects, *node.excluded):
+            if e.id in (*candidate.effects, *candidate.excluded):
                 continue
             if self.level and e.level:
                 continue
-            for row in starts_of(self.model, e, node.q, errors, self.data, not self.core):
-                lanes += [row, exchanged(self.model, row, lags)] if lags else [row]
+            for row in starts_of(self.model, e, candidate.q, errors, self.data, not self.core):
+                batch += [row, exchanged(self.model, row, lags)] if lags else [row]
                 owners += [e] * (1 + bool(lags))
-        if not lanes:
+        if not batch:
             return []
-        q, cost = self._search(node, np.array(lanes), owners, BUDGET.first_steps)
+        q, cost = self._search(candidate, np.array(batch), owners, BUDGET.first_steps)
         core = [k for k, e in enumerate(owners) if e.starts_from is StartsFrom.SIGNS]
         if core:  # a whole core is found anew, from starts far apart
             q[core], cost[core] = self._search(
-                node, q[core], [owners[k] for k in core], BUDGET.full_steps
+                candidate, q[core], [owners[k] for k in core], BUDGET.full_steps
             )
-        ways = [(e.id, self._law(e, row)) for e, row in zip(owners, lanes, strict=True)]
+        ways = [(e.id, self._law(e, row)) for e, row in zip(owners, batch, strict=True)]
         # one effect after the other, the laws of each in its own order: the simplest first
         ids = list(dict.fromkeys(e.id for e in owners))
         groups = sorted(dict.fromkeys(ways), key=lambda w: (ids.index(w[0]), w[1]))
         rows = [[k for k, w in enumerate(ways) if w == way] for way in groups]
         tried = [owners[r[0]] for r in rows]
         starts = [self._joined(q[r], cost[r], t) for r, t in zip(rows, tried, strict=True)]
-        q, cost = self._search(node, np.array(starts), tried, BUDGET.more_steps)
-        kept = self._shortlist(node, tried, cost, now, most)
+        q, cost = self._search(candidate, np.array(starts), tried, BUDGET.more_steps)
+        kept = self._shortlist(candidate, tried, cost, now, most)
         if not kept:
             return []
         chosen = [tried[k] for k in kept]
-        far = range(BUDGET.leading if node.effects else len(kept))
-        full, cost = self._search(node, q[kept], chosen, BUDGET.full_steps, far)
-        full = self._from_ties(node, full, cost, chosen)
-        nodes = [self._trimmed(node, e, full[k]) for k, e in enumerate(chosen)]
-        samples = common_samples(nodes)
+        far = range(BUDGET.leading if candidate.effects else len(kept))
+        full, cost = self._search(candidate, q[kept], chosen, BUDGET.full_steps, far)
+        full = self._from_ties(candidate, full, cost, chosen)
+        models = [self._trimmed(candidate, e, full[k]) for k, e in enumerate(chosen)]
+        samples = common_samples(models)
         judged = [
-            Judged(
+            ScoredCandidate(
                 n,
-                self.evidence(node, n, len(effects), samples),
-                self.likelihood(node, n, samples),
+                self.evidence(candidate, n, len(effects), samples),
+                self.likelihood(candidate, n, samples),
             )
-            for n in nodes
+            for n in models
         ]
         return sorted(_simplest(judged), key=lambda j: -j.score)
 
     def _shortlist(
-        self, node: Node, tried: Sequence[Effect], cost: Array, now: Array, most: int
+        self, candidate: CandidateModel, tried: Sequence[Effect], cost: Array, now: Array, most: int
     ) -> list[int]:
         """Which of the effects that took their first steps are fitted in full, the likeliest first.
 
         Args:
-            node: what they are added to.
+            candidate: what they are added to.
             tried: the effects, one law after the other.
             cost: of each, (laws, tracks).
             now: without them, (tracks,).
@@ -215,26 +219,26 @@ class CandidateSearch:
         order = sorted(promising, key=lambda k: float(np.sum(np.log(cost[k] + 1e-300))))
         leading = list(dict.fromkeys(tried[k].id for k in order))
         alike = [t for id in leading[:2] for t in about(id).ties]
-        if not node.effects:
+        if not candidate.effects:
             alike += [tried[k].id for k in promising if tried[k].id in self.stepwise]
         wanted = (*leading[:most], *alike)
         sums = cost.sum(axis=1)
         least: dict[str, float] = {}
-        for e, own in zip(tried, sums.tolist(), strict=True):
-            least[e.id] = min(own, least.get(e.id, np.inf))
+        for e, cost_sum in zip(tried, sums.tolist(), strict=True):
+            least[e.id] = min(cost_sum, least.get(e.id, np.inf))
         kept = [
             k for k, e in enumerate(tried) if e.id in wanted and sums[k] <= BUDGET.law * least[e.id]
         ]
         return sorted(kept, key=lambda k: (wanted.index(tried[k].id), k))
 
     def _law(self, e: Effect, q: Array) -> int:
-        """Which law of an effect a lane has chosen; 0 where the effect has but one."""
+        """Which law of an effect an item has chosen; 0 where the effect has but one."""
         law = e.law(self.model.chosen(e, q))
         return 0 if law is None else e.laws.index(law)
 
     def _search(
         self,
-        node: Node,
+        candidate: CandidateModel,
         q: Array,
         owners: Sequence[Effect],
         steps: int,
@@ -242,16 +246,18 @@ class CandidateSearch:
     ) -> tuple[Array, Array]:
         every = range(self.model.tracks)
         free = [
-            (*node.free, *free_slots(self.model, e, row, every))
+            (*candidate.free, *free_parameters(self.model, e, row, every))
             for e, row in zip(owners, q, strict=True)
         ]
-        if self.stepwise & set(node.effects):  # found already, and polished when kept
-            free = [tuple(k for k in f if not self.model.slots[k].stepwise) for f in free]
+        if self.stepwise & set(candidate.effects):  # found already, and polished when kept
+            free = [tuple(k for k in f if not self.model.parameters[k].stepwise) for f in free]
         if steps < BUDGET.full_steps:
             return search(self.model, q, free, self.data, steps, BUDGET.coarse)
         return refined(self.model, q, free, self.data, steps, BUDGET.coarse, unknown)
 
-    def _from_ties(self, node: Node, q: Array, cost: Array, chosen: Sequence[Effect]) -> Array:
+    def _from_ties(
+        self, candidate: CandidateModel, q: Array, cost: Array, chosen: Sequence[Effect]
+    ) -> Array:
         """Effects that are alike searched once more, each from where the other one ended.
 
         Else the one whose search was slower would look the worse explanation.
@@ -267,16 +273,16 @@ class CandidateSearch:
         starts = []
         for k, j in pairs:
             row = q[j].copy()
-            mine = free_slots(self.model, chosen[k], q[k], range(self.model.tracks))
-            theirs = {(s.name, s.track): q[j, i] for i, s in self._slots_of(chosen[j])}
-            for i, s in self._slots_of(chosen[k]):
-                other = theirs.get((s.name, s.track), q[k, i]) if i in mine else q[k, i]
-                row[i] = float(np.clip(other, s.lower, s.upper)) if i in mine else other
-            for i, s in self._slots_of(chosen[j]):
+            free = free_parameters(self.model, chosen[k], q[k], range(self.model.tracks))
+            rival_values = {(s.name, s.track): q[j, i] for i, s in self._parameters_of(chosen[j])}
+            for i, s in self._parameters_of(chosen[k]):
+                other = rival_values.get((s.name, s.track), q[k, i]) if i in free else q[k, i]
+                row[i] = float(np.clip(other, s.lower, s.upper)) if i in free else other
+            for i, s in self._parameters_of(chosen[j]):
                 row[i] = s.null
             starts.append(row)
         again, costs = self._search(
-            node, np.array(starts), [chosen[k] for k, _ in pairs], BUDGET.full_steps
+            candidate, np.array(starts), [chosen[k] for k, _ in pairs], BUDGET.full_steps
         )
         out, least = q.copy(), cost.copy()
         for (k, _), row, c in zip(pairs, again, costs, strict=True):
@@ -284,8 +290,8 @@ class CandidateSearch:
                 out[k], least[k] = row, c
         return out
 
-    def _slots_of(self, e: Effect) -> list[tuple[int, Slot]]:
-        return [(i, self.model.slots[i]) for i in self.model.of(e.id)]
+    def _parameters_of(self, e: Effect) -> list[tuple[int, ModelParameter]]:
+        return [(i, self.model.parameters[i]) for i in self.model.of(e.id)]
 
     def _joined(self, q: Array, cost: Array, e: Effect) -> Array:
         """The best start; track by track where the effect is each track's own."""
@@ -293,43 +299,47 @@ class CandidateSearch:
             return np.asarray(q[int(np.argmin(cost.sum(axis=1)))])
         return best_tracks(self.model, q, cost)
 
-    def _trimmed(self, before: Node, e: Effect, q: Array) -> Node:
+    def _trimmed(self, before: CandidateModel, e: Effect, q: Array) -> CandidateModel:
         """The effect kept on the tracks that it serves; the others stay as they were."""
-        mine = partial(free_slots, self.model, e, q)
-        free = (*before.free, *mine(range(self.model.tracks)))
-        node = replace(self.node((*before.effects, e.id), q, free), excluded=before.excluded)
+        free_on = partial(free_parameters, self.model, e, q)
+        free = (*before.free, *free_on(range(self.model.tracks)))
+        candidate = replace(
+            self.candidate((*before.effects, e.id), q, free), excluded=before.excluded
+        )
         if e.shared or self.model.tracks == 1:
-            return node
-        samples = effective_samples(node.errors.estimation)
-        (v0, _), (v1, _) = before.errors.mean_squares(), node.errors.mean_squares()
-        cost = len(mine([0])) * np.log(samples)
+            return candidate
+        samples = effective_samples(candidate.errors.estimation)
+        (v0, _), (v1, _) = before.errors.mean_squares(), candidate.errors.mean_squares()
+        cost = len(free_on([0])) * np.log(samples)
         gain = samples * np.log((v0 + 1e-300) / (v1 + 1e-300))
         served = (gain > cost) & (v1 < RULE.own_part * v0)
-        if any(self.model.slots[k].track < 0 for k in before.free):
+        if any(self.model.parameters[k].track < 0 for k in before.free):
             served &= self._needed_itself(before, e, q, v1)
         served &= beyond_sampling(self.model, e.id, q)
         if served.all() or not served.any():
-            return replace(node, touched=served if served.any() else node.touched)
+            return replace(candidate, touched=served if served.any() else candidate.touched)
         out = q.copy()
-        for k, slot in enumerate(self.model.slots):
-            if slot.track >= 0 and not served[slot.track]:
+        for k, parameter in enumerate(self.model.parameters):
+            if parameter.track >= 0 and not served[parameter.track]:
                 out[k] = before.q[k]
-        free = (*before.free, *mine(np.flatnonzero(served).tolist()))
+        free = (*before.free, *free_on(np.flatnonzero(served).tolist()))
         if self.model.coupled(out, free):  # what one track loses, the other feels
             rows, _ = refined(self.model, out[None], [free], self.data, BUDGET.polish)
             out = rows[0]
-        found = self.node((*before.effects, e.id), out, free, served)
-        return replace(found, excluded=before.excluded)
+        served_model = self.candidate((*before.effects, e.id), out, free, served)
+        return replace(served_model, excluded=before.excluded)
 
-    def _needed_itself(self, before: Node, e: Effect, q: Array, least: Array) -> NDArray[np.bool_]:
-        """Tracks whose error grows without the effect's numbers of their own, (tracks,).
+    def _needed_itself(
+        self, before: CandidateModel, e: Effect, q: Array, least: Array
+    ) -> NDArray[np.bool_]:
+        """Tracks whose error grows without the effect's parameters of their own, (tracks,).
 
         What tracks share may have gained from the effect on one track alone.
         """
         without = np.repeat(q[None], self.model.tracks, axis=0)
         for i, row in enumerate(without):
-            for k, slot in self._slots_of(e):
-                if slot.track == i:
+            for k, parameter in self._parameters_of(e):
+                if parameter.track == i:
                     row[k] = before.q[k]
         data = self.data
         errors = data.weight * (data.y - self.model.run(without, data))
@@ -337,11 +347,11 @@ class CandidateSearch:
         squares = np.sum(errors**2, axis=1) / counts
         return np.asarray(least < RULE.own_part * np.diag(squares))
 
-    def likelihood(self, before: Node, after: Node, samples: Array) -> float:
+    def likelihood(self, before: CandidateModel, after: CandidateModel, samples: Array) -> float:
         """Penalised likelihood ratio over both parts, in units of BIC; positive is better."""
         (v0, h0), (v1, h1) = before.errors.mean_squares(), after.errors.mean_squares()
         n = sum(int(np.isfinite(e).any(axis=1).sum()) for e in before.errors.estimation)
-        m = sum(int(np.isfinite(e).any(axis=1).sum()) for e in before.errors.held)
+        m = sum(int(np.isfinite(e).any(axis=1).sum()) for e in before.errors.holdout)
         gain = np.log((v0 + 1e-300) / (v1 + 1e-300)) + m / max(n, 1) * np.log(
             (h0 + 1e-300) / (h1 + 1e-300)
         )
@@ -349,7 +359,11 @@ class CandidateSearch:
         return float(np.sum(samples * gain) - added * np.log(np.sum(samples)))
 
     def evidence(
-        self, before: Node, after: Node, tried: int, samples: Array | None = None
+        self,
+        before: CandidateModel,
+        after: CandidateModel,
+        tried: int,
+        samples: Array | None = None,
     ) -> Evidence:
         """Evidence for the effects that ``after`` adds."""
         if samples is None:
@@ -364,33 +378,33 @@ class CandidateSearch:
             self.needed,
         )
 
-    def admissible(self, node: Node) -> bool:
-        """Whether the newest effect's numbers are physical (see ``admission``)."""
-        return admissible(self.model, self.origin, node)
+    def admissible(self, candidate: CandidateModel) -> bool:
+        """Whether the newest effect's parameters are physical (see ``admission``)."""
+        return admissible(self.model, self.origin, candidate)
 
-    def without(self, node: Node, id: str) -> Node:
-        """The node without one of its effects, fitted again."""
-        q = node.q.copy()
-        mine = self.model.of(id)
-        for k in mine:
+    def without(self, candidate: CandidateModel, id: str) -> CandidateModel:
+        """The candidate model without one of its effects, fitted again."""
+        q = candidate.q.copy()
+        removed = self.model.of(id)
+        for k in removed:
             q[k] = self.origin[k]
-        free = tuple(k for k in node.free if k not in mine)
-        rest = tuple(i for i in node.effects if i != id)
-        found, _ = refined(self.model, q[None], [free], self.data, BUDGET.polish)
-        return self.node(rest, found[0], free)
+        free = tuple(k for k in candidate.free if k not in removed)
+        rest = tuple(i for i in candidate.effects if i != id)
+        refit, _ = refined(self.model, q[None], [free], self.data, BUDGET.polish)
+        return self.candidate(rest, refit[0], free)
 
 
-def _simplest(judged: Sequence[Judged]) -> list[Judged]:
-    """One law of each effect: the first, or a later one that is worth its numbers for certain."""
-    found: dict[str, Judged] = {}
+def _simplest(judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
+    """One law of each effect: the first, or a later one that clearly pays for its parameters."""
+    simplest: dict[str, ScoredCandidate] = {}
     for j in judged:
-        now = found.get(j.id)
+        now = simplest.get(j.id)
         if now is None or j.score > now.score - RULE.bic:
-            found[j.id] = j
-    return list(found.values())
+            simplest[j.id] = j
+    return list(simplest.values())
 
 
-def common_samples(nodes: Sequence[Node]) -> Array:
-    """Effective sample size of the node that leaves the least, (tracks,)."""
-    least = min(nodes, key=lambda n: float(np.sum(np.log(sum(n.errors.mean_squares()) + 1e-300))))
+def common_samples(models: Sequence[CandidateModel]) -> Array:
+    """Effective sample size of the candidate model that leaves the least, (tracks,)."""
+    least = min(models, key=lambda n: float(np.sum(np.log(sum(n.errors.mean_squares()) + 1e-300))))
     return effective_samples(least.errors.estimation)

@@ -1,14 +1,15 @@
-"""Could this log have shown it? For each effect the smallest size that the log would have revealed.
+"""Detectable sizes: for each effect the smallest size that the log would have revealed.
 
-An effect of size s would have changed the readings by Δ(s) = run(q + s) − run(q). What the numbers
-already in the model can follow is projected out, Δ⊥ = Δ − J(JᵀJ)⁻¹JᵀΔ, and without the effect in
-the model Δ⊥ would have stood in the errors on top of the noise e:
+An effect of size s would have changed the measurements by Δ(s) = run(q + s) − run(q). What the
+parameters already in the model can follow is projected out, Δ⊥ = Δ − J(JᵀJ)⁻¹JᵀΔ, and without the
+effect in the model Δ⊥ would have stood in the errors on top of the noise e:
 
     V₀/V₁ = 1 + ‖Δ⊥‖²/‖e‖²
 
 It would have been revealed where this passes the ``AcceptanceRule``: its ΔBIC on the effective
 sample size, and its share that an error is brought below, on held-out records too (Δ⊥ there with
-the coefficients of the estimation records). Of numbers beside its size the least favourable count.
+the coefficients of the estimation records). Of parameters beside its size the least favourable
+count.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,9 +21,9 @@ from sysid.data.record import Array
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.samples import smallest_named
 from sysid.diagnosis.search.evidence import effective_samples
-from sysid.diagnosis.search.named_sets import Node
-from sysid.diagnosis.search.naming import NamingSearch
-from sysid.diagnosis.search.slopes import slopes
+from sysid.diagnosis.search.forward_selection import ForwardSelection
+from sysid.diagnosis.search.selection import CandidateModel
+from sysid.diagnosis.search.sensitivities import sensitivities
 from sysid.effects.base import Effect, EffectParameter
 from sysid.effects.sensor import MOST_SAMPLED
 
@@ -54,7 +55,9 @@ class _Noise:
     effective: float
 
 
-def detectable(search: NamingSearch, node: Node, ids: Sequence[str]) -> dict[str, float | None]:
+def detectable(
+    search: ForwardSelection, candidate: CandidateModel, ids: Sequence[str]
+) -> dict[str, float | None]:
     """Smallest size of each effect, in the unit of its first parameter.
 
     For a ratio (null 1) the size is its distance from 1, for a limit (saturations, rate limit,
@@ -63,49 +66,51 @@ def detectable(search: NamingSearch, node: Node, ids: Sequence[str]) -> dict[str
 
     Args:
         search: the search around the model.
-        node: the model that the log is explained with.
-        ids: effects that were not found; those that the super-model does not hold get None.
+        candidate: the model that the log is explained with.
+        ids: effects that were not found; those that the full model does not hold get None.
     """
-    found: dict[str, float | None] = dict.fromkeys(ids)
-    found |= {k: v for k, v in smallest_named(search.estimation).items() if k in found}
+    smallest: dict[str, float | None] = dict.fromkeys(ids)
+    smallest |= {k: v for k, v in smallest_named(search.estimation).items() if k in smallest}
     effects = [
         e
         for e in search.model.effects
-        if e.id in found
-        and e.id not in node.effects
-        and not set(search.model.of(e.id)) & set(node.free)
+        if e.id in smallest
+        and e.id not in candidate.effects
+        and not set(search.model.of(e.id)) & set(candidate.free)
     ]
     if not effects:
-        return found
-    noise, steep = _noise(node), _steepest(search, node)
+        return smallest
+    noise, steep = _noise(candidate), _steepest(search, candidate)
     ways = [(e, start) for e in effects for start in _ways(search, e)]
-    lanes = np.array([_with(search, node.q, *way, float(s), steep) for way in ways for s in SIZES])
-    squares = _unexplained(search, node, lanes, noise).reshape(2, len(ways), len(SIZES))
+    batch = np.array(
+        [_with(search, candidate.q, *way, float(s), steep) for way in ways for s in SIZES]
+    )
+    squares = _unexplained(search, candidate, batch, noise).reshape(2, len(ways), len(SIZES))
     for e in effects:
-        mine = [k for k, (other, _) in enumerate(ways) if other is e]
+        ways_of_effect = [k for k, (other, _) in enumerate(ways) if other is e]
         needed = [
             _needed(noise, len(search.model.of(e.id)), search.needed, part) for part in (0, 1)
         ]
-        shares = np.min(squares[:, mine] / np.array(needed)[:, None, None], axis=0)
-        found[e.id] = None
+        shares = np.min(squares[:, ways_of_effect] / np.array(needed)[:, None, None], axis=0)
+        smallest[e.id] = None
         severities = [v for v in map(_smallest, shares) if v is not None]
-        if len(severities) == len(mine):
-            found[e.id] = _size(search, e, max(severities), steep)
-    return found
+        if len(severities) == len(ways_of_effect):
+            smallest[e.id] = _size(search, e, max(severities), steep)
+    return smallest
 
 
-def _ways(search: NamingSearch, e: Effect) -> Sequence[Mapping[int, float]]:
-    """Starts of an effect that differ in other numbers than its size, all of its first law.
+def _ways(search: ForwardSelection, e: Effect) -> Sequence[Mapping[int, float]]:
+    """Starts of an effect that differ in other parameters than its size, all of its first law.
 
     A gap before a tenth of the inertia shows less than one before all of it: nobody who asks what
-    a log could have shown knows such numbers, so a size has to show with the least favourable.
+    a log could have shown knows such parameters, so a size has to show with the least favourable.
     """
     model, first = search.model, e.parameters[0]
     starts = model.starts(e)
     track = -1 if e.shared else 0
-    choices = [model.place[e.id, p.name, track] for p in e.parameters if p.choice]
+    choices = [model.index[e.id, p.name, track] for p in e.parameters if p.choice]
     others = [
-        model.place[e.id, p.name, track]
+        model.index[e.id, p.name, track]
         for p in e.parameters
         if not p.choice and (p.null != first.null or p.unit != first.unit)
     ]
@@ -113,42 +118,44 @@ def _ways(search: NamingSearch, e: Effect) -> Sequence[Mapping[int, float]]:
     return list({tuple(s[k] for k in others): s for s in reversed(same)}.values())[::-1]
 
 
-def _noise(node: Node) -> _Noise:
-    before, held = node.errors.mean_squares()
+def _noise(candidate: CandidateModel) -> _Noise:
+    before, holdout = candidate.errors.mean_squares()
     weight = 1.0 / np.maximum(np.sqrt(before), 1e-300)
     counts = [
         np.sum(np.isfinite(np.concatenate(p)), axis=0)
-        for p in (node.errors.estimation, node.errors.held)
+        for p in (candidate.errors.estimation, candidate.errors.holdout)
     ]
     squares = [
-        float(np.sum(v * n * weight**2)) for v, n in zip((before, held), counts, strict=True)
+        float(np.sum(v * n * weight**2)) for v, n in zip((before, holdout), counts, strict=True)
     ]
-    effective = float(np.min(effective_samples(node.errors.estimation))) * len(weight)
+    effective = float(np.min(effective_samples(candidate.errors.estimation))) * len(weight)
     return _Noise(weight, (squares[0], squares[1]), effective)
 
 
-def _needed(noise: _Noise, numbers: int, below: float, part: int) -> float:
+def _needed(noise: _Noise, parameters: int, below: float, part: int) -> float:
     """‖Δ⊥‖² that the rule asks for on estimation (0) or held-out (1) records."""
     ratio = 1.0 / below**2 - 1.0
     if part == 1:
         return ratio * noise.square[1]
-    likelihood = (-RULE.bic + numbers * np.log(noise.effective)) / noise.effective
+    likelihood = (-RULE.bic + parameters * np.log(noise.effective)) / noise.effective
     return max(ratio, float(np.expm1(min(likelihood, 50.0)))) * noise.square[0]
 
 
-def _unexplained(search: NamingSearch, node: Node, lanes: Array, noise: _Noise) -> Array:
-    """‖Δ⊥‖² of every lane on estimation and held-out records, (2, lanes)."""
-    found = []
+def _unexplained(
+    search: ForwardSelection, candidate: CandidateModel, batch: Array, noise: _Noise
+) -> Array:
+    """‖Δ⊥‖² of every item on estimation and held-out records, (2, batch)."""
+    squares = []
     coefficients: Array | None = None
-    for held in (False, True):
-        data = search.held_data if held else search.data
+    for holdout in (False, True):
+        data = search.holdout_data if holdout else search.data
         total = sum(data.lengths)
         weight = np.sqrt(data.weight[:total]) * noise.weight
-        J = np.concatenate(slopes(search, node, held)) * weight[:, :, None]
+        J = np.concatenate(sensitivities(search, candidate, holdout)) * weight[:, :, None]
         J = J.reshape(J.shape[0] * J.shape[1], J.shape[2])
-        base = search.model.run(node.q, data)[0]
-        change = (search.model.run(lanes, data) - base)[:, :total] * weight
-        flat = np.nan_to_num(change.reshape(len(lanes), -1), posinf=0.0, neginf=0.0)
+        base = search.model.run(candidate.q, data)[0]
+        change = (search.model.run(batch, data) - base)[:, :total] * weight
+        flat = np.nan_to_num(change.reshape(len(batch), -1), posinf=0.0, neginf=0.0)
         flat = np.clip(flat, -RUN_AWAY, RUN_AWAY)
         if coefficients is None:
             size = np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300)
@@ -156,8 +163,8 @@ def _unexplained(search: NamingSearch, node: Node, lanes: Array, noise: _Noise) 
             coefficients = (np.linalg.pinv(A, 1e-9, hermitian=True) @ ((J / size).T @ flat.T)) / (
                 size[:, None]
             )
-        found.append(np.sum((flat - (J @ coefficients).T) ** 2, axis=1))
-    return np.array(found)
+        squares.append(np.sum((flat - (J @ coefficients).T) ** 2, axis=1))
+    return np.array(squares)
 
 
 def _smallest(share: Array) -> float | None:
@@ -178,7 +185,7 @@ def _is_limit(p: EffectParameter) -> bool:
 
 
 def _value(null: float, lower: float, upper: float, start: float, severity: float) -> float:
-    """Value of a number at a severity of 0 (null, or the loosest limit) to 1 (its bound)."""
+    """Value of a parameter at a severity of 0 (null, or the loosest limit) to 1 (its bound)."""
     if abs(null) > ENDLESS:
         if upper > WIDE * lower:
             tightness = 1.0 + np.log(max(severity, 1e-6)) / -np.log(SIZES[-1])
@@ -188,59 +195,64 @@ def _value(null: float, lower: float, upper: float, start: float, severity: floa
     return null + 0.98 * severity * (bound - null)
 
 
-def _steepest(search: NamingSearch, node: Node) -> Array:
-    """Fastest change of the simulated readings, (tracks,): a slower fall is a looser freewheel."""
-    run = search.model.run(node.q, search.data)[0][: search.data.lengths[0]]
+def _steepest(search: ForwardSelection, candidate: CandidateModel) -> Array:
+    """Fastest change of the simulated outputs, (tracks,): a slower fall is a looser freewheel."""
+    run = search.model.run(candidate.q, search.data)[0][: search.data.lengths[0]]
     return np.asarray(np.max(np.abs(np.diff(run, axis=0)), axis=0, initial=0.0) / search.model.dt)
 
 
-def _upper(search: NamingSearch, e: Effect, slot: int, steepest: Array) -> float:
+def _upper(search: ForwardSelection, e: Effect, parameter: int, steepest: Array) -> float:
     """Loosest value of an effect's size that means anything."""
-    upper, track = search.model.slots[slot].upper, search.model.slots[slot].track
+    upper, track = (
+        search.model.parameters[parameter].upper,
+        search.model.parameters[parameter].track,
+    )
     if e.parameters[0].unit == "speed/s" and track >= 0:
-        return float(np.clip(steepest[track], 2.0 * search.model.slots[slot].lower, upper))
+        return float(
+            np.clip(steepest[track], 2.0 * search.model.parameters[parameter].lower, upper)
+        )
     return upper
 
 
 def _with(
-    search: NamingSearch,
+    search: ForwardSelection,
     q: Array,
     e: Effect,
     start: Mapping[int, float],
     severity: float,
     steepest: Array,
 ) -> Array:
-    """The model with an effect on all tracks; numbers other than its size at one of its starts."""
+    """The model with an effect on all tracks; parameters other than its size at a start value."""
     model, moved = search.model, q.copy()
     first = e.parameters[0]
     for track in (-1,) if e.shared else range(model.tracks):
-        slot = model.slots[model.place[e.id, first.name, track]]
-        begin = start[model.place[e.id, first.name, track]]
-        upper = _upper(search, e, model.place[e.id, first.name, track], steepest)
-        value = _value(slot.null, slot.lower, upper, begin, severity)
+        parameter = model.parameters[model.index[e.id, first.name, track]]
+        begin = start[model.index[e.id, first.name, track]]
+        upper = _upper(search, e, model.index[e.id, first.name, track], steepest)
+        value = _value(parameter.null, parameter.lower, upper, begin, severity)
         for p in e.parameters:
-            k = model.place[e.id, p.name, track]
-            other = model.slots[k]
+            k = model.index[e.id, p.name, track]
+            other = model.parameters[k]
             if p.null != first.null or p.unit != first.unit:
                 moved[k] = start[k]
             elif _is_limit(first):
                 moved[k] = value
             else:
-                ratio = (start[k] - other.null) / (begin - slot.null)
-                moved[k] = other.null + ratio * (value - slot.null)
+                ratio = (start[k] - other.null) / (begin - parameter.null)
+                moved[k] = other.null + ratio * (value - parameter.null)
             moved[k] = np.clip(moved[k], other.lower, other.upper)
     return moved
 
 
-def _size(search: NamingSearch, e: Effect, severity: float, steepest: Array) -> float:
+def _size(search: ForwardSelection, e: Effect, severity: float, steepest: Array) -> float:
     """The size in the unit of the first parameter."""
     model, first = search.model, e.parameters[0]
     values = []
     for track in (-1,) if e.shared else range(model.tracks):
-        k = model.place[e.id, first.name, track]
-        slot = model.slots[k]
+        k = model.index[e.id, first.name, track]
+        parameter = model.parameters[k]
         upper = _upper(search, e, k, steepest)
-        value = _value(slot.null, slot.lower, upper, model.starts(e)[0][k], severity)
-        values.append(value if _is_limit(first) else abs(value - slot.null))
+        value = _value(parameter.null, parameter.lower, upper, model.starts(e)[0][k], severity)
+        values.append(value if _is_limit(first) else abs(value - parameter.null))
     size = float(np.mean(values))
     return max(size, MOST_SAMPLED * model.dt) if e.beyond_sampling else size

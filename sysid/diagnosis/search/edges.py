@@ -2,8 +2,8 @@
 
 A search by slopes does not move such an edge. Between two levels of the command that a log holds
 nothing changes, and beyond one of them a whole stretch of the run does; a difference over a small
-shift sees neither. So the edges of a lane are moved over the levels, together first, then one by
-one, and the other numbers follow after each move.
+shift sees neither. So the edges of an item are moved over the levels, together first, then one by
+one, and the other parameters follow after each move.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import Data
-from sysid.diagnosis.search.supermodel import SuperModel
 
 MOST = 24
 """Places of an edge that are tried: levels that lie closer are taken every so many."""
@@ -21,59 +21,67 @@ REACH = 2.5
 """An edge is sought from 1/f to f times where the slopes left it: starts lie that far apart."""
 
 Search = Callable[[Array], tuple[Array, Array]]
-"""Lanes (lanes, slots) → (lanes with their other numbers fitted, cost (lanes, tracks))."""
+"""(batch, parameters) → (the same with the other parameters fitted, cost (batch, tracks))."""
 
-BestTracks = Callable[[SuperModel, Array, Array], Array]
+BestTracks = Callable[[FullModel, Array, Array], Array]
 
 
-def edges_of(model: SuperModel, free: Sequence[int]) -> tuple[int, ...]:
-    """Free slots of edges at which a run jumps."""
-    return tuple(k for k in free if model.slots[k].edge and model.slots[k].jumps)
+def edges_of(model: FullModel, free: Sequence[int]) -> tuple[int, ...]:
+    """Free parameters of edges at which a run jumps."""
+    return tuple(k for k in free if model.parameters[k].edge and model.parameters[k].jumps)
 
 
 def on_levels(
-    model: SuperModel,
+    model: FullModel,
     q: Array,
     free: Sequence[Sequence[int]],
     data: Data,
     search: Search,
     best_tracks: BestTracks,
 ) -> tuple[Array, Array]:
-    """Lanes with their edges where they fit best, (lanes, slots), and costs (lanes, tracks).
+    """Items of a batch with their edges where they fit best, (batch, parameters), and costs (batch,
+    tracks).
 
     All edges of a track are moved by one factor first, and what jumps there by as much, so that
     larger commands keep their effect; then each edge alone.
 
     Args:
         model: simulation.
-        q: numbers of the lanes, (lanes, slots).
-        free: free slots of each lane.
+        q: parameters of the items, (batch, parameters).
+        free: free parameters of each item.
         data: estimation records.
-        search: fits the other numbers.
-        best_tracks: takes each track's numbers from the lane that fits it best.
+        search: fits the other parameters.
+        best_tracks: takes each track's parameters from the item that fits it best.
     """
-    tried = [_moved_together(model, row, mine) for row, mine in zip(q, free, strict=True)]
-    found, cost = search(_best(model, tried, data, best_tracks))
+    tried = [
+        _moved_together(model, row, free_parameters)
+        for row, free_parameters in zip(q, free, strict=True)
+    ]
+    moved, cost = search(_best(model, tried, data, best_tracks))
     for sign in (1, -1):
         tried = [
-            _moved_alone(model, row, mine, data, sign)
-            for row, mine in zip(found, free, strict=True)
+            _moved_alone(model, row, free_parameters, data, sign)
+            for row, free_parameters in zip(moved, free, strict=True)
         ]
-        found, cost = search(_best(model, tried, data, best_tracks))
-    return found, cost
+        moved, cost = search(_best(model, tried, data, best_tracks))
+    return moved, cost
 
 
-def _moved_together(model: SuperModel, q: Array, free: Sequence[int]) -> Array:
-    """A lane, and with all edges of a track moved by one factor, (rows, slots)."""
+def _moved_together(model: FullModel, q: Array, free: Sequence[int]) -> Array:
+    """An item, and with all edges of a track moved by one factor, (rows, parameters)."""
     edges = edges_of(model, free)
     rows = [q]
     for factor in np.geomspace(1.0 / REACH, REACH, MOST):
         row = q.copy()
         for i in range(model.tracks):
-            mine = [k for k in edges if model.slots[k].track == i]
-            moved = [_bounded(model, k, q[k] * factor) for k in mine]
-            shift = np.mean([m - q[k] for m, k in zip(moved, mine, strict=True)]) if mine else 0.0
-            row[mine] = moved
+            edges_of_track = [k for k in edges if model.parameters[k].track == i]
+            moved = [_bounded(model, k, q[k] * factor) for k in edges_of_track]
+            shift = (
+                np.mean([m - q[k] for m, k in zip(moved, edges_of_track, strict=True)])
+                if edges_of_track
+                else 0.0
+            )
+            row[edges_of_track] = moved
             for k in _jumps(model, free, i):
                 row[k] = _bounded(model, k, q[k] + float(shift))
         rows.append(row)
@@ -81,36 +89,42 @@ def _moved_together(model: SuperModel, q: Array, free: Sequence[int]) -> Array:
     return np.array(rows)
 
 
-def _moved_alone(model: SuperModel, q: Array, free: Sequence[int], data: Data, sign: int) -> Array:
-    """A lane, and with the edges on one side of zero on each of their places, (rows, slots)."""
+def _moved_alone(model: FullModel, q: Array, free: Sequence[int], data: Data, sign: int) -> Array:
+    """An item with the edges on one side of zero at each of their positions, (rows, parameters)."""
     rows = [q]
-    mine = [k for k in edges_of(model, free) if model.slots[k].edge == sign]
-    places = [_places(data.drive[:, model.slots[k].track] * sign, q[k]) for k in mine]
-    for n in range(max((len(p) for p in places), default=0)):
+    edges_of_side = [k for k in edges_of(model, free) if model.parameters[k].edge == sign]
+    positions = [
+        _positions(data.drive[:, model.parameters[k].track] * sign, q[k]) for k in edges_of_side
+    ]
+    for n in range(max((len(p) for p in positions), default=0)):
         row = q.copy()
-        for k, p in zip(mine, places, strict=True):
+        for k, p in zip(edges_of_side, positions, strict=True):
             row[k] = _bounded(model, k, p[min(n, len(p) - 1)])
         rows.append(row)
     return np.array(rows)
 
 
-def _whole(model: SuperModel, row: Array, edges: Sequence[int], free: Sequence[int]) -> Array:
+def _whole(model: FullModel, row: Array, edges: Sequence[int], free: Sequence[int]) -> Array:
     """The same edges, beyond which the whole command acts."""
     out = row.copy()
     for i in range(model.tracks):
-        mine = [k for k in edges if model.slots[k].track == i]
+        edges_of_track = [k for k in edges if model.parameters[k].track == i]
         for k in _jumps(model, free, i):
-            out[k] = _bounded(model, k, float(np.mean(row[mine])))
+            out[k] = _bounded(model, k, float(np.mean(row[edges_of_track])))
     return out
 
 
-def _jumps(model: SuperModel, free: Sequence[int], track: int) -> list[int]:
-    """Free slots of how far a run jumps at the edges of a track."""
-    slots = model.slots
-    return [k for k in free if slots[k].jumps and not slots[k].edge and slots[k].track == track]
+def _jumps(model: FullModel, free: Sequence[int], track: int) -> list[int]:
+    """Free parameters of how far a run jumps at the edges of a track."""
+    parameters = model.parameters
+    return [
+        k
+        for k in free
+        if parameters[k].jumps and not parameters[k].edge and parameters[k].track == track
+    ]
 
 
-def _places(drive: Array, now: float) -> Array:
+def _positions(drive: Array, now: float) -> Array:
     """Where an edge may lie around ``now``: midway between neighbouring levels of the command."""
     levels = np.unique(np.round(drive[drive > 0.0], 4))
     between = 0.5 * (levels[1:] + levels[:-1])
@@ -120,56 +134,53 @@ def _places(drive: Array, now: float) -> Array:
     return near if len(near) else np.array([now])
 
 
-def _bounded(model: SuperModel, k: int, value: float) -> float:
-    return float(np.clip(value, model.slots[k].lower, model.slots[k].upper))
+def _bounded(model: FullModel, k: int, value: float) -> float:
+    return float(np.clip(value, model.parameters[k].lower, model.parameters[k].upper))
 
 
-def _best(model: SuperModel, rows: Sequence[Array], data: Data, best_tracks: BestTracks) -> Array:
-    """The best row of each lane, track by track, (lanes, slots)."""
+def _best(model: FullModel, rows: Sequence[Array], data: Data, best_tracks: BestTracks) -> Array:
+    """The best row of each item, track by track, (batch, parameters)."""
     runs = model.run(np.concatenate(rows), data)
     with np.errstate(over="ignore", invalid="ignore"):
         cost = np.sum((data.weight * (data.y - runs)) ** 2, axis=1)
-    ends = np.cumsum([len(own) for own in rows])[:-1]
+    ends = np.cumsum([len(item_rows) for item_rows in rows])[:-1]
     parts = zip(rows, np.split(cost, ends), strict=True)
     return np.array([best_tracks(model, *part) for part in parts])
 
 
 def between_levels(
-    model: SuperModel,
+    model: FullModel,
     q: Array,
     free: Sequence[int],
     data: Data,
-    held: Data,
+    holdout: Data,
     best_tracks: BestTracks,
 ) -> Array:
-    """A lane whose edges suit the held-out records as far as the others leave them open.
+    """An item whose edges suit the held-out records as far as the others leave them open.
 
     Between two neighbouring levels of the command an edge, and what jumps there, may move together
-    without any change of the run on ``data``; a level of ``held`` in between decides.
+    without any change of the run on ``data``; a level of ``holdout`` in between decides.
     """
     edges = edges_of(model, free)
     rows = [q]
     for i in range(model.tracks):
-        mine = [k for k in edges if model.slots[k].track == i]
+        edges_of_track = [k for k in edges if model.parameters[k].track == i]
         jumps = _jumps(model, free, i)
-        if not mine or not jumps:
+        if not edges_of_track or not jumps:
             continue
-        ends = [_open(data.drive[:, i] * model.slots[k].edge, q[k]) for k in mine]
-        low = max(a - q[k] for (a, _), k in zip(ends, mine, strict=True))
-        high = min(b - q[k] for (_, b), k in zip(ends, mine, strict=True))
+        ends = [_open(data.drive[:, i] * model.parameters[k].edge, q[k]) for k in edges_of_track]
+        low = max(a - q[k] for (a, _), k in zip(ends, edges_of_track, strict=True))
+        high = min(b - q[k] for (_, b), k in zip(ends, edges_of_track, strict=True))
         low = max(low, -min(q[k] for k in jumps))
         for shift in np.linspace(low, high, MOST // 2 + 1)[1:-1]:
             row = q.copy()
-            row[[*mine, *jumps]] += shift
+            row[[*edges_of_track, *jumps]] += shift
             rows.append(row)
-    return _best(model, [np.array(rows)], held, best_tracks)[0] if len(rows) > 1 else q
+    return _best(model, [np.array(rows)], holdout, best_tracks)[0] if len(rows) > 1 else q
 
 
 def _open(drive: Array, now: float) -> tuple[float, float]:
     """The neighbouring levels of the command below and above an edge."""
     levels = np.unique(drive[drive > 0.0])
     below, above = levels[levels <= now], levels[levels > now]
-    return (
-        float(below[-1]) if len(below) else now,
-        float(above[0]) if len(above) else now,
-    )
+    return (float(below[-1]) if len(below) else now, float(above[0]) if len(above) else now)

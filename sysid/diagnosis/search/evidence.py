@@ -1,4 +1,4 @@
-"""What speaks for an effect: likelihood, paired blocks, held-out error; and the noise floor."""
+"""Evidence for an effect: likelihood, paired blocks, held-out error; and the noise floor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.criteria.coloured import effective_sample_size
-from sysid.data.reading.held import fresh_only, refreshes
+from sysid.data.reading.stale import fresh_only, refreshes
 from sysid.data.record import Array, Record
 from sysid.diagnosis.policies import RULE
 from sysid.fitting.holdout import Errors
@@ -15,7 +15,7 @@ from sysid.fitting.holdout import Errors
 BLOCKS = 24
 """Blocks that before and after are compared on; each still holds many time constants."""
 
-FEWEST_CALM = 200
+MIN_SETTLED_DIFFERENCES = 200
 """Third differences on which no command changes, at least, to read the noise from them alone."""
 
 WITHIN_THREE = 0.98658
@@ -54,7 +54,7 @@ class Evidence:
         That many effects are tried is seen to elsewhere: no effect is looked for where a model of
         the errors finds nothing, and the gain must be there again on held-out data. What acts
         seldom changes few blocks by much, and t stays below 2 however sure they are: there the
-        ranks of the touched blocks tell, which must then stand the correction.
+        ranks of the touched blocks decide, and must then pass the correction.
         """
         return self.delta_bic < RULE.bic and (self.t > RULE.t or self.p_value < RULE.p)
 
@@ -62,14 +62,14 @@ class Evidence:
 def effective_samples(errors: Sequence[Array]) -> Array:
     """Samples that the coloured errors are worth, (ny,), between 10 and N."""
     ny = errors[0].shape[1]
-    found = []
+    counts = []
     for i in range(ny):
         parts = [e[np.isfinite(e[:, i]), i][:, None] for e in errors]
         total = sum(len(p) for p in parts)
         scale = float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) + 1e-300
         n = effective_sample_size([p / scale for p in parts])
-        found.append(float(np.clip(n, 10.0, max(total, 10))))
-    return np.array(found)
+        counts.append(float(np.clip(n, 10.0, max(total, 10))))
+    return np.array(counts)
 
 
 def compare_errors(
@@ -85,7 +85,7 @@ def compare_errors(
 
     Args:
         before, after: errors of both models on the same samples.
-        parameters: numbers the richer model adds.
+        parameters: parameters the richer model adds.
         tried: effects that were tried, for the correction.
         touched: outputs that the effect changes, (ny,).
         samples: effective number of estimation samples of each output, common to all compared.
@@ -102,11 +102,11 @@ def compare_errors(
     delta += parameters * float(np.log(np.sum(n)))
     scale = np.sqrt(v0[at]) + 1e-300
     gains, moved = _block_gains(
-        [e[:, at] / scale for e in (*before.estimation, *before.held)],
-        [e[:, at] / scale for e in (*after.estimation, *after.held)],
+        [e[:, at] / scale for e in (*before.estimation, *before.holdout)],
+        [e[:, at] / scale for e in (*after.estimation, *after.holdout)],
     )
     t = _t(gains)
-    # few blocks may hold most of an effect: then ranks tell more than means; twice the smaller
+    # few blocks may hold most of an effect: then ranks say more than means; twice the smaller
     chance = 2.0 * min(float(student.sf(t, max(len(gains) - 1, 1))), _by_ranks(gains[moved]))
     ratio = float(np.sqrt(np.mean((h1[at] + 1e-300) / (h0[at] + 1e-300))))
     better = float(np.mean(gains[moved] > 0)) if moved.any() else 0.0
@@ -118,20 +118,20 @@ def difference(best: Errors, other: Errors) -> tuple[float, float]:
 
     Each output counts in units of the best model's error.
     """
-    v = np.nanmean(np.concatenate([*best.estimation, *best.held]) ** 2, axis=0)
+    v = np.nanmean(np.concatenate([*best.estimation, *best.holdout]) ** 2, axis=0)
     scale = np.sqrt(v) + 1e-300
     gains, _ = _block_gains(
-        [e / scale for e in (*other.estimation, *other.held)],
-        [e / scale for e in (*best.estimation, *best.held)],
+        [e / scale for e in (*other.estimation, *other.holdout)],
+        [e / scale for e in (*best.estimation, *best.holdout)],
     )
-    w = np.nanmean(np.concatenate([*other.estimation, *other.held]) ** 2, axis=0)
+    w = np.nanmean(np.concatenate([*other.estimation, *other.holdout]) ** 2, axis=0)
     return _t(gains), float(np.sqrt(np.mean((w + 1e-300) / (v + 1e-300))))
 
 
 def alike(best: Errors, other: Errors) -> bool:
     """Whether two models run alike: they differ by little against what the better one leaves."""
-    a = np.concatenate([*best.estimation, *best.held])
-    b = np.concatenate([*other.estimation, *other.held])
+    a = np.concatenate([*best.estimation, *best.holdout])
+    b = np.concatenate([*other.estimation, *other.holdout])
     size = np.sqrt(np.nanmean(a**2, axis=0)) + 1e-300
     return bool(np.all(np.sqrt(np.nanmean((a - b) ** 2, axis=0)) < RULE.alike * size))
 
@@ -177,10 +177,10 @@ def noise_floor(records: Sequence[Record]) -> Array:
 
     Third differences of a smooth signal vanish; divided by √20 (the norm of 1, −3, 3, −1) their
     spread is the standard deviation of white reading noise. Where the commands rest often enough,
-    only readings on which no command has just changed count, by their root mean square without
+    only measurements on which no command has just changed count, by their root mean square without
     outliers; else the median absolute deviation of all of them, which passes over transients as
-    long as they are a minority. Of a sensor slower than the log only fresh readings count. It is
-    never less than what rounding to the reading's steps q leaves, q/√12.
+    long as they are a minority. Of a sensor slower than the log only fresh measurements count. It
+    is never less than what rounding to the reading's steps q leaves, q/√12.
     """
     slow = refreshes(records)
     if any(slow):
@@ -192,38 +192,40 @@ def noise_floor(records: Sequence[Record]) -> Array:
 def settled(records: Sequence[Record]) -> NDArray[np.bool_]:
     """Outputs whose commands rest often enough to read the noise between their changes, (ny,)."""
     calm = [_calm(r) for r in records if len(r) > 3]
-    return np.asarray(np.concatenate(calm).sum(axis=0) >= FEWEST_CALM)
+    return np.asarray(np.concatenate(calm).sum(axis=0) >= MIN_SETTLED_DIFFERENCES)
 
 
 def _floor(records: Sequence[Record]) -> Array:
-    """``noise_floor`` of readings that are all fresh."""
+    """``noise_floor`` of measurements that are all fresh."""
     third = np.concatenate([np.diff(r.y, n=3, axis=0) for r in records if len(r) > 3])
     calm = np.concatenate([_calm(r) for r in records if len(r) > 3])
     rough = 1.4826 * np.median(np.abs(third), axis=0)
-    found = [
-        _spread(third[calm[:, i], i], rough[i]) if calm[:, i].sum() >= FEWEST_CALM else rough[i]
+    spreads = [
+        _spread(third[calm[:, i], i], rough[i])
+        if calm[:, i].sum() >= MIN_SETTLED_DIFFERENCES
+        else rough[i]
         for i in range(third.shape[1])
     ]
     rounding = _step(records) / np.sqrt(12.0)
-    return np.asarray(np.maximum(np.array(found) / np.sqrt(20.0), rounding))
+    return np.asarray(np.maximum(np.array(spreads) / np.sqrt(20.0), rounding))
 
 
 def _step(records: Sequence[Record]) -> Array:
-    """Smallest difference between two different readings of each output, (ny,): its resolution."""
+    """Resolution of each output, (ny,): the smallest difference between two measurements."""
     values = np.concatenate([r.y for r in records])
-    found = np.zeros(values.shape[1])
+    steps = np.zeros(values.shape[1])
     for i, column in enumerate(values.T):
         apart = np.diff(np.unique(column))
         # rounding of a computation is no step of a sensor
         apart = apart[apart > 1e-9 * float(np.max(np.abs(column), initial=0.0))]
-        found[i] = float(np.min(apart, initial=np.inf))
-    return np.where(np.isfinite(found), found, 0.0)
+        steps[i] = float(np.min(apart, initial=np.inf))
+    return np.where(np.isfinite(steps), steps, 0.0)
 
 
 def _calm(record: Record) -> NDArray[np.bool_]:
     """Third differences (N − 3, ny) on which no command changes, nor in the two samples before.
 
-    Readings that rest on zero or on their largest size (a clip) do not show the noise.
+    Measurements that rest on zero or on their largest size (a clip) do not show the noise.
     """
     u, y = record.u, record.y
     changes = np.any(np.abs(np.diff(u, axis=0)) > 1e-3 * np.max(np.abs(u), axis=0), axis=1)

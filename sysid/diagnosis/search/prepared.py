@@ -1,4 +1,4 @@
-"""Records as the super-model takes them: stacked, aligned and padded."""
+"""Records as the full model takes them: stacked, aligned and padded."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,20 +19,20 @@ serves many logs."""
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """Records prepared for the super-model: stacked, each from its own start, then padded.
+    """Records prepared for the full model: stacked, each from its own start, then padded.
 
     Attributes:
-        drive, y: commands in units of full drive and readings, (M, tracks).
+        drive, y: commands in units of full drive and measurements, (M, tracks).
         moving: 1 in records that begin in motion, 0 where the command begins with the record,
             (M, tracks).
-        counted: angle integrated from the readings before each, (M, tracks).
+        counted: angle integrated from the measurements before each, (M, tracks).
         t: time since the start of the record, (M, 1).
         reset: 1 at a record's start, (M,).
         first: row of the record's start, (M,).
         weight: 0 where a sample does not count, (M, tracks).
         log: which of several logs a row belongs to, from 0, (M, 1).
         lengths: samples of each record.
-        noise: noise of the readings (see ``noise_floor``), (tracks,).
+        noise: noise of the measurements (see ``noise_floor``), (tracks,).
     """
 
     drive: Array

@@ -1,4 +1,4 @@
-"""Where the search for an effect starts: catalogue values, and values read off the data."""
+"""Start values of the search for an effect: from the catalogue, or estimated from the data."""
 
 from collections.abc import Sequence
 
@@ -7,9 +7,9 @@ import numpy as np
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array
 from sysid.diagnosis.over_angle import over_angle, strongest_lines
-from sysid.diagnosis.search.numbers import Slot
+from sysid.diagnosis.search.full_model import FullModel
+from sysid.diagnosis.search.parameter_table import ModelParameter
 from sysid.diagnosis.search.prepared import Data
-from sysid.diagnosis.search.supermodel import SuperModel
 from sysid.effects.base import OF_SERVO, Effect, StartsFrom, Wave, is_of_servo
 from sysid.effects.catalogue import CHANGED, LEVEL
 from sysid.structures.blocks.sign_recovery import LAGS, recovered
@@ -18,7 +18,7 @@ PILE_UP = 0.01
 """Share of the samples that must lie at the largest reading before it counts as a clip level."""
 
 BELL_UP = 1.6
-"""How many times more readings lie in a bell at the top than below, for a clip behind noise."""
+"""How many times more measurements lie in a bell at the top than below, for a clip behind noise."""
 
 REPEATED = 0.004
 """Share of the samples that must be exactly the largest reading, for a clip without noise."""
@@ -34,29 +34,29 @@ RANKS = 2
 
 
 def starts_of(
-    model: SuperModel, e: Effect, q: Array, errors: Array, data: Data, fixed_core: bool = False
+    model: FullModel, e: Effect, q: Array, errors: Array, data: Data, fixed_core: bool = False
 ) -> list[Array]:
-    """Starting values of all slots for the search of one effect.
+    """Starting values of all parameters for the search of one effect.
 
     Args:
         model: simulation.
         e: effect to be tried.
-        q: numbers of the model without it, (slots,).
+        q: parameters of the model without it, (parameters,).
         errors: its free-run errors on the data, (M, tracks).
         data: estimation records.
-        fixed_core: whether the core's numbers stay as they are.
+        fixed_core: whether the core's parameters stay as they are.
     """
     if e.id == CHANGED.id:
         return _other_cores(model, q)
-    found = _starts_of(model, e, q, errors, data)
+    rows = _starts_of(model, e, q, errors, data)
     if not fixed_core:
-        return found
-    for row in found:
+        return rows
+    for row in rows:
         row[list(model.of("core"))] = q[list(model.of("core"))]
-    return list(np.unique(np.array(found), axis=0)) if found else []
+    return list(np.unique(np.array(rows), axis=0)) if rows else []
 
 
-def _starts_of(model: SuperModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
+def _starts_of(model: FullModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
     match e.starts_from:
         case StartsFrom.SIGNS:
             return _signless(model, e, q, data)
@@ -64,45 +64,45 @@ def _starts_of(model: SuperModel, e: Effect, q: Array, errors: Array, data: Data
             return _from_pile_up(model, e, q, data)
         case StartsFrom.WAVES:
             return _from_waves(model, e, q, errors, data)
-    found = []
+    rows = []
     for values in model.starts(e):
         row = q.copy()
-        for slot, value in values.items():
-            row[slot] = value
-        found.append(row)
+        for parameter, value in values.items():
+            row[parameter] = value
+        rows.append(row)
     if is_of_servo(e):
-        return [*found, *_from_motion(model, e, q, data)]
+        return [*rows, *_from_motion(model, e, q, data)]
     if e.weakens:
-        found += [_stronger(model, row) for row in found]
-    return found
+        rows += [_stronger(model, row) for row in rows]
+    return rows
 
 
-def _other_cores(model: SuperModel, q: Array) -> list[Array]:
+def _other_cores(model: FullModel, q: Array) -> list[Array]:
     """Larger and smaller gains, faster and slower time constants."""
-    found = []
+    rows = []
     for gain, power in ((0.75, 1.0), (1.3, 1.0), (1.0, 0.6), (1.0, 1.6)):
         row = q.copy()
         for i in range(model.tracks):
-            row[model.place["core", "gain", i]] *= gain
-            f1 = model.place["core", "f1", i]
+            row[model.index["core", "gain", i]] *= gain
+            f1 = model.index["core", "f1", i]
             row[f1] = -(abs(row[f1]) ** power)
-        found.append(row)
-    return found
+        rows.append(row)
+    return rows
 
 
-def _stronger(model: SuperModel, row: Array, factor: float = 1.3) -> Array:
+def _stronger(model: FullModel, row: Array, factor: float = 1.3) -> Array:
     out = row.copy()
     for i in range(model.tracks):
-        out[model.place["core", "gain", i]] *= factor
+        out[model.index["core", "gain", i]] *= factor
     return out
 
 
-def _signless(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
-    """A base fitted to signless readings is worth nothing: cores with the signs put back.
+def _signless(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
+    """A base fitted to signless measurements is worth nothing: cores with the signs put back.
 
     One start for each first guess of the signs, track by track (see ``sign_recovery``).
     """
-    found, first = [], e.parameters[0]
+    rows, first = [], e.parameters[0]
     for lag in LAGS:
         row = q.copy()
         for i in range(model.tracks):
@@ -119,19 +119,19 @@ def _signless(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]
             gain = float(B.sum()) / size if abs(size) > 1e-9 else 0.0
             if not np.isfinite(gain) or gain == 0.0:
                 continue
-            row[model.place["core", "gain", i]] = gain
+            row[model.index["core", "gain", i]] = gain
             for k in range(model.order):
-                row[model.place["core", f"f{k + 1}", i]] = float(A[k + 1])
+                row[model.index["core", f"f{k + 1}", i]] = float(A[k + 1])
             for k in range(1, model.order):
-                row[model.place["core", f"b{k + 1}", i]] = float(B[k]) / gain
-            row[model.place[e.id, first.name, i]] = first.starts[0]
-        found.append(row)
-    return found + (_ringing(model, e, q, data) if model.order == 3 else [])
+                row[model.index["core", f"b{k + 1}", i]] = float(B[k]) / gain
+            row[model.index[e.id, first.name, i]] = first.starts[0]
+        rows.append(row)
+    return rows + (_ringing(model, e, q, data) if model.order == 3 else [])
 
 
-def _ringing(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
+def _ringing(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
     """Third-order cores with a resonance, where signs that change fast cannot be put back."""
-    found, first = [], e.parameters[0]
+    rows, first = [], e.parameters[0]
     for turn in (0.3, 0.6, 1.0):
         for radius in (0.9, 0.97):
             for real in (0.85, 0.96):
@@ -140,44 +140,44 @@ def _ringing(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
                 f = np.real(np.poly(poles))
                 for i in range(model.tracks):
                     y, d = np.abs(data.y[:, i]), np.abs(data.drive[:, i])
-                    row[model.place["core", "gain", i]] = float(y.mean()) / max(d.mean(), 1e-9)
+                    row[model.index["core", "gain", i]] = float(y.mean()) / max(d.mean(), 1e-9)
                     for k in range(3):
-                        row[model.place["core", f"f{k + 1}", i]] = float(f[k + 1])
+                        row[model.index["core", f"f{k + 1}", i]] = float(f[k + 1])
                     for k in range(1, 3):
-                        row[model.place["core", f"b{k + 1}", i]] = 0.0
-                    row[model.place[e.id, first.name, i]] = first.starts[0]
-                found.append(row)
-    return found
+                        row[model.index["core", f"b{k + 1}", i]] = 0.0
+                    row[model.index[e.id, first.name, i]] = first.starts[0]
+                rows.append(row)
+    return rows
 
 
-def _from_motion(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
+def _from_motion(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
     """Cores and friction with which a servo moves as it was seen to.
 
-    While it moves one way, F(q) y = B(q) u − F(1) (c sign ẏ + l) is linear in all numbers.
+    While it moves one way, F(q) y = B(q) u − F(1) (c sign ẏ + l) is linear in all parameters.
 
     Args:
-        e: friction with a law of servos; its first number is c.
-        q: numbers of the model without it, (slots,).
+        e: friction with a law of servos; its first parameter is c.
+        q: parameters of the model without it, (parameters,).
     """
-    found = []
+    rows = []
     for span in SPANS:
         row = q.copy()
         for i in range(model.tracks):
-            if (numbers := _regressed(model.order, data, i, span)) is None:
+            if (regressed := _regressed(model.order, data, i, span)) is None:
                 break
-            gain, f, level, load = numbers
-            row[model.place["core", "gain", i]] = gain
+            gain, f, level, load = regressed
+            row[model.index["core", "gain", i]] = gain
             for k in range(1, model.order + 1):
-                row[model.place["core", f"f{k}", i]] = f[k - 1]
+                row[model.index["core", f"f{k}", i]] = f[k - 1]
             for k in range(2, model.order + 1):
-                row[model.place["core", f"b{k}", i]] = 0.0  # what friction takes then holds at once
-            row[model.place[e.id, e.parameters[0].name, i]] = level
-            row[model.place[e.id, OF_SERVO, i]] = 1.0
-            if (bias := (LEVEL.id, LEVEL.parameters[0].name, i)) in model.place:
-                row[model.place[bias]] = load
+                row[model.index["core", f"b{k}", i]] = 0.0  # what friction takes then holds at once
+            row[model.index[e.id, e.parameters[0].name, i]] = level
+            row[model.index[e.id, OF_SERVO, i]] = 1.0
+            if (bias := (LEVEL.id, LEVEL.parameters[0].name, i)) in model.index:
+                row[model.index[bias]] = load
         else:
-            found.append(row)
-    return found
+            rows.append(row)
+    return rows
 
 
 def _regressed(
@@ -209,8 +209,8 @@ def _regressed(
     return gain, f, max(float(-last[0] / size), 0.0), float(-last[1] / size)
 
 
-def _from_pile_up(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Array]:
-    """The clip level is where readings pile up, not what least squares would like it to be."""
+def _from_pile_up(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
+    """The clip level is where measurements pile up, not what least squares would like it to be."""
     levels = np.array(
         [clip_level(data.y[data.weight[:, i] > 0.0, i], data.noise[i]) for i in range(model.tracks)]
     )
@@ -218,21 +218,21 @@ def _from_pile_up(model: SuperModel, e: Effect, q: Array, data: Data) -> list[Ar
         return []
     row = q.copy()
     for i, level in enumerate(levels):
-        slot = model.place[e.id, e.parameters[0].name, i]
+        parameter = model.index[e.id, e.parameters[0].name, i]
         if np.isfinite(level):
-            row[slot] = min(level, model.slots[slot].upper)
+            row[parameter] = min(level, model.parameters[parameter].upper)
     return [row, _stronger(model, row), _stronger(model, row, 1.8)]
 
 
 def clip_level(y: Array, noise: float = 0.0) -> float:
-    """Size of the largest readings when they pile up in a narrow band, else infinite.
+    """Size of the largest measurements when they pile up in a narrow band, else infinite.
 
     A clipped sensor shows a flat top: one largest value comes again and again, or, where noise
-    enters behind the clip, many more readings lie within the noise of the top than in the bands
+    enters behind the clip, many more measurements lie within the noise of the top than in the bands
     below it.
 
     Args:
-        y: readings, (N,).
+        y: measurements, (N,).
         noise: their standard deviation beyond the clip.
     """
     size = np.abs(y)
@@ -272,60 +272,62 @@ def repeats_at_top(y: Array) -> bool:
     )
 
 
-def _from_waves(model: SuperModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
+def _from_waves(model: FullModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
     """The strongest waves of the errors over the wheel's angle, for each law, track by track.
 
-    The angle comes from the readings, or from the model where the readings drift at rest.
+    The angle comes from the measurements, or from the model where the measurements drift at rest.
     """
     run = data.y - errors
     simulated = (np.cumsum(run, axis=0) - 0.5 * run) * model.dt
-    found = []
+    starts = []
     for law in e.laws:
         (wave,) = (w for w in e.waves if w.cosine in law.parameters)
         for of_wheel, angle in ((0.0, data.counted + 0.5 * model.dt * run), (1.0, simulated)):
             rows = [q.copy() for _ in range(RANKS if wave.line in law.parameters else 1)]
             for i in range(model.tracks):
                 seen = _Seen(model, wave, q, data, run[:, i], i)
-                line = model.place[e.id, wave.line, i]
+                line = model.index[e.id, wave.line, i]
                 free = wave.line in law.parameters
                 lines = (
-                    seen.lines(angle[:, i], errors[:, i], model.slots[line])
+                    seen.lines(angle[:, i], errors[:, i], model.parameters[line])
                     if free
-                    else [model.slots[line].null]
+                    else [model.parameters[line].null]
                 )
                 for row, n in zip(rows, lines, strict=True):
                     cosine, sine = seen.fitted(n * angle[:, i], errors[:, i])
-                    numbers = {wave.cosine: cosine, wave.sine: sine, wave.line: n}
-                    numbers |= {wave.of_wheel: of_wheel, **law.choices}
-                    for name, value in numbers.items():
-                        row[model.place[e.id, name, i]] = value
-            found += rows
-    return found
+                    values = {wave.cosine: cosine, wave.sine: sine, wave.line: n}
+                    values |= {wave.of_wheel: of_wheel, **law.choices}
+                    for name, value in values.items():
+                        row[model.index[e.id, name, i]] = value
+            starts += rows
+    return starts
 
 
 class _Seen:
-    """How a wave of an effect shows in the readings of one track, to first order."""
+    """How a wave of an effect shows in the measurements of one track, to first order."""
 
     def __init__(
-        self, model: SuperModel, wave: Wave, q: Array, data: Data, run: Array, i: int
+        self, model: FullModel, wave: Wave, q: Array, data: Data, run: Array, i: int
     ) -> None:
         order = range(1, model.order + 1)
-        f = np.array([q[model.place["core", f"f{k}", i]] for k in order])
-        tail = np.array([q[model.place["core", f"b{k}", i]] for k in order[1:]])
+        f = np.array([q[model.index["core", f"f{k}", i]] for k in order])
+        tail = np.array([q[model.index["core", f"b{k}", i]] for k in order[1:]])
         self.a = np.concatenate([[1.0], f])
         self.b = np.concatenate([[0.0, 1.0 + f.sum() - tail.sum()], tail])
         self.torque = wave.of_torque
         self.factor = run if wave.of_speed else np.ones_like(run)
         self.weight = data.weight[:, i]
 
-    def lines(self, angle: Array, errors: Array, slot: Slot) -> list[float]:
+    def lines(self, angle: Array, errors: Array, parameter: ModelParameter) -> list[float]:
         """The strongest waves a rad."""
         at = errors * self.weight
         if self.torque:  # the torque that the errors ask for, a sample before
             at = np.append(lfilter(self.a, [1.0], at)[1:], 0.0) * self.weight
-        lines, whole = over_angle(angle, at * self.factor, slot.upper)
+        lines, whole = over_angle(angle, at * self.factor, parameter.upper)
         span = float(np.ptp(angle))
-        return strongest_lines(lines, np.abs(whole), (slot.lower, slot.upper), span, RANKS)
+        return strongest_lines(
+            lines, np.abs(whole), (parameter.lower, parameter.upper), span, RANKS
+        )
 
     def fitted(self, phase: Array, errors: Array) -> tuple[float, float]:
         """Cosine and sine of a wave by least squares; none where the core's motion has no end."""
@@ -339,13 +341,15 @@ class _Seen:
         return float(cosine), float(sine)
 
 
-def free_slots(model: SuperModel, e: Effect, q: Array, tracks: Sequence[int]) -> tuple[int, ...]:
+def free_parameters(
+    model: FullModel, e: Effect, q: Array, tracks: Sequence[int]
+) -> tuple[int, ...]:
     """Slots of an effect that a search moves on some of the tracks, by the law that ``q`` chose."""
     # a changed parameter has none of its own: it moves the core's
-    held = {p.name for p in e.parameters}.difference(e.searched(model.chosen(e, q)))
+    fixed = {p.name for p in e.parameters}.difference(e.searched(model.chosen(e, q)))
     return tuple(
         k
         for k in model.of(e.id)
-        if model.slots[k].name not in held
-        and (model.slots[k].track < 0 or model.slots[k].track in tracks)
+        if model.parameters[k].name not in fixed
+        and (model.parameters[k].track < 0 or model.parameters[k].track in tracks)
     )

@@ -1,1 +1,1 @@
-"""Several logs of one machine: what is the same in all of them, and what differs."""
+"""Several logs of one machine: which estimates agree, and which differ."""

@@ -1,4 +1,4 @@
-"""What each of several logs shows between tracks and ground: its pose is examined alone."""
+"""Effects between tracks and ground in each of several logs: its pose is diagnosed alone."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,10 +10,10 @@ from sysid.diagnosis.search.logs import Logs
 from sysid.diagnosis.several.constancy import constancies
 from sysid.diagnosis.several_logs import (
     ABSENT,
-    HIDDEN,
-    PRESENT,
+    INCONCLUSIVE,
+    SIGNIFICANT,
     LogEffect,
-    LogNumber,
+    LogParameter,
     SeveralLogs,
 )
 from sysid.effects.catalogue import effect
@@ -44,11 +44,11 @@ def with_ground(
         return several
     if geometry is None:
         geometry = Geometry() if pose.geometry is None else pose.geometry.geometry
-    of = (*logs.estimation, *logs.held)
+    of = (*logs.estimation, *logs.holdout)
     views = []
     for k, view in enumerate(several.logs):
-        mine = {id(r): r for r, i in zip(records, of, strict=False) if i == k}
-        alone = diagnose_pose(tuple(mine.values()), (), geometry)
+        of_log = {id(r): r for r, i in zip(records, of, strict=False) if i == k}
+        alone = diagnose_pose(tuple(of_log.values()), (), geometry)
         shown = tuple(_shown(e, alone) for e in pose.effects)
         views.append(replace(view, effects=(*view.effects, *shown)))
     ids = [e.id for e in views[0].effects]
@@ -56,18 +56,20 @@ def with_ground(
 
 
 def _shown(e: NamedEffect, alone: PoseDiagnosis | None) -> LogEffect:
-    """What one log shows of an effect; numbers where it names the same one."""
-    found = () if alone is None else alone.effects
-    same = next((f for f in found if f.id == e.id), None)
+    """What one log shows of an effect; parameters where it names the same one."""
+    effects = () if alone is None else alone.effects
+    same = next((f for f in effects if f.id == e.id), None)
     if same is not None:
-        numbers = tuple(LogNumber(v.name, v.value, v.std_error, v.unit) for v in same.parameters)
-        return LogEffect(e.id, PRESENT, numbers)
+        parameters = tuple(
+            LogParameter(v.name, v.value, v.std_error, v.unit) for v in same.parameters
+        )
+        return LogEffect(e.id, SIGNIFICANT, parameters)
     names = {e.id, *e.indistinguishable}
-    if any(names & {f.id, *f.indistinguishable} for f in found):
-        return LogEffect(e.id, PRESENT, ())
+    if any(names & {f.id, *f.indistinguishable} for f in effects):
+        return LogEffect(e.id, SIGNIFICANT, ())
     least = None if alone is None else alone.detectable.get(e.id)
     null = {p.name: p.null for p in effect(e.id).parameters}
     first = e.parameters[0]
     size = abs(first.value - null[first.name.partition("[")[0]])
     seen = least is not None and CLEARLY * least < size
-    return LogEffect(e.id, ABSENT if seen else HIDDEN, ())
+    return LogEffect(e.id, ABSENT if seen else INCONCLUSIVE, ())

@@ -1,1 +1,1 @@
-"""Where simulation and data disagree, and whether an added effect closes the gap."""
+"""Validation: where simulation and data disagree, and whether an effect closes the gap."""

@@ -1,9 +1,9 @@
-"""The rule of acceptance once more, at the end: what is said of every accepted effect must hold.
+"""Final acceptance: every selected effect is checked again in the final model.
 
-A search accepts an effect beside those found so far; what comes later changes its numbers. So each
-one is checked in the final model, by one rule: its gain is more than chance in spite of the effects
-tried, and a number of its own is away from doing nothing by its 95 % interval. The interval is that
-of the likelihood where a run jumps with the number or where slopes leave it in doubt.
+A search accepts an effect beside those found so far; what comes later changes its parameters. So
+each one is checked in the final model, by one rule: its gain is more than chance in spite of the
+effects tried, and a number of its own is away from doing nothing by its 95 % interval. The interval
+is that of the likelihood where a run jumps with the parameter or where slopes leave it in doubt.
 """
 
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from sysid.data.record import Array
 from sysid.diagnosis.augment import covariance_of
 from sysid.diagnosis.base_model import Base
-from sysid.diagnosis.named_effects import Dropped
+from sysid.diagnosis.named_effects import RejectedEffect
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.intervals import DOUBTED, SAME_RUN
-from sysid.diagnosis.search.named_sets import Interval, Named, Naming, Node
+from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN
+from sysid.diagnosis.search.selection import CandidateModel, Interval, SelectedEffect, Selection
 from sysid.effects.catalogue import CHANGED, about
 from sysid.fitting.profile import NORMAL
 
@@ -30,9 +30,7 @@ CONSTANT = 3.0
 """Spreads of the blocks' levels that a constant one is off zero. A random walk is off by one or two
 of them, seldom by more; white noise spreads the levels of blocks by a twentieth of itself."""
 
-DRIFTS = (
-    "what it shifts is no constant: over the logs the level wanders about as far as it is off zero"
-)
+DRIFTS = "the offset is not constant: over the logs it varies by about its own size"
 
 KNOWN = 3.0
 """Standard errors that the number of waves in a rad is worth where such a wave is named."""
@@ -42,8 +40,8 @@ ENDLESS = 100.0
 
 
 @dataclass(frozen=True)
-class Number:
-    """One free number of an accepted effect.
+class ParameterEstimate:
+    """One free parameter of an accepted effect.
 
     Attributes:
         value, null: estimate, and the value at which the effect does nothing.
@@ -58,7 +56,7 @@ class Number:
 
     @property
     def away(self) -> bool:
-        """Whether 95 % say that the number does something."""
+        """Whether 95 % say that the parameter does something."""
         if self.interval is None:
             return abs(self.value - self.null) > NORMAL * self.std_error > 0.0
         if not self.interval.visited:
@@ -69,23 +67,25 @@ class Number:
         return not (low is None or low <= self.null) or not (high is None or high >= self.null)
 
 
-def against(evidence: Evidence, numbers: Sequence[Number], needed: float = RULE.own_part) -> str:
-    """What speaks against an accepted effect, in words after its name; empty where it stands.
+def against(
+    evidence: Evidence, parameters: Sequence[ParameterEstimate], needed: float = RULE.own_part
+) -> str:
+    """The objection to an accepted effect, in words after its name; empty where there is none.
 
     Args:
         evidence: of the final model against that without the effect.
-        numbers: its free numbers; none where it is read off the data.
+        parameters: its free parameters; none where it is read off the data.
         needed: what the held-out error must fall below, as a share of before.
     """
     if not evidence.delta_bic < RULE.bic:
-        return f"its numbers cost more than they gain (ΔBIC {evidence.delta_bic:.3g})"
+        return f"its parameters cost more than they gain (ΔBIC {evidence.delta_bic:.3g})"
     if not evidence.ratio < needed:
         change = 100.0 * (evidence.ratio - 1.0)
         return f"in the final model it changes the held-out error by {change:+.0f} %"
     if not (evidence.p_value < RULE.p or _beyond_chance(evidence)):
         return f"its gain may be chance (p = {evidence.p_value:.2g} among all effects tried)"
-    if numbers and not any(n.away for n in numbers):
-        return "none of its numbers is away from doing nothing by its 95 % interval"
+    if parameters and not any(n.away for n in parameters):
+        return "the 95 % interval of each of its parameters includes the null value"
     return ""
 
 
@@ -98,19 +98,19 @@ def _beyond_chance(evidence: Evidence) -> bool:
     return evidence.delta_bic < RULE.certain_bic and evidence.t > RULE.t
 
 
-def weakest(base: Base, naming: Naming) -> Dropped | None:
-    """The accepted effect that stands least, or None where all do."""
+def weakest(base: Base, selection: Selection) -> RejectedEffect | None:
+    """The accepted effect to reject first, or None where all hold."""
     # one alone must do what a first effect must; beside others each keeps its own part
-    needed = base.search.needed if len(naming.named) == 1 else RULE.own_part
-    found = [
-        (n, against(final_evidence(base, naming, n), numbers_of(base, naming, n), needed))
-        for n in naming.named
+    needed = base.search.needed if len(selection.selected) == 1 else RULE.own_part
+    objections = [
+        (n, against(final_evidence(base, selection, n), estimates_of(base, selection, n), needed))
+        for n in selection.selected
     ]
-    failed = [(n, reason) for n, reason in found if reason]
+    failed = [(n, reason) for n, reason in objections if reason]
     if not failed:
         return None
     named, reason = max(failed, key=lambda f: f[0].evidence.delta_bic)
-    return Dropped(named.id, reason)
+    return RejectedEffect(named.id, reason)
 
 
 def drifts(errors: Sequence[Array], shift: Array | float = 0.0) -> NDArray[np.bool_]:
@@ -132,44 +132,44 @@ def drifts(errors: Sequence[Array], shift: Array | float = 0.0) -> NDArray[np.bo
     return np.asarray(off < CONSTANT * spread)
 
 
-def drifting_level(base: Base, naming: Naming) -> Dropped | None:
+def drifting_level(base: Base, selection: Selection) -> RejectedEffect | None:
     """An accepted constant shift that is not constant on any output that it acts on."""
-    model, final = base.search.model, naming.final
-    for n in naming.named:
+    model, final = base.search.model, selection.final
+    for n in selection.selected:
         if not about(n.id).level:
             continue
         first = about(n.id).parameters[0].name
-        shift = np.array([abs(final.q[model.place[n.id, first, i]]) for i in range(model.tracks)])
-        if drifts((*final.errors.estimation, *final.errors.held), shift)[n.touched].all():
-            return Dropped(n.id, DRIFTS)
+        shift = np.array([abs(final.q[model.index[n.id, first, i]]) for i in range(model.tracks)])
+        if drifts((*final.errors.estimation, *final.errors.holdout), shift)[n.touched].all():
+            return RejectedEffect(n.id, DRIFTS)
     return None
 
 
-def unknown_wave(base: Base, naming: Naming) -> Dropped | None:
+def unknown_wave(base: Base, selection: Selection) -> RejectedEffect | None:
     """An accepted wave over the angle of which no track knows how often it comes in a rad.
 
     A disturbance that wanders looks like a part of one long wave.
     """
-    model, final = base.search.model, naming.final
+    model, final = base.search.model, selection.final
     at = std_errors(base, final)
-    for n in naming.named:
+    for n in selection.selected:
         places = [
-            model.place[n.id, wave.line, i]
+            model.index[n.id, wave.line, i]
             for wave in about(n.id).waves
             for i in np.flatnonzero(n.touched).tolist()
         ]
         rates = [k for k in dict.fromkeys(places) if k in at]
         if rates and all(final.q[k] < KNOWN * at[k] for k in rates):
             said = ", ".join(f"{final.q[k]:.2g} ± {at[k]:.1g}" for k in rates)
-            return Dropped(
+            return RejectedEffect(
                 n.id,
-                f"how often it comes in a rad of the angle is not known ({said}): what wanders "
-                "looks like a part of one long wave",
+                f"its number of waves per radian is not determined ({said}): a drift looks like "
+                "part of one long wave",
             )
     return None
 
 
-def least_beside(shares: Sequence[tuple[str, float, float]]) -> Dropped | None:
+def least_beside(shares: Sequence[tuple[str, float, float]]) -> RejectedEffect | None:
     """Of several effects the one that explains least, where that is less than what they leave.
 
     What is left follows inputs and outputs: the law of one of them fits in part only. What it
@@ -182,81 +182,89 @@ def least_beside(shares: Sequence[tuple[str, float, float]]) -> Dropped | None:
     short = [s for s in shares if s[1] < s[2]]
     if not short:
         return None
-    id, closed, left = min(short, key=lambda s: s[1])
-    return Dropped(
+    id, closed, open_ = min(short, key=lambda s: s[1])
+    return RejectedEffect(
         id,
-        f"beside the others it explains {closed:.1f} % of the gap of its outputs, less than the "
-        f"{left:.1f} % that all of them leave: a law that fits only in part is as likely",
+        f"it closes {closed:.1f} % of the gap of its outputs, less than the {open_:.1f} % that all "
+        "effects leave: a law that fits only partly is as likely",
     )
 
 
-def small_share(closed: float, left: float) -> str:
-    """Why an effect that closes so much of the gap and leaves so much does not stand."""
+def small_share(closed: float, open_: float) -> str:
+    """Why an effect that closes so much of the gap and leaves so much is rejected."""
     return (
-        f"it explains {closed:.1f} % of the gap of its outputs and leaves {left:.1f} %, which "
-        "still follows inputs and outputs: other physics may look in part like it"
+        f"it closes {closed:.1f} % of the gap of its outputs and leaves {open_:.1f} %, which is "
+        "correlated with inputs and outputs: other physics may look partly like it"
     )
 
 
-def final_evidence(base: Base, naming: Naming, named: Named) -> Evidence:
-    """What speaks for an accepted effect in the final model, whose numbers others have moved."""
-    final = replace(naming.final, touched=named.touched)
+def final_evidence(base: Base, selection: Selection, named: SelectedEffect) -> Evidence:
+    """What speaks for an accepted effect in the final model, whose parameters others have moved."""
+    final = replace(selection.final, touched=named.touched)
     return base.search.evidence(named.rest, final, len(base.search.model.effects))
 
 
-def numbers_of(base: Base, naming: Naming, named: Named) -> tuple[Number, ...]:
-    """The free numbers of an accepted effect that tell whether it is there, in the final model."""
+def estimates_of(
+    base: Base, selection: Selection, named: SelectedEffect
+) -> tuple[ParameterEstimate, ...]:
+    """The free parameters in the final model that show whether an accepted effect is there."""
     if named.id == CHANGED.id:
         return ()
-    node, model = naming.final, base.search.model
-    at = std_errors(base, node)
-    found = {
-        k: Number(float(node.q[k]), model.slots[k].null, at[k], naming.intervals.get(k))
+    candidate, model = selection.final, base.search.model
+    at = std_errors(base, candidate)
+    parameters = {
+        k: ParameterEstimate(
+            float(candidate.q[k]), model.parameters[k].null, at[k], selection.intervals.get(k)
+        )
         for k in model.of(named.id)
         if k in at
     }
-    if not any(n.away for n in found.values()) or all(n.away for n in found.values()):
-        return tuple(found.values())
-    acting = _acting_alone(base, node, tuple(found))
-    return tuple(found[k] for k in acting or found)
+    if not any(n.away for n in parameters.values()) or all(n.away for n in parameters.values()):
+        return tuple(parameters.values())
+    acting = _acting_alone(base, candidate, tuple(parameters))
+    return tuple(parameters[k] for k in acting or parameters)
 
 
-def _acting_alone(base: Base, node: Node, mine: Sequence[int]) -> tuple[int, ...]:
-    """Slots of an effect that do something while its other free numbers do nothing.
+def _acting_alone(base: Base, candidate: CandidateModel, indices: Sequence[int]) -> tuple[int, ...]:
+    """Slots of an effect that do something while its other free parameters do nothing.
 
     What only shapes an effect says nothing of whether it is there: the time of a fading is no sign
     of one as long as its depth may be none.
     """
     model, data = base.search.model, base.search.data
-    lanes = np.repeat(node.q[None], len(mine) + 1, axis=0)
-    lanes[:, list(mine)] = [model.slots[k].null for k in mine]
-    for row, k in zip(lanes, mine, strict=False):
-        row[k] = node.q[k]
-    *runs, without = np.nan_to_num(model.run(lanes, data)) * data.weight
+    batch = np.repeat(candidate.q[None], len(indices) + 1, axis=0)
+    batch[:, list(indices)] = [model.parameters[k].null for k in indices]
+    for row, k in zip(batch, indices, strict=False):
+        row[k] = candidate.q[k]
+    *runs, without = np.nan_to_num(model.run(batch, data)) * data.weight
     least = SAME_RUN * max(float(np.max(np.abs(without))), 1e-300)
     return tuple(
-        k for k, run in zip(mine, runs, strict=True) if np.max(np.abs(run - without)) > least
+        k for k, run in zip(indices, runs, strict=True) if np.max(np.abs(run - without)) > least
     )
 
 
-def doubtful_slots(base: Base, naming: Naming) -> tuple[int, ...]:
-    """Free slots that slopes say nothing of, and all of an effect that they put nowhere far away.
+def uncertain_parameters(base: Base, selection: Selection) -> tuple[int, ...]:
+    """Free parameters that slopes say nothing of, and all of an effect that they put nowhere far
+    away.
 
-    A slope of nothing is no certainty: the log never goes where the number acts.
+    A slope of nothing is no certainty: the log never goes where the parameter acts.
     """
-    found: list[int] = []
-    node, model = naming.final, base.search.model
-    at = std_errors(base, node)
-    for n in naming.named:
-        mine = [k for k in model.of(n.id) if k in at] if n.id != CHANGED.id else []
-        far = [abs(node.q[k] - model.slots[k].null) > DOUBTED * at[k] > 0.0 for k in mine]
-        found += mine if not any(far) else [k for k in mine if at[k] == 0.0]
-    return tuple(found)
+    doubtful: list[int] = []
+    candidate, model = selection.final, base.search.model
+    at = std_errors(base, candidate)
+    for n in selection.selected:
+        of_effect = [k for k in model.of(n.id) if k in at] if n.id != CHANGED.id else []
+        far = [
+            abs(candidate.q[k] - model.parameters[k].null) > UNCERTAIN * at[k] > 0.0
+            for k in of_effect
+        ]
+        doubtful += of_effect if not any(far) else [k for k in of_effect if at[k] == 0.0]
+    return tuple(doubtful)
 
 
-def std_errors(base: Base, node: Node) -> dict[int, float]:
-    """Standard errors of the free slots by slopes; 0 where these say nothing."""
-    if not node.free:
+def std_errors(base: Base, candidate: CandidateModel) -> dict[int, float]:
+    """Standard errors of the free parameters by slopes; 0 where these say nothing."""
+    if not candidate.free:
         return {}
-    errors = np.sqrt(np.maximum(np.diag(covariance_of(base, node)), 0.0))
-    return {k: float(e) for k, e in zip(node.free, errors, strict=True)}
+    errors = np.sqrt(np.maximum(np.diag(covariance_of(base, candidate)), 0.0))
+    return {k: float(e) for k, e in zip(candidate.free, errors, strict=True)}

@@ -1,4 +1,4 @@
-"""Tests of errors that a regression leaves: a group of terms, a level, a ripple over the angle."""
+"""Tests of regression residuals: a group of terms, an offset, a ripple over the angle."""
 
 from collections.abc import Callable, Sequence
 
@@ -18,7 +18,7 @@ LEVEL_SPREAD = 0.35
 
 LEVEL_PARTS = 6
 
-FEWEST_FREE = 10
+MIN_DEGREES_OF_FREEDOM = 10
 """Degrees of freedom that a variance needs to be compared with."""
 
 RIPPLES = (0.5, 20.0)
@@ -46,7 +46,7 @@ def orthonormal(columns: Array) -> Array:
 
 
 def f_test(w: Array, X: Array, spent: int) -> float:
-    """p-value of no dependence of white w on the columns of X; ``spent``: numbers fitted before.
+    """p-value of no dependence of white w on the columns of X; ``spent``: parameters fitted before.
 
     NaN where too few samples are left to compare with.
     """
@@ -55,20 +55,20 @@ def f_test(w: Array, X: Array, spent: int) -> float:
     q = basis.shape[1]
     free = len(w) - q - spent
     rest = float(w @ w) - explained
-    if q and free < FEWEST_FREE:
+    if q and free < MIN_DEGREES_OF_FREEDOM:
         return float("nan")
     if q == 0 or rest <= 0.0:
         return 1.0
     return float(fdtrc(q, free, explained / q / (rest / free)))
 
 
-def level_chance(e: Sequence[Array], own: Sequence[Array]) -> float:
+def level_chance(e: Sequence[Array], gradients: Sequence[Array]) -> float:
     """p-value of no constant level, by the long-run variance of what a level leaves.
 
     A wandering load also has a mean. A level counts only if it stands in every part of the records.
     """
     ends = np.cumsum([len(x) for x in e])[:-1]
-    y, Z = np.concatenate(e), np.concatenate(own)
+    y, Z = np.concatenate(e), np.concatenate(gradients)
     one = np.ones((len(y), 1))
     basis = orthonormal(Z)
     constant = one[:, 0] - basis @ (basis.T @ one[:, 0])
@@ -157,8 +157,8 @@ class _Whitened:
 
     def ordinates(self, lines: Array) -> Array:
         """What a wave of each line explains of w, in units of its square."""
-        both, det, held = self._sums(lines)
-        return np.asarray(held / np.maximum(det, 1e-9 * both**2 + 1e-300))
+        both, det, explained = self._sums(lines)
+        return np.asarray(explained / np.maximum(det, 1e-9 * both**2 + 1e-300))
 
     def _columns(self, wave: Callable[[Array], Array], lines: Array) -> Array:
         parts = [

@@ -1,4 +1,4 @@
-"""Two lags in a row: which is the motor's and which the other's, the readings do not say.
+"""Intervals of two lags in series, which the output cannot assign to motor and sensor.
 
 A first-order motor behind or before a lag of first order has the transfer function
 
@@ -25,29 +25,29 @@ from sysid.diagnosis.policies import BUDGET, RULE
 from sysid.diagnosis.search.batched_search import refined
 from sysid.diagnosis.search.evidence import effective_samples
 from sysid.diagnosis.search.exchanged import exchanged, lags_of
-from sysid.diagnosis.search.named_sets import Interval, Naming, Node
+from sysid.diagnosis.search.selection import CandidateModel, Interval, Selection
 from sysid.diagnosis.validation.acceptance import std_errors
 from sysid.fitting.profile import LEVEL, NORMAL
 
 
-def with_exchanged_lags(base: Base, naming: Naming) -> Naming:
-    """The naming with intervals that hold a lag's other place where the log allows it.
+def with_exchanged_lags(base: Base, selection: Selection) -> Selection:
+    """The selection with intervals that hold a lag's other place where the log allows it.
 
     Of both places the likelier one is the estimate.
     """
-    for n in naming.named:
-        lags = lags_of(base.search.model, naming.final)
-        naming = _with_both(
-            base, naming, [k for k in lags if base.search.model.slots[k].owner == n.id]
+    for n in selection.selected:
+        lags = lags_of(base.search.model, selection.final)
+        selection = _with_both(
+            base, selection, [k for k in lags if base.search.model.parameters[k].owner == n.id]
         )
-    return naming
+    return selection
 
 
-def _with_both(base: Base, naming: Naming, lags: Sequence[int]) -> Naming:
-    here = naming.final
+def _with_both(base: Base, selection: Selection, lags: Sequence[int]) -> Selection:
+    here = selection.final
     there = _other_place(base, here, lags)
     if there is None:
-        return naming
+        return selection
     samples = effective_samples(here.errors.estimation)
     (v, _), (w, _) = here.errors.mean_squares(), there.errors.mean_squares()
     beyond = samples * np.log(w / v)
@@ -57,29 +57,29 @@ def _with_both(base: Base, naming: Naming, lags: Sequence[int]) -> Naming:
         here, there, beyond = there, here, -beyond
         v, w = w, v
     alike = (beyond < LEVEL) | (np.sqrt(w / v) < RULE.known_tie)
-    intervals = dict(naming.intervals)
-    own, other = std_errors(base, here), std_errors(base, there)
+    intervals = dict(selection.intervals)
+    errors_here, errors_there = std_errors(base, here), std_errors(base, there)
     for k in lags:
-        if alike[base.search.model.slots[k].track]:
+        if alike[base.search.model.parameters[k].track]:
             ends = [
-                node.q[k] + side * NORMAL * errors[k]
-                for node, errors in ((here, own), (there, other))
+                candidate.q[k] + side * NORMAL * errors[k]
+                for candidate, errors in ((here, errors_here), (there, errors_there))
                 for side in (-1.0, 1.0)
             ]
             least, most = _roots(base, here, k)
             intervals[k] = Interval(float(max(min(ends), least)), float(min(max(ends), most)))
-    return replace(naming, final=here, intervals=intervals)
+    return replace(selection, final=here, intervals=intervals)
 
 
-def _roots(base: Base, node: Node, lag: int) -> tuple[float, float]:
+def _roots(base: Base, candidate: CandidateModel, lag: int) -> tuple[float, float]:
     """The least and the greatest of two lags in a row by 95 % of their sum and their product."""
     model = base.search.model
-    pole = model.place["core", "f1", model.slots[lag].track]
-    at = [node.free.index(k) for k in (pole, lag)]
-    covariance = covariance_of(base, node)[np.ix_(at, at)]
-    logarithm = np.log(-node.q[pole])
-    a, b = -model.dt / logarithm, node.q[lag]
-    slope = model.dt / (logarithm**2 * node.q[pole])  # of the time constant by f1
+    pole = model.index["core", "f1", model.parameters[lag].track]
+    at = [candidate.free.index(k) for k in (pole, lag)]
+    covariance = covariance_of(base, candidate)[np.ix_(at, at)]
+    logarithm = np.log(-candidate.q[pole])
+    a, b = -model.dt / logarithm, candidate.q[lag]
+    slope = model.dt / (logarithm**2 * candidate.q[pole])  # of the time constant by f1
     rows = np.array([[slope, 1.0], [slope * b, a]])
     total, product = a + b, a * b
     d_total, d_product = NORMAL * np.sqrt(np.diag(rows @ covariance @ rows.T))
@@ -87,11 +87,13 @@ def _roots(base: Base, node: Node, lag: int) -> tuple[float, float]:
     return float(max(total + d_total - apart, 0.0) / 2.0), float(total + d_total + apart) / 2.0
 
 
-def _other_place(base: Base, node: Node, lags: Sequence[int]) -> Node | None:
+def _other_place(
+    base: Base, candidate: CandidateModel, lags: Sequence[int]
+) -> CandidateModel | None:
     """The model searched from where lags and the core's time constants change places."""
     if not lags:
         return None
     model = base.search.model
-    start = exchanged(model, node.q, lags)
-    found, _ = refined(model, start[None], [node.free], base.search.data, BUDGET.polish)
-    return base.search.node(node.effects, found[0], node.free, node.touched)
+    start = exchanged(model, candidate.q, lags)
+    refit, _ = refined(model, start[None], [candidate.free], base.search.data, BUDGET.polish)
+    return base.search.candidate(candidate.effects, refit[0], candidate.free, candidate.touched)

@@ -1,4 +1,4 @@
-"""What no effect explains, described sparsely: the errors against inputs and simulated states.
+"""Sparse descriptions of unexplained errors as functions of inputs and simulated states.
 
 A torque z that the model lacks bends its speed by F z (F the lag of the simulation), so the errors
 are regressed on a library of such terms (``known_terms.py``) by sequentially thresholded least
@@ -82,7 +82,7 @@ def explain(
         floor: measurement noise of each output, (ny,).
         scales: full drive of each input.
     """
-    found = []
+    descriptions = []
     for i, name in enumerate(records[0].output_names):
         y = np.concatenate([e[:, i] for e in errors])
         terms = known_terms(records, simulated, i, scales)
@@ -104,7 +104,7 @@ def explain(
         if share < LEAST_SHARE or not len(kept):
             continue
         kept = kept[np.argsort(-np.abs(beta[kept]))]
-        found.append(
+        descriptions.append(
             Description(
                 name,
                 tuple(terms.names[k] for k in kept),
@@ -112,7 +112,7 @@ def explain(
                 share,
             )
         )
-    return tuple(found)
+    return tuple(descriptions)
 
 
 def _own(records: Sequence[Record], simulated: Sequence[Array], i: int, scales: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What the errors of a simulation may depend on: functions of past commands and simulated speeds.
+"""Regressors for simulation errors: functions of past commands and simulated speeds.
 
 Of measured outputs only past ones enter, and only as the angle that they count up to; a command
 enters only after it was given. So reading noise can enter the terms through feedback and through
@@ -57,31 +57,28 @@ def drives_of(
     records: Sequence[Record], simulated: Sequence[Array], i: int, scales: Array
 ) -> Drives:
     """Names and time constants of output ``i``; the pole by least squares on the simulation."""
-    own = min(i, records[0].nu - 1)
+    input_ = min(i, records[0].nu - 1)
     past = np.concatenate([s[:-1, i] for s in simulated])
     now = np.concatenate([s[1:, i] for s in simulated])
-    drive = np.concatenate([r.u[:-1, own] / scales[own] for r in records])
+    drive = np.concatenate([r.u[:-1, input_] / scales[input_] for r in records])
     X = np.column_stack([past, drive])
     pole = float(np.linalg.lstsq(X, now, rcond=None)[0][0])
     names = [n.replace("pwm", "d") for n in records[0].input_names]
-    other = names[1 - own] if records[0].nu == 2 else ""
+    other = names[1 - input_] if records[0].nu == 2 else ""
     top = float(np.max(np.abs(past), initial=0.0)) or 1.0
     return Drives(
-        names[own], other, records[0].output_names[i], float(np.clip(pole, 0.0, 0.995)), top
+        names[input_], other, records[0].output_names[i], float(np.clip(pole, 0.0, 0.995)), top
     )
 
 
 def known_terms(
-    records: Sequence[Record],
-    simulated: Sequence[Array],
-    i: int,
-    scales: Array,
+    records: Sequence[Record], simulated: Sequence[Array], i: int, scales: Array
 ) -> Terms:
     """Terms for the errors of output ``i``; those that are nothing on these records are left out.
 
     Args:
         records: where the model was run.
-        simulated: its readings, (N, ny) a record.
+        simulated: its measurements, (N, ny) a record.
         i: output.
         scales: full drive of each input.
     """
@@ -100,7 +97,7 @@ def known_terms(
 
 
 def angles(records: Sequence[Record], simulated: Sequence[Array], i: int) -> list[Array]:
-    """Angle of output ``i``: readings before each, and half a sample of the simulated speed."""
+    """Angle of output ``i``: measurements before each, and half a sample of the simulated speed."""
     return [
         (np.cumsum(r.y[:, i]) - r.y[:, i] + 0.5 * s[:, i]) * r.dt
         for r, s in zip(records, simulated, strict=True)
@@ -108,7 +105,7 @@ def angles(records: Sequence[Record], simulated: Sequence[Array], i: int) -> lis
 
 
 def _terms(
-    d: Array, w: Array, angle: Array, dt: float, own: int, about: Drives
+    d: Array, w: Array, angle: Array, dt: float, input_: int, about: Drives
 ) -> dict[str, Array]:
     """Columns (N,) of one record by name."""
     a, top = about.pole, about.top
@@ -116,13 +113,13 @@ def _terms(
     def through(z: Array) -> Array:
         return np.asarray(lfilter([0.0, 1.0 - a], [1.0, -a], z))
 
-    x, o, v = d[:, own], about.own, about.speed
+    x, o, v = d[:, input_], about.own, about.speed
     step = np.diff(x, prepend=x[:1])
     change, size = np.diff(w, prepend=w[:1]), np.abs(w)
     falls = np.diff(size, prepend=size[:1]) < 0.0
     turned = np.sign(w) * (np.abs(w) < 0.1 * top)
     t = dt * np.arange(len(w))
-    found = {
+    terms = {
         "1": np.ones(len(w)),
         f"F({o})": through(x),
         f"F({o}·|{o}|)": through(x * np.abs(x)),
@@ -155,14 +152,14 @@ def _terms(
     for warm in WARM:
         share = 1.0 - np.exp(-dt / warm)
         heat = np.asarray(lfilter([0.0, share], [1.0, share - 1.0], x**2))
-        found[f"{v}·heat over {warm:.0f} s"] = w * heat
+        terms[f"{v}·heat over {warm:.0f} s"] = w * heat
     if about.other:
-        z, name = d[:, 1 - own], about.other
-        found |= {
+        z, name = d[:, 1 - input_], about.other
+        terms |= {
             f"F({name})": through(z),
             f"F({o}·|{name}|)": through(x * np.abs(z)),
             f"F({name}·|{o}|)": through(z * np.abs(x)),
             f"F(|{name}|)": through(np.abs(z)),
             f"F({o}·{name})": through(x * z),
         }
-    return found
+    return terms

@@ -1,4 +1,4 @@
-"""The rival of every curved law: linear motion that the base has no order for.
+"""The linear rival of a nonlinear effect: a linear model of higher order than the base.
 
 A spring, an elastic part or a memory that creeps adds a pole and a zero to a track. A base without
 them leaves errors that hang together with everything, and some curved law always takes a part of
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.diagnosis.base_model import Base
-from sysid.diagnosis.named_effects import Dropped
+from sysid.diagnosis.named_effects import RejectedEffect
 from sysid.diagnosis.policies import RULE
-from sysid.diagnosis.search.named_sets import Named, Naming
+from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.effects.catalogue import about
 from sysid.effects.conformance import superposes
 from sysid.errors import SysidError
@@ -47,14 +47,14 @@ class LinearRival:
     orders: tuple[int, ...]
     rmse: Array
 
-    def better(self, naming: Naming) -> NDArray[np.bool_]:
-        """Outputs that it explains better than the model after, (ny,)."""
-        after = np.sqrt(naming.final.errors.mean_squares()[1])
+    def better(self, selection: Selection) -> NDArray[np.bool_]:
+        """Outputs that it explains better than the augmented model, (ny,)."""
+        after = np.sqrt(selection.final.errors.mean_squares()[1])
         return np.asarray(self.rmse < RULE.held_out * after)
 
-    def words(self, naming: Naming, floor: Array, names: Sequence[str]) -> str:
+    def words(self, selection: Selection, floor: Array, names: Sequence[str]) -> str:
         """What linear motion explains of the errors that are left; empty where that is nothing."""
-        after, better = naming.final.errors.mean_squares()[1], self.better(naming)
+        after, better = selection.final.errors.mean_squares()[1], self.better(selection)
         above, rest = after - floor**2, np.maximum(self.rmse**2 - floor**2, 0.0)
         shares = [
             f"{100.0 * (1.0 - rest[i] / above[i]):.0f} % of the error of {name} (order {order})"
@@ -64,36 +64,38 @@ class LinearRival:
         if not shares:
             return ""
         return (
-            f"A linear model of higher order explains {', '.join(shares)} above the noise: a "
-            "spring, an elastic part or a store is there that the model has no order for"
+            f"A linear model of higher order explains {', '.join(shares)} above the noise: the "
+            "model lacks a state, such as a spring, an elastic part or a store of energy"
         )
 
 
-def linear_motion(base: Base, naming: Naming, named: Named) -> bool:
+def linear_motion(base: Base, selection: Selection, named: SelectedEffect) -> bool:
     """Whether an accepted effect is a case of linear motion, by the law that the data chose."""
     e, model = about(named.id), base.search.model
     if not e.laws or e not in model.effects:
         return superposes(e)
-    return superposes(e, frozenset(model.chosen(e, naming.final.q).items()))
+    return superposes(e, frozenset(model.chosen(e, selection.final.q).items()))
 
 
-def worse_than_linear(base: Base, rival: LinearRival, naming: Naming) -> Dropped | None:
+def worse_than_linear(
+    base: Base, rival: LinearRival, selection: Selection
+) -> RejectedEffect | None:
     """The weakest accepted effect that is not linear and explains less than linear motion does.
 
     A linear effect is a case of that motion, however little its law fits.
     """
-    better = rival.better(naming)
+    better = rival.better(selection)
     failed = [
         n
-        for n in naming.named
-        if n.touched.any() and better[n.touched].all() and not linear_motion(base, naming, n)
+        for n in selection.selected
+        if n.touched.any() and better[n.touched].all() and not linear_motion(base, selection, n)
     ]
     if not failed:
         return None
     named = max(failed, key=lambda n: n.evidence.delta_bic)
     at = int(np.argmax(named.touched))
-    after = float(np.sqrt(naming.final.errors.mean_squares()[1][at]))
-    return Dropped(
+    after = float(np.sqrt(selection.final.errors.mean_squares()[1][at]))
+    return RejectedEffect(
         named.id,
         f"a linear model of order {rival.orders[at]} explains the log better (held-out error "
         f"{rival.rmse[at]:.3g} against {after:.3g})",
@@ -102,25 +104,28 @@ def worse_than_linear(base: Base, rival: LinearRival, naming: Naming) -> Dropped
 
 def linear_rival(base: Base) -> LinearRival:
     """The best linear model of a higher order for each output, fitted on the estimation part."""
-    ny = base.parts.held[0].ny
-    found = [_best(base, i) for i in range(ny)]
-    return LinearRival(tuple(n for n, _ in found), np.array([rmse for _, rmse in found]))
+    ny = base.parts.holdout[0].ny
+    rivals = [_best(base, i) for i in range(ny)]
+    return LinearRival(tuple(n for n, _ in rivals), np.array([rmse for _, rmse in rivals]))
 
 
 def _best(base: Base, i: int) -> tuple[int, float]:
     """(order, held-out RMSE) of one output."""
-    parts, own = base.parts, base.search.model.order
-    mine, theirs = parts.weights
-    if parts.held is parts.estimation:
-        there = [a + b for a, b in zip(mine, theirs, strict=True)]
-        held = _columns(parts.estimation, i, there)
-        fitted = list(hold_out(held).train)  # the same blocks as those of the base
+    parts, order_of_base = base.parts, base.search.model.order
+    estimation_weights, holdout_weights = parts.weights
+    if parts.holdout is parts.estimation:
+        there = [a + b for a, b in zip(estimation_weights, holdout_weights, strict=True)]
+        holdout = _columns(parts.estimation, i, there)
+        fitted = list(hold_out(holdout).train)  # the same blocks as those of the base
     else:
-        fitted, held = _columns(parts.estimation, i, mine), _columns(parts.held, i, theirs)
-    best = (own, np.inf)
-    for order in (own + more for more in MORE):
+        fitted, holdout = (
+            _columns(parts.estimation, i, estimation_weights),
+            _columns(parts.holdout, i, holdout_weights),
+        )
+    best = (order_of_base, np.inf)
+    for order in (order_of_base + more for more in MORE):
         try:
-            rmse = _judged(order, base.delay, fitted, held, [w[:, i] for w in theirs])
+            rmse = _judged(order, base.delay, fitted, holdout, [w[:, i] for w in holdout_weights])
         except SysidError:
             continue
         if RULE.tie * rmse < best[1]:
@@ -132,28 +137,28 @@ def _judged(
     order: int,
     delay: int,
     fitted: Sequence[Record],
-    held: Sequence[Record],
+    holdout: Sequence[Record],
     counts: Sequence[Array],
 ) -> float:
-    """Held-out RMSE of the free run of an output-error model."""
+    """Stale-out RMSE of the free run of an output-error model."""
     structure = OE.from_orders({"nb": order, "nf": order, "nk": delay}, 1, 1)
     detrend = "none" if fitted[0].is_robot_log else "auto"
     model = fit(structure, fitted, ROUGH, detrend=detrend)
     errors = [
         (r.y - outputs(model, r, None, Start.ESTIMATED))[w > 0.0]
-        for r, w in zip(held, counts, strict=True)
+        for r, w in zip(holdout, counts, strict=True)
     ]
     rmse = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
     return rmse if np.isfinite(rmse) else np.inf
 
 
 def _columns(records: Sequence[Record], i: int, weights: Sequence[Array]) -> list[Record]:
-    """One output with its own command, lost readings bridged by lines."""
-    found = []
+    """One output with its own command, lost measurements bridged by lines."""
+    columns = []
     for r, w in zip(records, weights, strict=True):
         at = np.arange(len(r))
         there = w[:, i] > 0.0
         y = np.interp(at, at[there], r.y[there, i])[:, None]
         plain = Record(r.u[:, [i]], y, r.dt, (r.inputs[i],), (r.outputs[i],), t0=r.t0, name=r.name)
-        found.append(plain)
-    return found
+        columns.append(plain)
+    return columns

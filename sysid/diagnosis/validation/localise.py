@@ -12,10 +12,10 @@ from sysid.estimation.vehicle.windows import track_channels
 
 Mask = NDArray[np.bool_]
 REPLICATES = 200
-LEAST = 0.2
+MIN_EXCESS_SHARE = 0.2
 """An excess below this share of the floor's square has no place: the floor is known to some 7 %."""
 
-FEWEST = 0.01
+MIN_SAMPLE_SHARE = 0.01
 """Regimes with less than this share of the samples are not reported."""
 
 STANDS_OUT = 1.15
@@ -40,7 +40,7 @@ class Region:
 
     @property
     def sentence(self) -> str:
-        """The finding as a person would say it."""
+        """The finding in words."""
         return (
             f"{100 * self.share_of_excess:.0f} % of the excess error lies in the "
             f"{100 * self.share_of_samples:.0f} % of samples where {self.region} "
@@ -58,11 +58,7 @@ class Region:
 
 
 def localise(
-    records: Sequence[Record],
-    errors: Sequence[Array],
-    floor: Array,
-    scales: Array,
-    seed: int = 0,
+    records: Sequence[Record], errors: Sequence[Array], floor: Array, scales: Array, seed: int = 0
 ) -> tuple[Region, ...]:
     """Regimes ordered by how much of the excess error they hold beyond their size.
 
@@ -74,22 +70,22 @@ def localise(
         seed: of the bootstrap.
     """
     rng = np.random.default_rng(seed)
-    found: list[Region] = []
+    regions: list[Region] = []
     for i, channel in enumerate(records[0].outputs):
         counted = [np.isfinite(e[:, i]) for e in errors]
         excess = [e[c, i] ** 2 - floor[i] ** 2 for e, c in zip(errors, counted, strict=True)]
         total = float(np.sum(np.concatenate(excess)))
-        if total <= LEAST * floor[i] ** 2 * sum(len(e) for e in excess):
+        if total <= MIN_EXCESS_SHARE * floor[i] ** 2 * sum(len(e) for e in excess):
             continue
         masks = [regimes(r, i, scales) for r in records]
         for name in masks[0]:
             inside = [m[name][c] for m, c in zip(masks, counted, strict=True)]
             share = float(np.mean(np.concatenate(inside)))
-            if not FEWEST <= share <= 0.9:
+            if not MIN_SAMPLE_SHARE <= share <= 0.9:
                 continue
             part, low, high = _share(excess, inside, rng)
-            found.append(Region(f"{channel.name}: {name}", part, share, (low, high)))
-    return tuple(sorted(found, key=lambda r: -(r.share_of_excess - r.share_of_samples)))
+            regions.append(Region(f"{channel.name}: {name}", part, share, (low, high)))
+    return tuple(sorted(regions, key=lambda r: -(r.share_of_excess - r.share_of_samples)))
 
 
 def leading(regions: Sequence[Region], outputs: Sequence[str]) -> str:
@@ -98,12 +94,12 @@ def leading(regions: Sequence[Region], outputs: Sequence[str]) -> str:
     A regime counts whose share of the excess is surely above its share of the samples.
     """
     parts = [(r, *r.region.partition(": ")[::2]) for r in regions]
-    found = [
+    standing_out = [
         (r.share_of_excess - r.share_of_samples, where)
         for r, output, where in parts
         if output in outputs and r.interval[0] > STANDS_OUT * r.share_of_samples
     ]
-    where = max(found)[1] if found else ""
+    where = max(standing_out)[1] if standing_out else ""
     return f"it is {where}" if where.endswith("of the log") else where
 
 
@@ -122,77 +118,77 @@ def _share(
     sums = blocks[draws].sum(axis=1)
     shares = np.divide(sums[:, 1], sums[:, 0], out=np.zeros(REPLICATES), where=sums[:, 0] > 0)
     low, high = np.quantile(shares, [0.05, 0.95])
-    found = np.clip([part / whole, low, high], 0.0, 1.0)
-    return float(found[0]), float(found[1]), float(found[2])
+    shares_clipped = np.clip([part / whole, low, high], 0.0, 1.0)
+    return float(shares_clipped[0]), float(shares_clipped[1]), float(shares_clipped[2])
 
 
 def regimes(record: Record, i: int, scales: Array) -> dict[str, Mask]:
     """Masks (N,) of the regimes of output ``i``, named in words that fit after 'where'."""
     d, y = record.u / scales, record.y
-    own, w = d[:, min(i, d.shape[1] - 1)], y[:, i]
+    drive, w = d[:, min(i, d.shape[1] - 1)], y[:, i]
     fast = float(np.quantile(np.abs(w), 0.98)) or 1.0
-    stands = np.abs(w) < 0.03 * fast
-    driven = np.abs(own) > 0.01
+    standstill = np.abs(w) < 0.03 * fast
+    driven = np.abs(drive) > 0.01
     slope = np.gradient(np.abs(w))
     steep = 0.01 * fast
     time = np.arange(len(w)) / max(len(w) - 1, 1)
-    reversal = _after(np.sign(own[1:]) * np.sign(own[:-1]) < 0, len(w), 8)
-    found = {
-        "it stands although it is driven": stands & driven,
-        "it stands": stands,
-        "it breaks away": _after(np.diff(stands.astype(int)) < 0, len(w), 4),
+    reversal = _after(np.sign(drive[1:]) * np.sign(drive[:-1]) < 0, len(w), 8)
+    masks = {
+        "it is stalled under command": standstill & driven,
+        "it is at standstill": standstill,
+        "it breaks away": _after(np.diff(standstill.astype(int)) < 0, len(w), 4),
         "it runs forward": w > 0.03 * fast,
         "it runs backward": w < -0.03 * fast,
         "its command has just reversed": reversal,
         "it speeds up": slope > steep,
         "it slows down": slope < -steep,
-        "its command is zero while it runs": ~driven & ~stands,
-        "it turns steadily": (np.abs(slope) <= steep) & ~stands,
+        "its command is zero while it runs": ~driven & ~standstill,
+        "it runs at steady speed": (np.abs(slope) <= steep) & ~standstill,
     }
     whole = "full drive" if record.full_drive_is_known else "its largest"
     for low, high in ((0.0, 0.25), (0.25, 0.5), (0.5, 0.75), (0.75, 10.0)):
         upper = f" to {100 * high:.0f} %" if high < 1.0 else " %"
         name = f"the command is {100 * low:.0f}{upper} of {whole}"
-        found[name if high < 1.0 else f"the command is above 75 % of {whole}"] = (
-            np.abs(own) > low
-        ) & (np.abs(own) <= high)
+        masks[name if high < 1.0 else f"the command is above 75 % of {whole}"] = (
+            np.abs(drive) > low
+        ) & (np.abs(drive) <= high)
     for low, high in ((0.03, 0.35), (0.35, 0.7), (0.7, 10.0)):
         upper = f"and {100 * high:.0f} %" if high < 1.0 else ""
         name = f"speed is between {100 * low:.0f} {upper} of the largest"
-        found[name if high < 1.0 else "speed is above 70 % of the largest"] = (
+        masks[name if high < 1.0 else "speed is above 70 % of the largest"] = (
             np.abs(w) > low * fast
         ) & (np.abs(w) <= high * fast)
     if d.shape[1] > 1:
         other = d[:, 1 - min(i, 1)]
-        found["the other side is driven hard"] = np.abs(other) > 0.6
-        found["the other side rests"] = np.abs(other) < 0.05
+        masks["the other side is driven hard"] = np.abs(other) > 0.6
+        masks["the other side is at rest"] = np.abs(other) < 0.05
         if track_channels(record) is not None:
-            found["the robot turns"] = np.sign(own) * np.sign(other) < 0
-            found["the robot runs straight"] = np.abs(own - other) < 0.1
+            masks["the robot turns"] = np.sign(drive) * np.sign(other) < 0
+            masks["the robot runs straight"] = np.abs(drive - other) < 0.1
     if track_channels(record) is None:
-        found = {_PLAIN.get(name, name): mask for name, mask in found.items()}
-    found["the first third of the log"] = time < 1 / 3
-    found["the last third of the log"] = time > 2 / 3
-    return found
+        masks = {_PLAIN.get(name, name): mask for name, mask in masks.items()}
+    masks["the first third of the log"] = time < 1 / 3
+    masks["the last third of the log"] = time > 2 / 3
+    return masks
 
 
 _PLAIN = {
-    "it stands although it is driven": "it is near zero although its command is not",
-    "it stands": "it is near zero",
+    "it is stalled under command": "it is near zero although its command is not",
+    "it is at standstill": "it is near zero",
     "it breaks away": "it has just left zero",
     "it runs forward": "it is positive",
     "it runs backward": "it is negative",
     "it speeds up": "it moves away from zero",
     "it slows down": "it moves towards zero",
     "its command is zero while it runs": "its command is zero while it is not",
-    "it turns steadily": "it is steady away from zero",
+    "it runs at steady speed": "it is steady away from zero",
     "speed is between 3 and 35 % of the largest": "it is between 3 and 35 % of its largest value",
     "speed is between 35 and 70 % of the largest": "it is between 35 and 70 % of its largest value",
     "speed is above 70 % of the largest": "it is above 70 % of its largest value",
     "the other side is driven hard": "the other input is above 60 % of its largest",
-    "the other side rests": "the other input is near zero",
+    "the other side is at rest": "the other input is near zero",
 }
-"""Regimes of a log that is no robot's: an oven neither stands nor runs."""
+"""Regimes of a log that is no robot's: an oven neither standstill nor runs."""
 
 
 def _after(events: Mask, n: int, samples: int) -> Mask:

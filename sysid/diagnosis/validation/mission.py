@@ -1,4 +1,4 @@
-"""The proof on a mission: the path of a robot, measured and by the models before and after.
+"""Validation on a mission: the path of a robot, measured and by the original and augmented models.
 
 Open loop: the logged commands drive each model, whose wheel speeds move the vehicle; every error of
 motors and ground adds up along the way. Closed loop: the mission is driven again by both plants,
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array, Record
-from sysid.diagnosis.pose.ground_model import without_readings
+from sysid.diagnosis.pose.ground_model import without_sensor_effects
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError
 from sysid.estimation.vehicle.windows import path_of, track_channels
@@ -29,7 +29,7 @@ from sysid.vehicle.kinematics import Geometry, wrap_angle
 
 SAME_PLACE = 0.05
 """A log that begins within so many metres and radians of the mission's start begins there: the
-start is then known better than one noisy reading tells."""
+start is then known better than by one noisy measurement."""
 
 ELSEWHERE = 0.25
 """A log begins elsewhere where it begins farther from the start than this share of the way …"""
@@ -42,6 +42,8 @@ ASTRAY = 0.5
 
 HEAD = 20
 """Samples at the head of a log that the state of a model is fitted to."""
+
+WHICH = {"before": "original", "after": "augmented"}
 
 STRIDE = 0.5
 """Way is summed over steps of this length [s], or noise of the place would add to it."""
@@ -66,7 +68,7 @@ class PathTrace:
 
 @dataclass(frozen=True, eq=False)
 class MissionProof:
-    """What the mission says of the models before and after.
+    """What the mission says of the original and augmented models.
 
     Attributes:
         facts: JSON-able: ``mission``, ``open_loop``, ``closed_loop``, ``sentence``, ``warnings``.
@@ -120,7 +122,7 @@ def prove_on_mission(
             robot, notes = as_robot(model.plant(), mission)
             driven[name] = simulate(mission, robot)
         except ModelError as error:
-            warnings.append(f"The mission cannot be driven by the model {name}: {error}.")
+            warnings.append(f"The mission cannot be driven by the {WHICH[name]} model: {error}.")
             continue
         warnings += [n for n in notes if n not in warnings]
     by_wheels = [_by_wheels(r, after, channels, mission) for r in posed]
@@ -162,18 +164,18 @@ def not_this_mission(record: Record, mission: Mission, channels: tuple[int, int]
     rolled = _path(record.y, record.dt, Ground(), wheels, begin, channels)[:, :2]
     to_goal = min(float(np.min(np.hypot(*(way - goal).T))) for way in (place, rolled))
     strayed = float(np.max(np.minimum(*(np.hypot(*(place - p).T) for p in (start, goal)))))
-    found = []
+    reasons = []
     if off > max(ELSEWHERE * apart, LEAST_ELSEWHERE):
-        found.append(f"begins {off:.2g} m from its start")
+        reasons.append(f"begins {off:.2g} m from its start")
     if to_goal > ASTRAY * apart + mission.tolerance:
-        found.append(f"comes no nearer than {to_goal:.2g} m to its goal")
+        reasons.append(f"comes no nearer than {to_goal:.2g} m to its goal")
     if strayed > apart + mission.guidance.reach:
-        found.append(f"strays up to {strayed:.2g} m from both")
-    if not found:
+        reasons.append(f"strays up to {strayed:.2g} m from both")
+    if not reasons:
         return ""
     return (
-        f"{record.name} was not driven on this mission: it {' and '.join(found)}. The mission was "
-        "therefore not driven again; name the mission of this log."
+        f"{record.name} was not driven on this mission: it {' and '.join(reasons)}. The mission "
+        "was therefore not simulated; give the mission of this log."
     )
 
 
@@ -187,7 +189,7 @@ def _replayed(
     geometry, start = mission.vehicle.geometry, _start(record, mission)
     paths = []
     for model in (before, after):
-        wheels = without_readings(model)
+        wheels = without_sensor_effects(model)
         run = wheels.simulate(record.u, wheels.fitted_state(record, HEAD))
         ground = model.structure.ground(model.theta)
         paths.append(_path(run, record.dt, ground, geometry, start, channels))
@@ -221,12 +223,12 @@ def _by_wheels(
 ) -> dict[str, float]:
     """Path errors of the measured wheel speeds, without and with the effects of the vehicle."""
     assert record.pose is not None
-    start, found = _start(record, mission), {}
+    start, errors = _start(record, mission), {}
     for name, ground in (("before", Ground()), ("after", after.structure.ground(after.theta))):
         geometry = mission.vehicle.geometry
         path = _path(record.y, record.dt, ground, geometry, start, channels)
-        found[f"rms_{name}_m"], found[f"end_{name}_m"], _ = _apart(path, record.pose)
-    return found
+        errors[f"rms_{name}_m"], errors[f"end_{name}_m"], _ = _apart(path, record.pose)
+    return errors
 
 
 def _apart(path: Array, measured: Array) -> tuple[float, float, float]:
@@ -243,11 +245,7 @@ def _open_facts(trace: PathTrace) -> dict[str, Any]:
     facts: dict[str, Any] = {"record": trace.name}
     for name, path in (("before", trace.before), ("after", trace.after)):
         rms, end, heading = _apart(path, trace.measured)
-        facts |= {
-            f"rms_{name}_m": rms,
-            f"end_{name}_m": end,
-            f"heading_rms_{name}_rad": heading,
-        }
+        facts |= {f"rms_{name}_m": rms, f"end_{name}_m": end, f"heading_rms_{name}_rad": heading}
     if facts["rms_before_m"] > 0:
         facts["shrunk_percent"] = 100.0 * (1.0 - facts["rms_after_m"] / facts["rms_before_m"])
     return facts
@@ -292,16 +290,16 @@ def _sentence(trace: PathTrace, driven: dict[str, MissionResult], record: Record
     old, old_end, _ = _apart(trace.before, trace.measured)
     new, new_end, _ = _apart(trace.after, trace.measured)
     said = (
-        f"Under the logged commands the path is off by {_far(old)} (RMS; {_far(old_end)} at the "
-        f"end) before and by {_far(new)} ({_far(new_end)}) after."
+        f"Under the logged commands the path error is {_far(old)} RMS ({_far(old_end)} at the end) "
+        f"with the original model and {_far(new)} ({_far(new_end)}) with the augmented one."
     )
     if {"before", "after"} <= driven.keys():
         off = {k: _closed_facts(v, record)["path_error_end_m"] for k, v in driven.items()}
         said += (
-            f" Driven again in closed loop the mission takes {driven['before'].time_s:.1f} s "
-            f"before and {driven['after'].time_s:.1f} s after, measured "
-            f"{(len(record) - 1) * record.dt:.1f} s, and ends {_far(off['before'])} and "
-            f"{_far(off['after'])} from where the robot did."
+            f" In closed loop the mission takes {driven['before'].time_s:.1f} s with the original "
+            f"and {driven['after'].time_s:.1f} s with the augmented model (measured "
+            f"{(len(record) - 1) * record.dt:.1f} s) and ends {_far(off['before'])} and "
+            f"{_far(off['after'])} from the end of the measured path."
         )
     return said
 

@@ -1,10 +1,10 @@
-"""Is there anything left to explain? A model of the errors that a simulation leaves.
+"""The model-error model: tests whether free-run errors depend on inputs and outputs.
 
 The free-run errors e of a record are regressed on what is known (``known_terms.py``):
 
     e(t) = Z(t) ζ + X(t) β + v(t),    α(q) v(t) = w(t) white,
 
-with Z what a change of the model's own numbers would do. The noise is coloured, so an
+with Z what a change of the model's own parameters would do. The noise is coloured, so an
 autoregression α fitted to what Z leaves whitens both sides, and the F test of β = 0 is made on the
 filtered equations (generalised least squares; Durbin 1960). The terms hold nothing but the past, so
 that feedback does not bend the filtered equations. A ripple bound to the wheel's angle is looked
@@ -32,8 +32,8 @@ from sysid.diagnosis.validation.error_tests import (
 from sysid.diagnosis.validation.known_terms import Terms, angles, drives_of, known_terms
 from sysid.errors import DataError
 
-FEWEST = 100
-"""Fewer samples tell nothing."""
+MIN_SAMPLES = 100
+"""Fewer samples are too few for the test."""
 
 BRIDGED = 10
 """Gaps in the errors up to this length [samples] are bridged; longer ones cut the record."""
@@ -73,7 +73,7 @@ class OutputStructure:
     Attributes:
         output: its name.
         p_value: of errors that depend on nothing known.
-        share: share of the squared error above the floor (without what the model's own numbers
+        share: share of the squared error above the floor (without what the model's own parameters
             could follow) that the known terms predict on blocks not used for their coefficients,
             0 … 1.
         strongest: the term that alone explains most, as a formula.
@@ -121,55 +121,57 @@ def error_structure(
         floor: measurement noise of each output, (ny,).
         scales: full drive of each input.
         slopes: ∂ŷ/∂θ of each record, (N, ny, n): changes that the model could follow with its own
-            numbers are no structure. None: those of a first-order model per output. An empty last
-            axis asks for everything, as for a given model that was not fitted on this system.
+            parameters are no structure. None: those of a first-order model per output. An empty
+            last axis asks for everything, as for a given model that was not fitted on this system.
 
     Raises:
         DataError: shapes do not fit, or no output has enough samples for a test.
     """
     samples = sum(len(e) for e in errors)
-    if samples < FEWEST:
-        raise DataError(f"a model of the errors needs at least {FEWEST} samples, got {samples}")
+    if samples < MIN_SAMPLES:
+        raise DataError(
+            f"a model of the errors needs at least {MIN_SAMPLES} samples, got {samples}"
+        )
     shapes = [e.shape for e in errors]
     if shapes != [s.shape for s in simulated] or shapes != [r.y.shape for r in records]:
         raise DataError(f"errors have shapes {shapes}, records {[r.y.shape for r in records]}")
-    found, power, predicted = [], 0.0, 0.0
+    outputs, power, predicted = [], 0.0, 0.0
     for i, name in enumerate(records[0].output_names):
         filled = [_filled(x[:, i]) for x in errors]
         terms = known_terms(records, simulated, i, scales)
         if slopes is None:
-            own = first_order_slopes(records, simulated, i, scales)
+            gradients = first_order_slopes(records, simulated, i, scales)
         else:
-            own = [s[:, i] for s in slopes]
-        own = [_with_transient(z, records, simulated, i, scales) for z in own]
+            gradients = [s[:, i] for s in slopes]
+        gradients = [_with_transient(z, records, simulated, i, scales) for z in gradients]
         kept = [_fresh(x[:, i]) or _stretches(y) for x, y in zip(errors, filled, strict=True)]
         speeds = [s[:, i] for s in simulated]
-        e, own, columns, angle, speed = (
+        e, gradients, columns, angle, speed = (
             [x[part] for x, parts in zip(whole, kept, strict=True) for part in parts]
-            for whole in (filled, own, terms.columns, angles(records, simulated, i), speeds)
+            for whole in (filled, gradients, terms.columns, angles(records, simulated, i), speeds)
         )
         total = sum(len(x) for x in e)
-        if total < FEWEST:
+        if total < MIN_SAMPLES:
             continue
-        p, strongest = _trial(e, own, Terms(terms.names, tuple(columns), terms.sizes), angle, speed)
+        p, strongest = _trial(
+            e, gradients, Terms(terms.names, tuple(columns), terms.sizes), angle, speed
+        )
         if np.isnan(p):
             continue
-        basis = orthonormal(np.concatenate(own))
+        basis = orthonormal(np.concatenate(gradients))
         y = np.concatenate(e)
         rest = y - basis @ (basis.T @ y)
         above = float(rest @ rest) - total * float(floor[i]) ** 2
-        gain = _predicted(e, own, columns) if p < PROVEN else 0.0
+        gain = _predicted(e, gradients, columns) if p < PROVEN else 0.0
         share = float(np.clip(gain / above, 0.0, 1.0)) if above > 0.0 else 0.0
-        found.append(OutputStructure(name, p, share, strongest))
+        outputs.append(OutputStructure(name, p, share, strongest))
         unit = max(float(np.mean(np.concatenate(e) ** 2)), 1e-300)
         power += max(above, 0.0) / unit
         predicted += share * max(above, 0.0) / unit
-    if not found:
-        raise DataError(
-            f"no output has {FEWEST} samples in stretches long enough to be told from its own noise"
-        )
-    p_value = min(1.0, len(found) * min(o.p_value for o in found))
-    return ResidualStructure(p_value, predicted / power if power > 0.0 else 0.0, tuple(found))
+    if not outputs:
+        raise DataError(f"no output has {MIN_SAMPLES} samples in stretches long enough to test")
+    p_value = min(1.0, len(outputs) * min(o.p_value for o in outputs))
+    return ResidualStructure(p_value, predicted / power if power > 0.0 else 0.0, tuple(outputs))
 
 
 def first_order_slopes(
@@ -177,13 +179,13 @@ def first_order_slopes(
 ) -> list[Array]:
     """∂ŷ/∂K and ∂ŷ/∂a of ŷ(t) = a ŷ(t−1) + K (1 − a) d(t−1), but for factors."""
     a = drives_of(records, simulated, i, scales).pole
-    found = []
+    columns = []
     for r, s in zip(records, simulated, strict=True):
         drive = r.u[:, min(i, r.nu - 1)] / scales[min(i, r.nu - 1)]
         gain = lfilter([0.0, 1.0], [1.0, -a], drive)
         pole = lfilter([0.0, 1.0], [1.0, -a], s[:, i])
-        found.append(np.column_stack([gain, pole]))
-    return found
+        columns.append(np.column_stack([gain, pole]))
+    return columns
 
 
 def _with_transient(
@@ -209,7 +211,7 @@ def _filled(e: Array) -> Array:
 def _fresh(e: Array) -> list[Index]:
     """Rows of a sensor slower than the log, in stretches without gaps; none for a faster one.
 
-    Lines between its readings would be no errors of the model but a colour of our own.
+    Lines between its measurements would be no errors of the model but a colour of our own.
     """
     there = np.flatnonzero(np.isfinite(e))
     if len(there) < 2:
@@ -232,14 +234,14 @@ def _stretches(e: Array) -> list[slice]:
 
 def _trial(
     e: Sequence[Array],
-    own: Sequence[Array],
+    gradients: Sequence[Array],
     terms: Terms,
     angle: Sequence[Array],
     speed: Sequence[Array],
 ) -> tuple[float, str]:
     """(p-value, strongest term) of one output; NaN where the terms are too many for the samples."""
     ends = np.cumsum([len(x) for x in e])[:-1]
-    basis = orthonormal(np.concatenate(own))
+    basis = orthonormal(np.concatenate(gradients))
     y = np.concatenate(e)
     noise = ar_fit(np.split(y - basis @ (basis.T @ y), ends), ORDER)
     if noise.variance <= 1e-24 * max(float(np.max(np.abs(y))) ** 2, 1e-300):
@@ -249,7 +251,7 @@ def _trial(
         skip = noise.order
         return np.concatenate([lfilter(noise.alpha, [1.0], p, axis=0)[skip:] for p in parts])
 
-    nuisance = orthonormal(white(own))
+    nuisance = orthonormal(white(gradients))
     w = white(e)
     w = w - nuisance @ (nuisance.T @ w)
     X = white(terms.columns)
@@ -262,7 +264,7 @@ def _trial(
     ripple = ripple_chance(w, noise.alpha, angle, kinds, nuisance)
     single = (X.T @ w) ** 2 / np.sum(X**2, axis=0)
     strongest = terms.names[kept[int(np.argmax(single))]] if len(kept) else ""
-    level = level_chance(e, own)
+    level = level_chance(e, gradients)
     if level < min(p, ripple):
         strongest = "1"
     chance = 3.0 * float(np.nanmin([p, ripple, level]))
@@ -271,13 +273,13 @@ def _trial(
     return min(1.0, chance), strongest
 
 
-def _predicted(e: Sequence[Array], own: Sequence[Array], columns: Sequence[Array]) -> float:
+def _predicted(e: Sequence[Array], gradients: Sequence[Array], columns: Sequence[Array]) -> float:
     """Squared error that the terms predict on blocks left out of their fit; at least 0.
 
     The coefficients come from whitened equations and are drawn to zero in proportion to what the
-    terms tell there: a constant says nothing against a wandering load and stays zero.
+    terms say there: a constant says nothing against a wandering load and stays zero.
     """
-    basis = orthonormal(np.concatenate(own))
+    basis = orthonormal(np.concatenate(gradients))
     y, X = np.concatenate(e), np.concatenate(columns)
     y, X = y - basis @ (basis.T @ y), X - basis @ (basis.T @ X)
     X = X / np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-12)

@@ -1,11 +1,11 @@
 """Measurement noise of each output, from every log and in several ways, with an interval.
 
-Readings between changes of the commands show it best. A log that never settles has none such, and
-the jerk of the signal passes for noise there. Two other ways then see further: what is jagged in
-the errors of a model, which has taken most of the signal away, and how far these errors differ
-where the same commands come again, because whatever the model lacks comes again with them. Each
-way can only show too much; so the best is believed until another one is clearly below it. It is
-never below what the readings resolve.
+Measurements between changes of the commands show it best. A log that never settles has none such,
+and the jerk of the signal passes for noise there. Two other ways then see further: what is jagged
+in the errors of a model, which has taken most of the signal away, and how far these errors differ
+where the same commands come again, because whatever the model lacks comes again with them. Each way
+can only show too much; so the best is believed until another one is clearly below it. It is never
+below what the measurements resolve.
 """
 
 from collections.abc import Sequence
@@ -17,11 +17,11 @@ from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import REFUTED, floor_of_errors
 from sysid.diagnosis.search.evidence import noise_floor, settled
 
-FEWEST_PAIRS = 60
+MIN_PAIRS = 60
 """Pairs of rows with the same commands before, that a noise is read off."""
 
 RESOLVED = 1e-6
-"""Share of the readings' size that is not resolved: rounding of files and computations."""
+"""Share of the measurements' size that is not resolved: rounding of files and computations."""
 
 FORGOTTEN = 0.01
 """A command is forgotten when its part of the answer has fallen to this share."""
@@ -31,7 +31,7 @@ LONGEST = 400
 
 SPREAD = 1.8
 """Standard error of a noise from n third differences, in units of it over √n: they are correlated,
-and the median of their size tells less than their mean square."""
+and the median of their size is less accurate than their mean square."""
 
 SURE = 1.96
 
@@ -42,8 +42,8 @@ class NoiseFloor:
 
     Attributes:
         value: what is used, (ny,).
-        low, high: its 95 % interval, (ny,); low is what the readings resolve where no way saw the
-            noise apart from the signal.
+        low, high: its 95 % interval, (ny,); low is what the measurements resolve where no way saw
+            the noise apart from the signal.
     """
 
     value: Array
@@ -53,14 +53,15 @@ class NoiseFloor:
     def at_least(self, rounding: Array) -> "NoiseFloor":
         """No lower than what the steps of a coarse sensor leave, whatever noise hides them, (ny,).
 
-        A level between two steps reads alike for long: no difference of readings shows that error.
+        A level between two steps reads alike for long: no difference of measurements shows that
+        error.
         """
         value = np.maximum(self.value, rounding)
         return NoiseFloor(value, np.maximum(self.low, rounding), np.maximum(self.high, value))
 
 
 def floor_of(records: Sequence[Record], errors: Sequence[Array], pole: float) -> NoiseFloor:
-    """Noise of the readings of all logs.
+    """Noise of the measurements of all logs.
 
     Args:
         records: every log.
@@ -85,12 +86,12 @@ def floor_of(records: Sequence[Record], errors: Sequence[Array], pole: float) ->
 def between_repeats(records: Sequence[Record], errors: Sequence[Array], pole: float) -> Array:
     """Spread of errors at rows before which the same commands came, over √2, (ny,).
 
-    Commands that did not change at all are left out, because readings may rest there. Infinite
+    Commands that did not change at all are left out, because measurements may rest there. Infinite
     where too few rows repeat.
     """
     rows = int(np.clip(np.ceil(np.log(FORGOTTEN) / np.log(np.clip(pole, 0.05, 0.995))), 2, LONGEST))
     weights = np.random.default_rng(0).standard_normal((rows, records[0].nu))
-    marks, left = [], []
+    marks, residuals = [], []
     for r, e in zip(records, errors, strict=True):
         if len(r) <= rows + 1:
             continue
@@ -100,16 +101,16 @@ def between_repeats(records: Sequence[Record], errors: Sequence[Array], pole: fl
         changes = np.cumsum(np.any(np.diff(u, axis=0) != 0.0, axis=1))
         moved = changes[rows - 2 : -1] > np.concatenate([[0], changes[:-rows]])
         marks.append(np.where(moved, np.round(mark, 7), np.nan))
-        left.append(e[rows:])
+        residuals.append(e[rows:])
     if not marks:
         return np.full(records[0].ny, np.inf)
-    mark, error = np.concatenate(marks), np.concatenate(left)
+    mark, error = np.concatenate(marks), np.concatenate(residuals)
     order = np.argsort(mark, kind="stable")
     same = np.diff(mark[order]) == 0.0
     apart = (error[order][1:] - error[order][:-1])[same]
-    found = np.full(error.shape[1], np.inf)
+    spreads = np.full(error.shape[1], np.inf)
     for i, column in enumerate(apart.T):
         there = column[np.isfinite(column)]
-        if len(there) >= FEWEST_PAIRS:
-            found[i] = 1.4826 * float(np.median(np.abs(there))) / np.sqrt(2.0)
-    return found
+        if len(there) >= MIN_PAIRS:
+            spreads[i] = 1.4826 * float(np.median(np.abs(there))) / np.sqrt(2.0)
+    return spreads

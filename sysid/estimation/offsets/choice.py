@@ -239,20 +239,20 @@ class _Evidence:
         equations = sum(len(r) - wide.first_sample() for r in records)
         if equations <= 2 * wide.layout(0).n:
             return None
-        theta, covariance, _ = closed_form.solve(wide, records)
         places, _ = constant_places(wide)
-        errors = np.sqrt(np.maximum(np.diag(covariance)[places], 0.0))
+        along = np.zeros((sum(wide.layout(i).n for i in range(ny)), 2 * ny))
+        along[places, range(ny)] = 1.0
+        for i in range(ny):  # A(1) of each output's own
+            along[wide.row_index(i)[wide.layout(i).slices()[0][i]], ny + i] = 1.0
+        theta, covariance, _ = closed_form.solve(wide, records, along)
+        errors, own_error = np.split(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 2)
         if not np.all(np.isfinite(errors)):
             return None
         p = wide.polynomials(theta)
-        own_error = []
-        for i in range(ny):
-            a = wide.row_index(i)[wide.layout(i).slices()[0][i]]
-            own_error.append(float(np.sqrt(max(covariance[np.ix_(a, a)].sum(), 0.0))))
         return _Regression(
             np.array([[float(x.sum()) for x in row] for row in p.A]),
             np.array([[float(x.sum()) for x in row[:-1]] for row in p.B]),
-            np.array(own_error),
+            own_error,
             theta[places],
             errors,
         )

@@ -55,7 +55,7 @@ def fit_with_level(
     offsets: Offsets,
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Sequence[tuple[str, Array]],
+    initial_guesses: Sequence[tuple[str, Array]],
 ) -> Levelled | None:
     """Fit a linear structure with the constant as a further input.
 
@@ -65,7 +65,7 @@ def fit_with_level(
         offsets: what is removed first, and whose level is estimated.
         options: how to fit.
         parameters: of ``structure``, with bounds and fixed values.
-        warm: further starts.
+        initial_guesses: further starts.
 
     Returns:
         The fit, or None where the data cannot tell the constant from what the inputs do.
@@ -83,7 +83,7 @@ def fit_with_level(
         plain,
         options,
         widened(wide, parameters, records[0].outputs),
-        [(name, widened_theta(wide, theta)) for name, theta in warm],
+        [(name, widened_theta(wide, theta)) for name, theta in initial_guesses],
     )
     places, _ = constant_places(wide)
     if not np.all(np.isfinite(np.diag(outcome.covariance)[places])):

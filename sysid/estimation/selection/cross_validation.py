@@ -71,13 +71,15 @@ def cross_validate(
     options = options or options_of(model)
     # a structure without starting values of its own begins at the model's: what the held-out block
     # tells is where a search begins, not where it ends
-    warm = [("all data", model.theta)] if model.structure.begins_at_values else []
+    initial_guesses = [("all data", model.theta)] if model.structure.begins_at_values else []
     squares, counts, failed = [], [], 0
     total = np.zeros(len(model.outputs))
     for k in range(folds):
         inside, held = _fold(records, folds, k)
         try:
-            refit = fit(model.structure, inside, options, detrend=again, warm=warm)
+            refit = fit(
+                model.structure, inside, options, detrend=again, initial_guesses=initial_guesses
+            )
         except SysidError:
             failed += 1
             continue

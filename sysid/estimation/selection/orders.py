@@ -192,13 +192,13 @@ def _one_after_another(
     fitted: dict[int, tuple[float, dict[str, float]]] = {}
     for k, s in enumerate(structures):
         names = [p.name for p in s.parameters(train[0].inputs, train[0].outputs)]
-        warm = [
+        initial_guesses = [
             ("smaller neighbour", np.array([values.get(n, 0.0) for n in names]))
             for _, values in sorted(fitted.values(), key=lambda item: item[0])[:1]
             if set(values) <= set(names)
         ]
         try:
-            model = fit_prepared(s, train, options, warm)
+            model = fit_prepared(s, train, options, initial_guesses)
         except (DataError, ModelError):
             model = None
         if model is not None:

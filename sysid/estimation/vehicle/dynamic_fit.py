@@ -15,10 +15,10 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.errors import DataError
-from sysid.estimation.vehicle.drive import Drive
 from sysid.estimation.vehicle.dynamic_runs import NUMBERS, Log, Machine, Runs, pieces_of
 from sysid.estimation.vehicle.slip_fit import Part, SlipFit, fit_slip
 from sysid.estimation.vehicle.slip_model import AT, LOWER, TERMS, window_errors
+from sysid.estimation.vehicle.trajectory import Trajectory
 from sysid.estimation.vehicle.windows import OVERLAP
 from sysid.fitting.normal_equations import RANK_TOLERANCE
 from sysid.fitting.problem import Problem
@@ -79,7 +79,7 @@ class Powered:
 
     Attributes:
         machine: lengths, motors and soil; its masses are where a search starts.
-        logs: commands and speeds of every drive.
+        logs: commands and speeds of every trajectory.
         spreads: standard errors of the motors' torque, damping, inertia and friction over their
             values, (4,); 0 for what counts as exact.
         torque_known: whether the torque per unit of command is known. Else damping is 1, and all
@@ -107,13 +107,13 @@ class Powered:
         if times[-1] > 1.001 * times[0]:
             raise DataError(
                 f"the logs have sample times from {times[0]:g} to {times[-1]:g} s: give logs of "
-                "one sample time (`ts`), or fit them one by one"
+                "one sample time (`ts`), or fit them separately"
             )
         return Runs(self.machine, pieces_of(self.logs))
 
-    def log_of(self, drive: Drive) -> int:
-        """Number of the log that holds a drive."""
-        return next(k for k, log in enumerate(self.logs) if log.drive is drive)
+    def log_of(self, trajectory: Trajectory) -> int:
+        """Number of the log that holds a trajectory."""
+        return next(k for k, log in enumerate(self.logs) if log.trajectory is trajectory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,15 +156,15 @@ class DynamicFit:
 
     def errors(self, parts: Sequence[Part]) -> Array:
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
-        found = [
-            window_errors(self.q, p.drive, self.geometry, p.windows, self.added(p.drive))
+        errors = [
+            window_errors(self.q, p.trajectory, self.geometry, p.windows, self.added(p.trajectory))
             for p in parts
         ]
-        return np.concatenate(found)
+        return np.concatenate(errors)
 
-    def added(self, drive: Drive) -> Array:
-        """What slip adds to way and turn in each step of a drive's grid, (N, 3) [m, m, rad]."""
-        return on_grid(self.powered, drive, self.slipped)
+    def added(self, trajectory: Trajectory) -> Array:
+        """Way and turn that slip adds in each step of a trajectory's grid, (N, 3) [m, m, rad]."""
+        return on_grid(self.powered, trajectory, self.slipped)
 
 
 def theta_of(machine: Machine, p: Array) -> Array:
@@ -177,14 +177,14 @@ def theta_of(machine: Machine, p: Array) -> Array:
     return theta
 
 
-def on_grid(powered: Powered, drive: Drive, slipped: Array) -> Array:
-    """Speeds of every sample in the pieces, (S, T, 3), as increments on a drive's grid, (N, 3)."""
-    which = powered.log_of(drive)
+def on_grid(powered: Powered, trajectory: Trajectory, slipped: Array) -> Array:
+    """Speeds of all samples in the pieces, (S, T, 3), as increments on a grid, (N, 3)."""
+    which = powered.log_of(trajectory)
     dt = powered.logs[which].dt
     rows = powered.runs.pieces.joined(slipped, which)
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(rows * dt, axis=0)])
     at = np.arange(len(total)) * dt
-    columns = [np.interp(drive.nodes, at, total[:, k]) for k in range(3)]
+    columns = [np.interp(trajectory.nodes, at, total[:, k]) for k in range(3)]
     return np.diff(np.column_stack(columns), axis=0)
 
 
@@ -204,14 +204,17 @@ class _DynamicProblem(Problem):
     @cached_property
     def judged(self) -> tuple[tuple[int, Index], ...]:
         """Logs with the rows that their windows span."""
-        found: dict[int, Index] = {}
+        judged: dict[int, Index] = {}
         for part in self.parts:
-            which = self.powered.log_of(part.drive)
+            which = self.powered.log_of(part.trajectory)
             log = self.powered.logs[which]
             t = np.arange(len(log.omega)) * log.dt
-            begin, end = part.drive.at[part.windows[0, 0]], part.drive.at[part.windows[:, 1].max()]
-            found[which] = np.flatnonzero((t >= begin - 1e-9) & (t <= end + 1e-9))
-        return tuple(found.items())
+            begin, end = (
+                part.trajectory.at[part.windows[0, 0]],
+                part.trajectory.at[part.windows[:, 1].max()],
+            )
+            judged[which] = np.flatnonzero((t >= begin - 1e-9) & (t <= end + 1e-9))
+        return tuple(judged.items())
 
     @cached_property
     def stretches(self) -> tuple[tuple[int, int], ...]:
@@ -245,7 +248,11 @@ class _DynamicProblem(Problem):
     def _way_errors(self, q: Array, slipped: Array) -> list[Array]:
         return [
             window_errors(
-                q, p.drive, self.geometry, p.windows, on_grid(self.powered, p.drive, slipped)
+                q,
+                p.trajectory,
+                self.geometry,
+                p.windows,
+                on_grid(self.powered, p.trajectory, slipped),
             )
             for p in self.parts
         ]
@@ -317,7 +324,7 @@ def fit_dynamics(parts: Sequence[Part], start: Geometry, powered: Powered) -> Dy
     """The numbers that bring the runs next to what was measured.
 
     Args:
-        parts: windows of every drive; speeds count in the time that they span.
+        parts: windows of every trajectory; speeds count in the time that they span.
         start: lengths near those of the vehicle as it turns.
         powered: what drives the vehicle.
     """
@@ -334,8 +341,8 @@ def fit_dynamics(parts: Sequence[Part], start: Geometry, powered: Powered) -> Dy
     p = np.concatenate([np.zeros(2), np.ones(3), np.zeros(N - 5), q])
     motors = []
     if not powered.rotors_known:
-        found = "damping" if powered.torque_known else "torque"
-        motors.append(NUMBERS.index(found))
+        weakest = "damping" if powered.torque_known else "torque"
+        motors.append(NUMBERS.index(weakest))
     terms = [N + AT[name] for name in (*LENGTHS, *PLACE, *lags)]
     free = (*range(5), *motors, DRAWN, IMBALANCE, DELAY, *terms)
     first = _DynamicProblem(

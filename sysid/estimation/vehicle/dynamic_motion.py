@@ -9,7 +9,6 @@ import numpy as np
 from sysid.data.column_words import meaning
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
-from sysid.estimation.vehicle.drive import Drive, Drives
 from sysid.estimation.vehicle.dynamic_fit import DynamicFit, Powered, fit_dynamics
 from sysid.estimation.vehicle.dynamic_motors import KnownMotors
 from sysid.estimation.vehicle.dynamic_numbers import correlations_of, numbers_of
@@ -17,6 +16,7 @@ from sysid.estimation.vehicle.dynamic_runs import LONGEST_PART, Log, Machine
 from sysid.estimation.vehicle.numbers import Correlations, VehicleNumber
 from sysid.estimation.vehicle.slip_fit import Part
 from sysid.estimation.vehicle.slip_model import body_speeds, pose_read
+from sysid.estimation.vehicle.trajectory import Trajectories, Trajectory
 from sysid.vehicle.kinematics import Geometry
 from sysid.vehicle.motors import Motor
 from sysid.vehicle.soil import Soil
@@ -61,32 +61,34 @@ class Weighed:
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         return self.fit.errors(parts)
 
-    def readings(self, drive: Drive) -> Array:
-        """x, y [m], ψ [rad] that the source of a drive's pose would read, (M, 3)."""
-        return pose_read(self.fit.q, drive, self.fit.geometry, self.fit.added(drive))
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] that the source of a trajectory's pose would read, (M, 3)."""
+        return pose_read(self.fit.q, trajectory, self.fit.geometry, self.fit.added(trajectory))
 
-    def driven(self, drive: Drive) -> tuple[Array, Array]:
-        """Way [m] and angle turned [rad] in each step of a drive's grid."""
-        forward, yaw_rate = body_speeds(self.fit.q, drive.omega, drive.step, self.fit.geometry)
-        added = self.fit.added(drive)
-        return forward * drive.step + added[:, 0], yaw_rate * drive.step + added[:, 2]
+    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
+        forward, yaw_rate = body_speeds(
+            self.fit.q, trajectory.omega, trajectory.step, self.fit.geometry
+        )
+        added = self.fit.added(trajectory)
+        return forward * trajectory.step + added[:, 0], yaw_rate * trajectory.step + added[:, 2]
 
 
 def fit_weighed(
     parts: Sequence[Part],
     start: Geometry,
     records: Sequence[Record],
-    drives: Drives,
+    trajectories: Trajectories,
     known: Geometry,
     motors: KnownMotors | None,
 ) -> Weighed:
-    """Masses and frictions from the windows of drives, whose records hold the commands.
+    """Masses and frictions from the windows of trajectories, whose records hold the commands.
 
     Args:
         parts: windows to fit to.
         start: lengths near those of the vehicle as it turns.
-        records: in the order of the drives.
-        drives: of these records.
+        records: in the order of the trajectories.
+        trajectories: of these records.
         known: lengths of the vehicle.
         motors: what is known of them; None for nothing.
 
@@ -95,9 +97,11 @@ def fit_weighed(
         UsageError: the motors count in another unit than the commands.
     """
     logs = []
-    for record, drive, track in zip(records, drives.each, drives.tracks, strict=True):
+    for record, trajectory, track in zip(
+        records, trajectories.each, trajectories.tracks, strict=True
+    ):
         command, unit = _commands(record)
-        logs.append(Log(drive, command, track.omega, record.dt))
+        logs.append(Log(trajectory, command, track.omega, record.dt))
     size = known.B / Geometry().B
     usual = TrackedVehicle()
     vehicle = TrackedVehicle(
@@ -113,7 +117,7 @@ def fit_weighed(
         both = motors.counting_in(unit, max(float(np.abs(log.command).max()) for log in logs))
         spreads = np.array(motors.spreads)
         if motors.unit and not unit:
-            notes = (f"The commands have no unit; they count in the motors' own, {motors.unit}.",)
+            notes = (f"The commands have no unit; the motors' unit is assumed: {motors.unit}.",)
             unit = motors.unit
     else:
         per_unit = None if motors is None else motors.motors[0].torque
@@ -138,14 +142,14 @@ def _commands(record: Record) -> tuple[Array, str]:
     if min(at) < 0:
         has = ", ".join(record.input_names) or "no input"
         raise DataError(
-            f"{record.name} holds no command of the left and of the right motor (it has {has}): "
-            "motion dynamic needs what drives the motors, such as u_l and u_r [V], pwm_l and "
+            f"{record.name} has no commands of both motors (it has {has}). Motion dynamic needs "
+            "them, such as u_l and u_r [V], pwm_l and "
             "pwm_r, or their currents (name them with `inputs`)"
         )
     if not np.isfinite(record.u[:, at]).all():
         raise DataError(
-            f"{record.name} has missing commands, and motion dynamic needs every one of them: fill "
-            "or split the log where they are missing (`resample`)"
+            f"{record.name} has missing commands, and motion dynamic needs all of them; fill or "
+            "split the log there (`resample`)"
         )
     return record.u[:, at], record.inputs[at[0]].unit
 
@@ -172,5 +176,5 @@ def _guessed(
     r, B = vehicle.geometry.r, vehicle.geometry.B
     carried = (1.0 - LIGHT) * lag * damping
     motor = Motor(torque, damping, max(LIGHT * lag, LONGEST_PART) * damping, 0.0)
-    found = replace(vehicle, mass=2.0 * carried / r**2, yaw_inertia=0.5 * carried * (B / r) ** 2)
-    return found, motor
+    guess = replace(vehicle, mass=2.0 * carried / r**2, yaw_inertia=0.5 * carried * (B / r) ** 2)
+    return guess, motor

@@ -59,7 +59,7 @@ class KnownMotors:
         if factor is None:
             raise UsageError(
                 f"the motors are driven in {self.unit} and the log's commands are in "
-                f"{unit or 'no unit'}: say their unit (`units`), or give the torque constant, the "
+                f"{unit or 'no unit'}: give their unit (`units`), or the torque constant, the "
                 "torque at the wheel per unit of the command"
             )
         left, right = (
@@ -94,8 +94,8 @@ def motors_of_model(model: Model) -> KnownMotors:
     source = torque_source(m, model.theta) if isinstance(m, DCMotor) else None
     if source is None or not isinstance(m, DCMotor):
         raise ModelError(
-            "the model tells speeds and no torque: give a dc-motor of `sysid bench motor`, or one "
-            "identified with the tracks lifted with its torque_constant"
+            "the model has speeds and no torque; give a dc-motor of `sysid bench motor`, or one "
+            "identified with the tracks lifted and its torque_constant"
         )
     if source.body > SHARED:
         raise ModelError(
@@ -106,9 +106,9 @@ def motors_of_model(model: Model) -> KnownMotors:
     left, right = source.motors[0], source.motors[-1]
 
     def numbers(theta: Array) -> Array:
-        found = torque_source(structure, theta)
-        assert found is not None
-        return np.array([float(getattr(found.motors[0], name)) for name in FIELDS])
+        torque = torque_source(structure, theta)
+        assert torque is not None
+        return np.array([float(getattr(torque.motors[0], name)) for name in FIELDS])
 
     middle = numbers(model.theta)
     deviation = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
@@ -140,7 +140,7 @@ def read_motors(path: Path) -> KnownMotors:
         where = source.where((name,))
         if name not in Bench._fields:
             known = ", ".join(Bench._fields)
-            raise UsageError(f"{where}: {name!r} is no constant of a motor; choose of {known}")
+            raise UsageError(f"{where}: {name!r} is not a motor constant; choose from {known}")
         both = entry if isinstance(entry, list) else [entry, 0.0]
         if len(both) != 2 or not all(_number(v) and v >= 0.0 for v in both) or both[0] == 0.0:
             raise UsageError(

@@ -20,7 +20,7 @@ pressure leave out moves them by so much on made logs."""
 STIFFNESS_LEFT_OUT = 0.04
 """Share of the thrust stiffness likewise: the law of shear is a chord of its curve in each step."""
 
-TELLS = 0.25
+IDENTIFIABLE_SHARE = 0.25
 """A log tells a quantity whose standard error is less than this share of it …"""
 
 SLIGHT: Mapping[str, float] = {"rolling_friction": 0.0125, "turning_friction": 0.125}
@@ -29,36 +29,36 @@ that hardly resists is known, too."""
 
 SHOWN_BY: Mapping[str, str] = {
     "mass": "hard starts and stops on a straight line, with the torque of the motors known",
-    "yaw_inertia": "quick turns on the spot that start, stop and change their side",
+    "yaw_inertia": "quick turns on the spot that start, stop and reverse",
     "rolling_resistance": "straight runs at several speeds, slow ones too, and coasting down",
     "rolling_friction": "straight runs at several speeds, slow ones too, and coasting down",
-    "turning_resistance": "slow, steady turns on the spot to both sides",
-    "turning_friction": "slow, steady turns on the spot to both sides",
+    "turning_resistance": "slow, steady turns on the spot, both ways",
+    "turning_friction": "slow, steady turns on the spot, both ways",
     "thrust_stiffness": "hard starts and stops from several speeds with an exact pose",
     "centre_of_mass": "turns on the spot with the pose of a known point of the vehicle",
     "command_delay": "hard starts and stops, a few samples apart from any other change",
     "straight_lag": "hard starts and stops on a straight line",
-    "turning_lag": "quick turns on the spot that start, stop and change their side",
+    "turning_lag": "quick turns on the spot that start, stop and reverse",
     "straight_friction": "straight runs at several speeds, slow ones too",
-    "turning_friction_level": "slow, steady turns on the spot to both sides",
+    "turning_friction_level": "slow, steady turns on the spot, both ways",
     "top_speed_per_command": "straight runs at several commands",
 }
 """The manoeuvre that tells each quantity."""
 
 MEANING: Mapping[str, tuple[str, str]] = {
     "mass": ("kg", "what the whole vehicle weighs"),
-    "yaw_inertia": ("kg m²", "its inertia about the vertical through its centre of mass"),
-    "rolling_resistance": ("N", "what resists the whole vehicle as it rolls straight ahead"),
+    "yaw_inertia": ("kg m²", "its yaw inertia about its centre of mass"),
+    "rolling_resistance": ("N", "rolling resistance of the whole vehicle, straight ahead"),
     "rolling_friction": ("1", "rolling resistance over weight"),
     "turning_resistance": ("Nm", "what resists a slow turn on the spot"),
-    "turning_friction": ("1", "friction to the side over weight, for tracks that press evenly"),
-    "thrust_stiffness": ("N", "thrust of a track for each unit of slip, at little slip"),
+    "turning_friction": ("1", "lateral friction coefficient, for even track pressure"),
+    "thrust_stiffness": ("N", "thrust of a track per unit of slip, at small slip"),
     "centre_of_mass": ("m", "how far the centre of mass lies ahead of the point of the pose"),
-    "command_delay": ("s", "how much later the commands act than they are logged"),
-    "straight_lag": ("s", "lag of straight runs: all that moves along over the motors' damping"),
+    "command_delay": ("s", "delay of the commands after their log entry"),
+    "straight_lag": ("s", "lag of straight runs: moving mass over the motors' damping"),
     "turning_lag": ("s", "lag of turns on the spot, likewise"),
-    "straight_friction": ("", "command that resistance takes away in straight runs"),
-    "turning_friction_level": ("", "command that resistance takes away in turns on the spot"),
+    "straight_friction": ("", "command lost to resistance in straight runs"),
+    "turning_friction_level": ("", "command lost to resistance in turns on the spot"),
     "top_speed_per_command": ("", "speed of the wheels per unit of command, without friction"),
 }
 
@@ -69,11 +69,13 @@ CLOSE = 0.1
 """They are told within this share of the length on the ground, and of a sample."""
 
 INCLUDES: Mapping[str, str] = {
-    "mass": "It includes what the rotors add, 2J/r² of them, as only their torque is known.",
-    "yaw_inertia": "It includes what the rotors add, as only their torque is known.",
-    "rolling_resistance": "It includes the motors' dry friction, as only their torque is known.",
-    "rolling_friction": "Resistance and weight include what the motors add.",
-    "turning_friction": "The weight includes what the rotors add, as only their torque is known.",
+    "mass": "It includes the rotors' share 2J/r², because only their torque is known.",
+    "yaw_inertia": "It includes the rotors' share, because only their torque is known.",
+    "rolling_resistance": "It includes the motors' dry friction, because only their torque is "
+    "known.",
+    "rolling_friction": "Resistance and weight include the motors' share.",
+    "turning_friction": "The weight includes the rotors' share, because only their torque is "
+    "known.",
 }
 """What a quantity means where damping and inertia of the motors are not known."""
 
@@ -100,7 +102,7 @@ def quantities(fit: DynamicFit, p: Array) -> dict[str, float]:
     motor = fit.powered.machine.motors[0]
     torque, damping = motor.torque * theta["torque"], motor.damping * theta["damping"]
     rotor = motor.inertia * theta["rotor_inertia"]
-    found = {
+    values = {
         "mass": m,
         # the pose tells how far the vehicle turns for the lever that its forces have
         "yaw_inertia": J * named["effective_width"] / B,
@@ -118,7 +120,7 @@ def quantities(fit: DynamicFit, p: Array) -> dict[str, float]:
         "top_speed_per_command": torque / damping,
     }
     lengths = ("radius_left", "radius_right", "effective_width")
-    return found | {name: named[name] for name in lengths}
+    return values | {name: named[name] for name in lengths}
 
 
 def numbers_of(fit: DynamicFit) -> tuple[VehicleNumber, ...]:
@@ -136,10 +138,14 @@ def numbers_of(fit: DynamicFit) -> tuple[VehicleNumber, ...]:
         p[moved] = q
         return quantities(fit, p)
 
-    found = derived(of, fit.p[moved], every[np.ix_(moved, moved)], steps[moved])
+    derived_values = derived(of, fit.p[moved], every[np.ix_(moved, moved)], steps[moved])
     unknown = _without_information(fit)
-    more = [n for n in _weighed(fit, found, unknown) if n is not None]
-    lengths = [_length(name, *found[name]) for name in found if name not in (*WEIGHED, *RATIOS)]
+    more = [n for n in _weighed(fit, derived_values, unknown) if n is not None]
+    lengths = [
+        _length(name, *derived_values[name])
+        for name in derived_values
+        if name not in (*WEIGHED, *RATIOS)
+    ]
     return (*more, *lengths)
 
 
@@ -150,16 +156,16 @@ def _without_information(fit: DynamicFit) -> frozenset[str]:
 
 
 def _weighed(
-    fit: DynamicFit, found: Mapping[str, tuple[float, float]], silent: frozenset[str]
+    fit: DynamicFit, derived_values: Mapping[str, tuple[float, float]], silent: frozenset[str]
 ) -> list[VehicleNumber]:
     if not fit.powered.torque_known:
-        told = ("centre_of_mass", "command_delay")
-        untold = [_untold(name) for name in WEIGHED if name not in told]
-        plain = [_number(fit, name, *found[name]) for name in told]
-        return [*untold, *plain, *(_ratio(fit, name, *found[name]) for name in RATIOS)]
+        always_shown = ("centre_of_mass", "command_delay")
+        untold = [_untold(name) for name in WEIGHED if name not in always_shown]
+        plain = [_number(fit, name, *derived_values[name]) for name in always_shown]
+        return [*untold, *plain, *(_ratio(fit, name, *derived_values[name]) for name in RATIOS)]
     numbers = []
     for name in WEIGHED:
-        value, error = found[name]
+        value, error = derived_values[name]
         if name not in TIMES_AND_PLACES:
             share = STIFFNESS_LEFT_OUT if name == "thrust_stiffness" else LEFT_OUT
             error = math.hypot(error, share * abs(value))
@@ -171,12 +177,14 @@ def _weighed(
 
 def _number(fit: DynamicFit, name: str, value: float, error: float) -> VehicleNumber:
     unit, meaning = MEANING[name]
-    told = error < TELLS * abs(value) or error < SLIGHT.get(name, 0.0)
+    identifiable = error < IDENTIFIABLE_SHARE * abs(value) or error < SLIGHT.get(name, 0.0)
     if name in TIMES_AND_PLACES:
         length = fit.powered.machine.vehicle.contact_length
-        told = error < CLOSE * (length if name == "centre_of_mass" else fit.powered.logs[0].dt)
+        identifiable = error < CLOSE * (
+            length if name == "centre_of_mass" else fit.powered.logs[0].dt
+        )
     sentence = f"{meaning[:1].upper()}{meaning[1:]}."
-    if not told:
+    if not identifiable:
         sentence = _why_not(fit, name, value, error)
     elif not fit.powered.rotors_known and name in INCLUDES:
         sentence += f" {INCLUDES[name]}"
@@ -184,13 +192,13 @@ def _number(fit: DynamicFit, name: str, value: float, error: float) -> VehicleNu
         sentence += _rests_on(fit, name, value)
     elif name == "turning_friction":
         length = fit.powered.machine.vehicle.contact_length
-        sentence += f" Their length on the ground counts as {length:.3g} m."
+        sentence += f" Their contact length is assumed to be {length:.3g} m."
     elif name == "centre_of_mass":
         sentence += (
-            " The log does not tell it apart from where on the vehicle that point is: it is the "
-            "place that the vehicle turns about."
+            " The log does not distinguish it from the position of that point on the vehicle; the "
+            "value is the centre of rotation."
         )
-    return VehicleNumber(name, value, error, unit, told, sentence)
+    return VehicleNumber(name, value, error, unit, identifiable, sentence)
 
 
 def _why_not(fit: DynamicFit, name: str, value: float, error: float) -> str:
@@ -198,12 +206,12 @@ def _why_not(fit: DynamicFit, name: str, value: float, error: float) -> str:
     if name == "thrust_stiffness":
         least = value / (1.0 + 2.0 * error / value) if math.isfinite(error) else 0.0
         return (
-            f"The log does not tell the {what}: the tracks hardly slip (at least {least:.2g} N for "
-            f"a unit of slip); {SHOWN_BY[name]} would."
+            f"The log does not determine the {what}, because the tracks hardly slip (at least "
+            f"{least:.2g} N per unit of slip); {SHOWN_BY[name]} would."
         )
     known = math.isfinite(error) and value != 0.0
     how = f" to better than {100 * error / abs(value):.0f} %" if known else ""
-    return f"The log does not tell the {what}{how}; {SHOWN_BY[name]} would."
+    return f"The log does not determine the {what}{how}; {SHOWN_BY[name]} would."
 
 
 def _rests_on(fit: DynamicFit, name: str, value: float) -> str:
@@ -211,19 +219,19 @@ def _rests_on(fit: DynamicFit, name: str, value: float) -> str:
     machine = fit.powered.machine
     rotor = machine.motors[0].inertia * float(fit.theta[NUMBERS.index("rotor_inertia")])
     r, B = machine.vehicle.geometry.r, machine.vehicle.geometry.B
-    own = 2.0 * rotor / r**2 if name == "mass" else 0.5 * rotor * (B / r) ** 2
-    share = own / value
+    rotor_share = 2.0 * rotor / r**2 if name == "mass" else 0.5 * rotor * (B / r) ** 2
+    share = rotor_share / value
     if share < 0.2:
         return ""
-    return f" It rests on the motors' inertia: 1 % of that is {share:.1f} % of this."
+    return f" It depends on the motors' inertia: 1 % of that is {share:.1f} % of this."
 
 
 def _untold(name: str) -> VehicleNumber:
     unit, meaning = MEANING[name]
     sentence = (
-        f"The log does not tell {meaning}: no torque is known, so that all forces come in units of "
-        "it; give the motors' numbers (`motors`), or the torque per unit of command "
-        f"(the torque constant), and drive {SHOWN_BY[name]}."
+        f"The log does not determine {meaning}, because no torque is known. Give the motors' "
+        "parameters (`motors`) or the torque per unit of command (the torque constant), and drive "
+        f"{SHOWN_BY[name]}."
     )
     return VehicleNumber(name, math.nan, math.inf, unit, False, sentence, in_model=False)
 
@@ -233,21 +241,23 @@ def _ratio(fit: DynamicFit, name: str, value: float, error: float) -> VehicleNum
     command = fit.powered.unit or "command"
     unit = unit or (f"(rad/s)/{command}" if name == "top_speed_per_command" else command)
     error = math.hypot(error, LEFT_OUT * abs(value))
-    told = error < TELLS * abs(value)
+    identifiable = error < IDENTIFIABLE_SHARE * abs(value)
     sentence = f"{meaning[:1].upper()}{meaning[1:]}."
-    if not told:
-        sentence = f"The log does not tell the {meaning}; {SHOWN_BY[name]} would."
-    return VehicleNumber(name, value, error, unit, told, sentence)
+    if not identifiable:
+        sentence = f"The log does not determine the {meaning}; {SHOWN_BY[name]} would."
+    return VehicleNumber(name, value, error, unit, identifiable, sentence)
 
 
 def _length(name: str, value: float, error: float) -> VehicleNumber:
     """Lengths that act where slip is taken off."""
-    told = error < 0.1 * value
+    identifiable = error < 0.1 * value
     what = name.replace("_", " ")
-    sentence = f"The {what} that acts once the slip under these forces is taken off."
-    if not told:
-        sentence = f"The log does not tell the {what}; straight runs and turns to both sides would."
-    return VehicleNumber(name, value, error, "m", told, sentence)
+    sentence = f"The {what} after subtracting the slip under these forces."
+    if not identifiable:
+        sentence = (
+            f"The log does not determine the {what}; straight runs and turns both ways would."
+        )
+    return VehicleNumber(name, value, error, "m", identifiable, sentence)
 
 
 def correlations_of(fit: DynamicFit) -> Correlations:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
-from sysid.estimation.vehicle.drive import Drive
+from sysid.estimation.vehicle.trajectory import Trajectory
 from sysid.fitting.compiled import compiled, jax_module
 from sysid.vehicle.dynamics import Scheme, VehicleState, step
 from sysid.vehicle.floor import Floor
@@ -139,13 +139,13 @@ class Log:
     """A record as the runs need it.
 
     Attributes:
-        drive: the same record as the fit of the pose sees it.
+        trajectory: the same record as the fit of the pose sees it.
         command: left and right, in the unit that the motors' drive counts in, (N, 2).
         omega: measured speeds, (N, 2) [rad/s]; NaN where there is none.
         dt: sample time [s].
     """
 
-    drive: Drive
+    trajectory: Trajectory
     command: Array
     omega: Array
     dt: float
@@ -171,9 +171,9 @@ class Pieces:
 
     def joined(self, values: Array, which: int) -> Array:
         """What a log's samples have in the pieces (S, T, n), row after row, (N, n)."""
-        mine = self.counted & (self.log == which)
-        order = np.argsort(self.row[mine], kind="stable")
-        return np.asarray(values[mine][order])
+        of_log = self.counted & (self.log == which)
+        order = np.argsort(self.row[of_log], kind="stable")
+        return np.asarray(values[of_log][order])
 
 
 def pieces_of(logs: Sequence[Log]) -> Pieces:
@@ -270,8 +270,8 @@ def _run(machine: Machine, dt: float, theta: Any, command: Any, measured: Any) -
         start = rest._replace(vx=forward, yaw_rate=yaw_rate, omega=(first[0], first[1]))
         return jax.lax.scan(advance, start, (drive, read))[1]
 
-    found: tuple[Any, Any] = jax.vmap(one)(_delayed(command, theta[11] / dt, jnp), measured)
-    return found
+    runs: tuple[Any, Any] = jax.vmap(one)(_delayed(command, theta[11] / dt, jnp), measured)
+    return runs
 
 
 def _slipped(before: Any, after: Any, dt: float, geometry: Any, jnp: Any) -> Any:

@@ -80,23 +80,23 @@ class GeometryEstimate:
     @property
     def sentence(self) -> str:
         """What was found, and instead of what."""
-        found = " and ".join(
+        lengths = " and ".join(
             f"{name} = {value:.4g} ± {error:.1g} m"
             if error is not None
-            else f"{name} = {value:.4g} m (assumed: the log does not tell it)"
+            else f"{name} = {value:.4g} m (assumed; not identifiable from this log)"
             for name, value, error in zip(
                 ("r", "B"), (self.geometry.r, self.geometry.B), self.std_errors, strict=True
             )
         )
         sentence = (
             f"The pose contradicts the geometry that is assumed unless one is given "
-            f"(r = {self.assumed.r:g} m, B = {self.assumed.B:g} m); from the log {found}, "
-            "r as it drives and B as it turns, slip and skidding included."
+            f"(r = {self.assumed.r:g} m, B = {self.assumed.B:g} m); from the log {lengths}, "
+            "with slip and skidding included."
         )
         if not SMALLEST < self.geometry.r < LARGEST:
             sentence += (
-                " No vehicle has such a radius: the pose is not in metres or the speeds are not "
-                "in rad/s; say which units they are in."
+                " No vehicle has such a radius, so the pose is not in metres or the speeds are "
+                "not in rad/s; give their units."
             )
         return sentence
 
@@ -180,7 +180,7 @@ def _line(x: Array, y: Array, each: Sequence[int]) -> tuple[complex, float]:
 
 
 @dataclass(frozen=True)
-class _Reading:
+class _HeadingConvention:
     """One way to read a heading: its unit and the direction in which it counts."""
 
     factor: float
@@ -194,11 +194,11 @@ class _Reading:
 
 
 _DEGREES = math.pi / 180.0
-_READINGS = (
-    _Reading(1.0, ""),
-    _Reading(-1.0, "The heading of the pose counts clockwise; it was turned round."),
-    _Reading(_DEGREES, "The heading of the pose is in degrees; it was converted."),
-    _Reading(
+_CONVENTIONS = (
+    _HeadingConvention(1.0, ""),
+    _HeadingConvention(-1.0, "The heading of the pose counts clockwise; it was reversed."),
+    _HeadingConvention(_DEGREES, "The heading of the pose is in degrees; it was converted."),
+    _HeadingConvention(
         -_DEGREES, "The heading of the pose is in degrees and counts clockwise; it was converted."
     ),
 )
@@ -210,31 +210,31 @@ def in_one_frame(tracks: Sequence[Track]) -> tuple[tuple[Track, ...], tuple[str,
     Args:
         tracks: of one vehicle.
     """
-    plain = _ways([_READINGS[0].of(t) for t in tracks])
-    best, rest = _READINGS[0], FRAME * plain.rest
+    plain = _ways([_CONVENTIONS[0].of(t) for t in tracks])
+    best, rest = _CONVENTIONS[0], FRAME * plain.rest
     largest = max(float(np.nanmax(np.abs(t.pose[:, 2]), initial=0.0)) for t in tracks)
-    for reading in _READINGS[1:]:
-        if abs(reading.factor) != 1.0 and largest < BEYOND_A_TURN:
+    for convention in _CONVENTIONS[1:]:
+        if abs(convention.factor) != 1.0 and largest < BEYOND_A_TURN:
             continue
-        left = _ways([reading.of(t) for t in tracks]).rest
-        if left < rest:
-            best, rest = reading, left
+        remaining_ways = _ways([convention.of(t) for t in tracks]).rest
+        if remaining_ways < rest:
+            best, rest = convention, remaining_ways
     said = [best.words] if best.words else []
     read = tuple(best.of(t) for t in tracks) if said else tuple(tracks)
-    ways = _ways([_READINGS[0].of(t) for t in read])
+    ways = _ways([_CONVENTIONS[0].of(t) for t in read])
     angle = float(np.angle(ways.line[0]))
     if abs(angle) > ASKEW and ways.rest < FRAME * float(np.mean(np.abs(ways.moved))):
         read = tuple(replace(t, pose=t.pose + np.array([0.0, 0.0, angle])) for t in read)
         said.append(
-            f"The heading of the pose is {math.degrees(-angle):.3g}° off the way the robot drives; "
-            "that was taken off."
+            f"The heading of the pose is {math.degrees(-angle):.3g}° off the driving direction; "
+            "it was corrected."
         )
     slope, error = ways.slope
     if slope < -SURE * error and abs(slope) * float(np.ptp(ways.spun)) > ASKEW:
         read = tuple(replace(t, pose=t.pose * np.array([1.0, -1.0, -1.0])) for t in read)
         said.append(
-            "The pose turns the other way round than the wheel speeds: left and right are swapped, "
-            "or y points to the right. The pose was mirrored; check which it is."
+            "The pose turns against the wheel speeds, because left and right are swapped or y "
+            "points to the right. The pose was mirrored; check which it is."
         )
     return read, tuple(said)
 
@@ -246,7 +246,7 @@ def lengths_of(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate:
         tracks: of one vehicle, in one frame.
         assumed: lengths taken where the pose does not tell them.
     """
-    ways = _ways([_READINGS[0].of(t) for t in tracks])
+    ways = _ways([_CONVENTIONS[0].of(t) for t in tracks])
     scale, r_error = ways.line
     r, (slope, slope_error) = abs(scale), ways.slope
     known_r, known_turn = r_error < KNOWN * r, slope_error < KNOWN * abs(slope)
@@ -268,8 +268,8 @@ def contradicted(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate
         tracks: of one vehicle, in one frame.
         assumed: lengths that nobody has given.
     """
-    found = lengths_of(tracks, assumed)
-    return found if found.contradicts else None
+    estimate = lengths_of(tracks, assumed)
+    return estimate if estimate.contradicts else None
 
 
 def _off(value: float, error: float, assumed: float) -> bool:
@@ -301,7 +301,7 @@ def _ways(tracks: Sequence[Track]) -> _Ways:
 
 
 def _unwrapped(psi: Array) -> Array:
-    """A heading without jumps of a full turn; missing readings stay missing."""
+    """A heading without jumps of a full turn; missing measurements stay missing."""
     out = psi.copy()
     there = np.isfinite(psi)
     if there.any():

@@ -54,8 +54,8 @@ COMPETITORS = (
     Slot(POSE_FILTER, "lag", -1, 0.0, 0.0, 2.0, (0.1,)),
 )
 """Numbers that compete with the effects, so that a radius that the geometry has wrong, a sensor
-that does not read zero at rest, or a pose whose readings, or whose headings, come later than the
-speeds, or are smoothed, lends its name to none."""
+that does not read zero at rest, or a pose whose measurements, or whose headings, come later than
+the speeds, or are smoothed, lends its name to none."""
 
 LAGS = (POSE_LAG, HEADING_LAG, POSE_FILTER)
 
@@ -144,8 +144,7 @@ def _of_effect(e: Effect) -> list[Candidate]:
 
 @cache
 def lags() -> tuple[Candidate, ...]:
-    """Readings of the pose that come late or are smoothed, which is nearly what an effect with a
-    memory does."""
+    """Delays and smoothing of the measured pose, which resemble an effect with memory."""
     return tuple(c for c in every_candidate() if c.key in LAGS)
 
 
@@ -159,19 +158,23 @@ def lengths() -> tuple[Candidate, ...]:
 def ground_of(q: Array, always: Sequence[Candidate] = ()) -> Ground:
     """The effects whose numbers are off their null values, but for what ``always`` is free."""
     lengths = {k for c in always for k in c.slots}
-    mine = [
+    parameters = [
         (s, v)
         for k, (s, v) in enumerate(zip(_of_effects(), q.tolist(), strict=False))
         if k not in lengths
     ]
-    acting = {s.owner for s, v in mine if v != s.null}
-    found: dict[str, dict[str, list[float]]] = {}
-    for slot, value in mine:
+    acting = {s.owner for s, v in parameters if v != s.null}
+    by_effect: dict[str, dict[str, list[float]]] = {}
+    for slot, value in parameters:
         if slot.owner in acting:
-            both = found.setdefault(slot.owner, {}).setdefault(slot.name, [slot.null, slot.null])
+            both = by_effect.setdefault(slot.owner, {}).setdefault(
+                slot.name, [slot.null, slot.null]
+            )
             for side in (LEFT, RIGHT) if slot.side < 0 else (slot.side,):
                 both[side] = value
-    numbers = {id: {k: np.array(v) for k, v in mine.items()} for id, mine in found.items()}
+    numbers = {
+        id: {k: np.array(v) for k, v in parameters.items()} for id, parameters in by_effect.items()
+    }
     return Ground(tuple(numbers), numbers)
 
 
@@ -221,7 +224,7 @@ class Fitted:
     @property
     def cost(self) -> float:
         """Mean squared white error over both parts; 1 where nothing but noise is left."""
-        return float(np.mean(np.concatenate([*self.white.estimation, *self.white.held]) ** 2))
+        return float(np.mean(np.concatenate([*self.white.estimation, *self.white.holdout]) ** 2))
 
     def std_error(self, slot: int) -> float | None:
         """Standard error of a number, None where it was not free."""
@@ -330,7 +333,7 @@ class PoseSearch:
     """Fits on the estimation part, judged on both.
 
     Attributes:
-        estimation, held: the problem of each part.
+        estimation, holdout: the problem of each part.
         always: what every fit frees: the lengths of a vehicle whose geometry nobody has given.
         radius_known: whether somebody has given the radius, so that a way that falls short of it
             on both sides is slip.
@@ -338,7 +341,7 @@ class PoseSearch:
     """
 
     estimation: PoseProblem
-    held: PoseProblem
+    holdout: PoseProblem
     always: tuple[Candidate, ...] = ()
     radius_known: bool = False
     begun: Mapping[frozenset[str], Fitted] = field(default_factory=dict)
@@ -394,10 +397,10 @@ class PoseSearch:
         best = min(fits, key=lambda f: float(np.sum(f.residual**2)))
         J = best.jacobian[:, list(free)]
         variance = max(float(np.mean(best.residual**2)), 1.0)
-        parts = self.estimation.errors(best.p), self.held.errors(best.p)
+        parts = self.estimation.errors(best.p), self.holdout.errors(best.p)
         floor = self.estimation.noise.floor
         errors = Errors(*(tuple(e / floor for e in part) for part in parts))
-        white = Errors(self.estimation.whitened(parts[0]), self.held.whitened(parts[1]))
+        white = Errors(self.estimation.whitened(parts[0]), self.holdout.whitened(parts[1]))
         bound = tuple(k for k in best.at_bound if k in free)
         inverse = np.linalg.pinv(J.T @ J, hermitian=True) if free else np.zeros((0, 0))
         grown = with_memory(best.residual[:, None] * (J @ inverse), self.estimation.lengths)

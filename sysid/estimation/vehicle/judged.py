@@ -8,15 +8,15 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import DataError
-from sysid.estimation.vehicle.drive import Drive
 from sysid.estimation.vehicle.slip_fit import Part
-from sysid.estimation.vehicle.windows import OVERLAP, WINDOW
+from sysid.estimation.vehicle.trajectory import Trajectory
+from sysid.estimation.vehicle.windows import WINDOW
 
 ESTIMATED = 0.7
-"""Share of each drive's windows that numbers are estimated on, where no other log judges."""
+"""Share of each trajectory's windows used for estimation where there is no validation log."""
 
-FEWEST = 6
-"""Windows that each part must hold: fewer leave nothing to judge by."""
+MIN_WINDOWS = 6
+"""Windows each part needs for a judgement."""
 
 LONG = 10.0
 """Length of the stretches [s] over which drift is told."""
@@ -77,10 +77,12 @@ class Drift:
         }
 
 
-def split(drives: Sequence[Drive], share: float = ESTIMATED) -> tuple[list[Part], list[Part]]:
-    """The first windows of each drive, and those that begin after them."""
+def split(
+    trajectories: Sequence[Trajectory], share: float = ESTIMATED
+) -> tuple[list[Part], list[Part]]:
+    """The first windows of each trajectory, and those that begin after them."""
     first, second = [], []
-    for d in drives:
+    for d in trajectories:
         every = d.windows()
         cut = round(share * len(every))
         head = every[:cut]
@@ -90,55 +92,56 @@ def split(drives: Sequence[Drive], share: float = ESTIMATED) -> tuple[list[Part]
     return _not_empty(first), _not_empty(second)
 
 
-def whole(drives: Sequence[Drive], length: float = WINDOW) -> list[Part]:
-    """All windows of each drive."""
-    return _not_empty([Part(d, d.windows(length)) for d in drives])
+def whole(trajectories: Sequence[Trajectory], length: float = WINDOW) -> list[Part]:
+    """All windows of each trajectory."""
+    return _not_empty([Part(d, d.windows(length)) for d in trajectories])
 
 
 def enough(parts: Sequence[Part]) -> bool:
     """Whether windows are enough to estimate from or to judge by."""
-    return sum(len(p.windows) for p in parts) >= FEWEST
+    return sum(len(p.windows) for p in parts) >= MIN_WINDOWS
 
 
 def check_enough(parts: Sequence[Part], name: str) -> None:
     """Refuse a log with too few windows.
 
     Raises:
-        DataError: it holds fewer than ``FEWEST``.
+        DataError: it holds fewer than ``MIN_WINDOWS``.
     """
     if not enough(parts):
-        found = sum(len(p.windows) for p in parts)
+        count = sum(len(p.windows) for p in parts)
         raise DataError(
-            f"{name} holds {found} window{'' if found == 1 else 's'} of two seconds in which the "
-            f"vehicle drives and its pose is read at both ends, fewer than {FEWEST} (they overlap "
-            f"{OVERLAP} times); drive for at least 20 s"
+            f"{name} has {count} two-second window{'' if count == 1 else 's'} with motion and a "
+            f"pose at both ends, and {MIN_WINDOWS} are needed; drive for at least 20 s"
         )
 
 
 def long_stretches(parts: Sequence[Part]) -> list[Part]:
     """Stretches of ``LONG`` seconds in the time of these windows."""
-    found = []
+    stretches = []
     for p in parts:
-        windows = p.drive.windows(LONG)
+        windows = p.trajectory.windows(LONG)
         inside = (windows[:, 0] >= p.windows[0, 0]) & (windows[:, 1] <= p.windows[-1, 1])
-        found.append(Part(p.drive, windows[inside]))
-    return _not_empty(found)
+        stretches.append(Part(p.trajectory, windows[inside]))
+    return _not_empty(stretches)
 
 
 def drift(
-    errors: Errors, driven: Callable[[Drive], tuple[Array, Array]], parts: Sequence[Part]
+    errors: Errors, driven: Callable[[Trajectory], tuple[Array, Array]], parts: Sequence[Part]
 ) -> Drift:
     """How the errors grow with the way.
 
     Args:
         errors: of windows.
-        driven: way [m] and angle turned [rad] in each step of a drive's grid.
+        driven: way [m] and angle turned [rad] in each step of a trajectory's grid.
         parts: stretches.
     """
     if not parts:
         return Drift(None, None, 0)
     error = errors(parts)
-    way, turned = (np.concatenate([_over(p, driven(p.drive)[k]) for p in parts]) for k in (0, 1))
+    way, turned = (
+        np.concatenate([_over(p, driven(p.trajectory)[k]) for p in parts]) for k in (0, 1)
+    )
     away = float(np.hypot(error[:, 0], error[:, 1]).sum())
     turns = float(turned.sum()) / (2.0 * np.pi)
     return Drift(
@@ -148,14 +151,14 @@ def drift(
     )
 
 
-def mean_way(driven: Callable[[Drive], tuple[Array, Array]], parts: Sequence[Part]) -> float:
+def mean_way(driven: Callable[[Trajectory], tuple[Array, Array]], parts: Sequence[Part]) -> float:
     """Mean way that a vehicle drives in a window [m]."""
-    return float(np.mean(np.concatenate([_over(p, driven(p.drive)[0]) for p in parts])))
+    return float(np.mean(np.concatenate([_over(p, driven(p.trajectory)[0]) for p in parts])))
 
 
 def _over(part: Part, steps: Array) -> Array:
     """What a quantity sums up to in each window, (W,)."""
-    d = part.drive
+    d = part.trajectory
     total = np.concatenate([[0.0], np.cumsum(np.abs(steps))])
     ends = np.interp(d.at[part.windows], d.nodes, total)
     return np.asarray(ends[:, 1] - ends[:, 0])

@@ -16,7 +16,7 @@ from sysid.data.reading.table import Table
 from sysid.data.record import Record
 from sysid.data.unit_words import ending
 from sysid.errors import DataError
-from sysid.estimation.vehicle.drive import side_of
+from sysid.estimation.vehicle.trajectory import side_of
 
 NEEDED = (
     "time, the speeds of the left and of the right wheels (such as omega_l and omega_r in rad/s), "
@@ -25,12 +25,12 @@ NEEDED = (
 """What a log must hold."""
 
 
-def read_drives(
+def read_vehicle_logs(
     paths: Sequence[Path], options: ReadOptions, steps: Preparation
 ) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
-    """The records of logs with a pose, and what there is to say about the reading.
+    """The records of logs with a pose, and what there is to say about the measurement.
 
-    The fit tells fresh readings from repeats itself, so that every row is read. A log with long
+    The fit tells fresh measurements from repeats itself, so that every row is read. A log with long
     gaps is several drives, as windows do not reach over them; one without commands serves, too.
 
     Raises:
@@ -41,8 +41,8 @@ def read_drives(
     if not options.join:
         for path in paths:
             _refuse_without(path, options)
-    own = _own_columns(paths, options)
-    ways = [options] if own is None else [own, options]
+    own_columns = _own_columns(paths, options)
+    ways = [options] if own_columns is None else [own_columns, options]
     if options.resample == "auto":
         ways += [replace(way, resample="split") for way in ways]
     first: DataError | None = None
@@ -71,13 +71,13 @@ def _speeds(table: Table, options: ReadOptions) -> tuple[list[str], list[str], l
     """Columns of both sides: measured speeds, commands that are speeds, and all commands."""
     pose = find_pose(table.names).names
     units = dict(zip(table.names, table.units, strict=True))
-    found = {
+    columns = {
         kind: [n for n in table.names if n not in pose and meaning(n).quantity == kind]
         for kind in ("speed", "command")
     }
-    commands = _both_sides(found["command"])
+    commands = _both_sides(columns["command"])
     in_speeds = [(options.units.get(n) or units[n] or ending(n)[1]) in SPEEDS for n in commands]
-    return _both_sides(found["speed"]), commands if all(in_speeds) else [], commands
+    return _both_sides(columns["speed"]), commands if all(in_speeds) else [], commands
 
 
 def _both_sides(names: Sequence[str]) -> list[str]:

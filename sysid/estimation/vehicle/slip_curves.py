@@ -58,7 +58,7 @@ def slip_curves(parts: Sequence[Part], fit: SlipFit, geometry: Geometry) -> Slip
     """Way lost against turning, speed [m/s] and acceleration [m/s²]; turn lost against turning.
 
     Args:
-        parts: windows of every drive.
+        parts: windows of every trajectory.
         fit: whose lags bring wheels and pose together.
         geometry: radius and width that say what the wheels rolled.
     """
@@ -82,7 +82,7 @@ def _large(values: Array) -> Array:
 
 def _windows(part: Part, fit: SlipFit, geometry: Geometry) -> Array:
     """Way and turn driven and rolled, turning, speed and acceleration of each window, (W, 7)."""
-    d, q = part.drive, fit.q
+    d, q = part.trajectory, fit.q
     moved = increments(d.pose, part.windows, float(q[AT["heading_offset"]]))
     forward, yaw_rate = body_velocity(d.omega[:, 0], d.omega[:, 1], geometry)
     place, heading = d.at - q[AT["pose_lag"]], d.at - q[AT["heading_lag"]]
@@ -113,9 +113,9 @@ def _curve(at: Array, values: Array) -> tuple[SlipPoint, ...]:
         return ()
     order = np.argsort(at, kind="stable")
     groups = np.array_split(order, min(GROUPS, len(at) // OVERLAP))
-    found = []
+    points = []
     for g in groups:
         kept = np.clip(values[g], *np.quantile(values[g], (0.05, 0.95)))
         error = float(np.std(kept) / np.sqrt(max(len(g) / OVERLAP, 1.0)))
-        found.append(SlipPoint(float(at[g].mean()), float(kept.mean()), error, len(g)))
-    return tuple(found)
+        points.append(SlipPoint(float(at[g].mean()), float(kept.mean()), error, len(g)))
+    return tuple(points)

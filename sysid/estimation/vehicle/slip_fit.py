@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid.data.record import Array, Index
-from sysid.estimation.vehicle.drive import Drive
 from sysid.estimation.vehicle.geometry import LEFT_OUT
 from sysid.estimation.vehicle.ground_fit import with_memory
 from sysid.estimation.vehicle.slip_model import AT, LOWER, NULLS, TERMS, window_errors
+from sysid.estimation.vehicle.trajectory import Trajectory
 from sysid.estimation.vehicle.windows import OVERLAP
 from sysid.fitting.problem import Problem
 from sysid.fitting.solvers import Descent, levenberg_marquardt
@@ -41,7 +41,7 @@ BETTER = 0.98
 LAGS = (-0.25, 0.0, 0.25, 0.5, 0.75, 1.0, 1.5)
 """Lags of the pose [s] from which a fit starts: a lidar's pose comes up to a second late."""
 
-TELLS = 0.1
+IDENTIFIABLE_SHARE = 0.1
 """A log tells a number where it leaves less than this share of what one would guess without it."""
 
 ALIKE = 0.9
@@ -57,14 +57,14 @@ NOTHING = 1e-4, 1e-4, 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Windows of one drive.
+    """Windows of one trajectory.
 
     Attributes:
-        drive: the drive.
-        windows: first and last reading of each, (W, 2).
+        trajectory: of one log.
+        windows: first and last measurement of each, (W, 2).
     """
 
-    drive: Drive
+    trajectory: Trajectory
     windows: Index
 
 
@@ -99,9 +99,9 @@ class SlipFit:
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     @property
-    def told(self) -> tuple[bool, ...]:
+    def identifiable(self) -> tuple[bool, ...]:
         """Whether the log tells each number; it does of an optional one that it has shown."""
-        sure = self.std_errors < TELLS * self.prior
+        sure = self.std_errors < IDENTIFIABLE_SHARE * self.prior
         return tuple(bool(sure[k]) or (t.optional and k in self.free) for k, t in enumerate(TERMS))
 
     def like(self, k: int) -> tuple[int, ...]:
@@ -126,7 +126,7 @@ class _SlipProblem(Problem):
 
     @property
     def lengths(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Residuals of each drive, and the prior's."""
+        """Residuals of each trajectory, and the prior's."""
         return (*(3 * len(p.windows) for p in self.parts), len(TERMS))
 
     @property
@@ -156,14 +156,14 @@ class _SlipProblem(Problem):
 
 def errors_of(q: Array, parts: Sequence[Part], geometry: Geometry) -> Array:
     """Measured less predicted increments of all windows, (W, 3) [m, m, rad]."""
-    return np.concatenate([window_errors(q, p.drive, geometry, p.windows) for p in parts])
+    return np.concatenate([window_errors(q, p.trajectory, geometry, p.windows) for p in parts])
 
 
 def fit_slip(parts: Sequence[Part], start: Geometry, terms: Sequence[str] | None = None) -> SlipFit:
     """The numbers that bring the predicted increments next to the measured ones.
 
     Args:
-        parts: windows of every drive.
+        parts: windows of every trajectory.
         start: lengths near those of the vehicle as it turns.
         terms: optional terms to free; None to find out which.
     """
@@ -214,11 +214,11 @@ def _halves_agree(problem: _SlipProblem, plain: SlipFit, richer: SlipFit) -> boo
         clear = p.windows[cut:, 0] >= (p.windows[cut - 1, 1] if cut else 0)
         halves[0].append(replace(p, windows=p.windows[:cut]))
         halves[1].append(replace(p, windows=p.windows[cut:][clear]))
-    for mine, other in (halves, halves[::-1]):
+    for first, other in (halves, halves[::-1]):
         cost = []
         for model in (plain, richer):
-            count = sum(len(p.windows) for p in mine)
-            small = replace(problem, parts=tuple(mine), free=model.free, weights=np.ones(count))
+            count = sum(len(p.windows) for p in first)
+            small = replace(problem, parts=tuple(first), free=model.free, weights=np.ones(count))
             q = _solved(_weighed(small, model.q), model.q, 8)
             errors = errors_of(q, other, problem.geometry)
             size = np.linalg.norm(errors / plain.typical, axis=1)
@@ -231,7 +231,7 @@ def _halves_agree(problem: _SlipProblem, plain: SlipFit, richer: SlipFit) -> boo
 def _first(parts: tuple[Part, ...], start: Geometry, free: tuple[int, ...]) -> _SlipProblem:
     """The problem before anything is known of its errors."""
     spread = np.array([t.spread for t in TERMS])
-    fastest = start.r * max(float(np.abs(p.drive.omega).mean(axis=1).max()) for p in parts)
+    fastest = start.r * max(float(np.abs(p.trajectory.omega).mean(axis=1).max()) for p in parts)
     for k, t in enumerate(TERMS):
         if t.unit == "m" and k > AT["effective_width"]:
             spread[k] *= start.B
@@ -244,7 +244,7 @@ def _first(parts: tuple[Part, ...], start: Geometry, free: tuple[int, ...]) -> _
 def _best_lag(problem: _SlipProblem) -> Array:
     """Numbers from the lag at which radii and width alone tell most."""
     few = (AT["radius_left"], AT["radius_right"], AT["effective_width"])
-    found = []
+    costs = []
     for lag in LAGS:
         q = NULLS.copy()
         q[[AT["pose_lag"], AT["heading_lag"]]] = lag
@@ -252,9 +252,9 @@ def _best_lag(problem: _SlipProblem) -> Array:
             weighed = _weighed(replace(problem, free=few), q)
             q = _solved(weighed, q, 10)
         errors = errors_of(q, problem.parts, problem.geometry)
-        found.append((np.median(np.abs(errors), axis=0), q))
-    typical = np.maximum(np.min([t for t, _ in found], axis=0), NOTHING)
-    return min(found, key=lambda item: float(np.sum(np.log(np.maximum(item[0], typical)))))[1]
+        costs.append((np.median(np.abs(errors), axis=0), q))
+    typical = np.maximum(np.min([t for t, _ in costs], axis=0), NOTHING)
+    return min(costs, key=lambda item: float(np.sum(np.log(np.maximum(item[0], typical)))))[1]
 
 
 def _weighed(problem: _SlipProblem, q: Array) -> _SlipProblem:
@@ -316,9 +316,9 @@ def _likeness(J: Array) -> Array:
     plain = J[:, [k for k in range(len(TERMS)) if k not in optional]]
     rest = J[:, optional] - plain @ np.linalg.lstsq(plain, J[:, optional], rcond=None)[0]
     rest /= np.maximum(np.linalg.norm(rest, axis=0), 1e-300)
-    found = np.zeros((len(TERMS), len(TERMS)))
-    found[np.ix_(optional, optional)] = rest.T @ rest
-    return found
+    likeness = np.zeros((len(TERMS), len(TERMS)))
+    likeness[np.ix_(optional, optional)] = rest.T @ rest
+    return likeness
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,11 +347,11 @@ class _Linear:
         data, pull = j.T @ j, np.diag(prior**-2.0)
         inverse = np.linalg.inv(data + pull)
         step = -inverse @ (j.T @ residual[:rows] + (q - problem.centre)[free] / prior**2)
-        left = residual[:rows] + j @ step  # with a number that is added in its place
+        remainder = residual[:rows] + j @ step  # with a number that is added in its place
         windows = rows / 3
         freedom = max(windows / OVERLAP - len(free), 1.0) * OVERLAP / windows
-        plain = inverse @ data @ inverse * float(np.mean(left**2)) / freedom
-        influence = left[:, None] * (j @ inverse)
+        plain = inverse @ data @ inverse * float(np.mean(remainder**2)) / freedom
+        influence = remainder[:, None] * (j @ inverse)
         return cls(inverse @ pull @ inverse, plain, influence, step, freedom)
 
     def variances(self, problem: _SlipProblem, which: Sequence[int]) -> Array:
@@ -365,7 +365,7 @@ class _Linear:
         white = np.diag(self.plain)
         wanted = self.variances(problem, range(len(free))) - np.diag(self.silent)
         size = np.sqrt(wanted / np.maximum(white, 1e-300))
-        found = self.plain * np.outer(size, size) + self.silent
+        covariance = self.plain * np.outer(size, size) + self.silent
         sampled = [i for i, k in enumerate(free) if k <= AT["effective_width"]]
-        found[sampled, sampled] += (LEFT_OUT * q[[free[i] for i in sampled]]) ** 2
-        return np.asarray(found)
+        covariance[sampled, sampled] += (LEFT_OUT * q[[free[i] for i in sampled]]) ** 2
+        return np.asarray(covariance)

@@ -19,7 +19,7 @@ from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
 from sysid.effects.ground import Ground
 from sysid.effects.vehicle import SLIP, SLIP_SHARE
-from sysid.estimation.vehicle.drive import Drive
+from sysid.estimation.vehicle.trajectory import Trajectory
 from sysid.vehicle.kinematics import Geometry, body_velocity
 
 
@@ -57,7 +57,7 @@ TERMS = (
         1.0,
         False,
         0.01,
-        "how far the left side carries the vehicle for a radian of its wheels",
+        "effective wheel radius of the left side",
         "long straight runs, forward and backward",
     ),
     Term(
@@ -67,7 +67,7 @@ TERMS = (
         1.0,
         False,
         0.01,
-        "how far the right side carries the vehicle for a radian of its wheels",
+        "effective wheel radius of the right side",
         "long straight runs, forward and backward",
     ),
     Term(
@@ -77,8 +77,8 @@ TERMS = (
         1.0,
         False,
         1e-3,
-        "how far apart left and right act as the vehicle turns",
-        "turns on the spot and arcs, to both sides",
+        "effective width in turns",
+        "turns on the spot and arcs, both ways",
     ),
     Term(
         "marker_x",
@@ -87,8 +87,8 @@ TERMS = (
         1.0,
         False,
         -np.inf,
-        "how far the point of the pose lies ahead of the line that the vehicle turns about",
-        "turns on the spot, or tight arcs, to both sides",
+        "how far the pose's point lies ahead of the axis of rotation",
+        "turns on the spot, or tight arcs, both ways",
     ),
     Term(
         "marker_y",
@@ -97,8 +97,8 @@ TERMS = (
         1.0,
         False,
         -np.inf,
-        "how far the point of the pose lies to the left of the middle between the sides",
-        "turns on the spot, or tight arcs, to both sides",
+        "how far the pose's point lies to the left of the centre line",
+        "turns on the spot, or tight arcs, both ways",
     ),
     Term(
         "heading_offset",
@@ -107,7 +107,7 @@ TERMS = (
         0.5,
         False,
         -np.inf,
-        "by how much the heading reads more than the direction that the vehicle drives in",
+        "offset of the heading from the driving direction",
         "straight runs",
     ),
     Term(
@@ -117,7 +117,7 @@ TERMS = (
         1.0,
         False,
         -np.inf,
-        "how much later the position comes than the wheel speeds",
+        "delay of the position after the wheel speeds",
         "starts, stops and changes of the speed",
     ),
     Term(
@@ -127,8 +127,8 @@ TERMS = (
         1.0,
         False,
         -np.inf,
-        "how much later the heading comes than the wheel speeds",
-        "turns that start, stop and change their side",
+        "delay of the heading after the wheel speeds",
+        "turns that start, stop and reverse",
     ),
     Term(
         "slip_turning",
@@ -137,7 +137,7 @@ TERMS = (
         0.5,
         True,
         -0.9,
-        "the share of their way that the wheels lose in a turn on the spot, in wider turns less",
+        "slip of the wheels in a turn on the spot, less in wider turns",
         "turns of several radii with straight runs between them",
     ),
     Term(
@@ -147,7 +147,7 @@ TERMS = (
         0.5,
         True,
         -np.inf,
-        "the share of their way that the wheels lose for each m/s",
+        "slip of the wheels per m/s",
         "straight runs at several speeds, slow and fast",
     ),
     Term(
@@ -157,8 +157,7 @@ TERMS = (
         0.5,
         True,
         0.0,
-        "how fast the wheels slip for each m/s² of the vehicle: its speed follows theirs with "
-        "this lag",
+        "slip speed of the wheels per m/s² of the vehicle, which is the lag of its speed",
         "hard starts and stops on a straight line, with a pose whose own lag is known or steady",
     ),
     Term(
@@ -168,8 +167,8 @@ TERMS = (
         0.5,
         True,
         -np.inf,
-        "how fast the vehicle drifts outwards for each m/s² of its centripetal acceleration",
-        "wide turns at high speed, to both sides",
+        "outward drift speed per m/s² of centripetal acceleration",
+        "wide turns at high speed, both ways",
     ),
     Term(
         "yaw_lag",
@@ -178,8 +177,8 @@ TERMS = (
         0.5,
         True,
         0.0,
-        "the time by which turning follows the wheels, beside driving, as tyres or tracks scrub",
-        "turns that start, stop and change their side while driving",
+        "additional lag of turning, as tyres or tracks scrub",
+        "turns that start, stop and reverse while driving",
     ),
 )
 """Every number of the model, in the order of q."""
@@ -218,18 +217,18 @@ def body_speeds(q: Array, omega: Array, step: float, geometry: Geometry) -> tupl
     )
 
 
-def path(q: Array, drive: Drive, geometry: Geometry, more: Array | float = 0.0) -> Array:
+def path(q: Array, trajectory: Trajectory, geometry: Geometry, more: Array | float = 0.0) -> Array:
     """x, y [m], ψ [rad] of the vehicle at the nodes of the grid, from the origin, (N + 1, 3).
 
     Args:
         q: every number, radii and 1/width relative to the geometry's.
-        drive: what the wheels rolled.
+        trajectory: what the wheels rolled.
         geometry: lengths that q multiplies.
         more: what something else adds to the way forward and to the left [m] and to the turn [rad]
             of every step of the grid, (N, 3).
     """
-    forward, yaw_rate = body_speeds(q, drive.omega, drive.step, geometry)
-    along, turn = forward * drive.step, yaw_rate * drive.step
+    forward, yaw_rate = body_speeds(q, trajectory.omega, trajectory.step, geometry)
+    along, turn = forward * trajectory.step, yaw_rate * trajectory.step
     aside = -q[AT["side_slip"]] * forward * turn
     added = np.broadcast_to(more, (len(along), 3))
     along, aside, turn = along + added[:, 0], aside + added[:, 1], turn + added[:, 2]
@@ -244,18 +243,21 @@ def path(q: Array, drive: Drive, geometry: Geometry, more: Array | float = 0.0) 
     return out
 
 
-def pose_read(q: Array, drive: Drive, geometry: Geometry, more: Array | float = 0.0) -> Array:
-    """The pose that the drive's source reads of the vehicle, at its readings, (M, 3)."""
-    x, y, psi = path(q, drive, geometry, more).T
-    late = drive.at - q[AT["pose_lag"]]
-    heading = np.interp(late, drive.nodes, psi)
+def pose_read(
+    q: Array, trajectory: Trajectory, geometry: Geometry, more: Array | float = 0.0
+) -> Array:
+    """The pose that the trajectory's source reads of the vehicle, at its measurements, (M, 3)."""
+    x, y, psi = path(q, trajectory, geometry, more).T
+    late = trajectory.at - q[AT["pose_lag"]]
+    heading = np.interp(late, trajectory.nodes, psi)
     c, s = np.cos(heading), np.sin(heading)
     ahead, left = q[AT["marker_x"]], q[AT["marker_y"]]
     return np.column_stack(
         [
-            np.interp(late, drive.nodes, x) + c * ahead - s * left,
-            np.interp(late, drive.nodes, y) + s * ahead + c * left,
-            np.interp(drive.at - q[AT["heading_lag"]], drive.nodes, psi) + q[AT["heading_offset"]],
+            np.interp(late, trajectory.nodes, x) + c * ahead - s * left,
+            np.interp(late, trajectory.nodes, y) + s * ahead + c * left,
+            np.interp(trajectory.at - q[AT["heading_lag"]], trajectory.nodes, psi)
+            + q[AT["heading_offset"]],
         ]
     )
 
@@ -264,8 +266,8 @@ def increments(pose: Array, windows: Index, offset: float) -> Array:
     """Forward and lateral way [m] and turn [rad] over windows, in the frame at their start, (W, 3).
 
     Args:
-        pose: at every reading, (M, 3).
-        windows: first and last reading of each, (W, 2).
+        pose: at every measurement, (M, 3).
+        windows: first and last measurement of each, (W, 2).
         offset: of the heading, which is no direction of the vehicle [rad].
     """
     a, b = pose[windows[:, 0]], pose[windows[:, 1]]
@@ -281,12 +283,12 @@ def increments(pose: Array, windows: Index, offset: float) -> Array:
 
 
 def window_errors(
-    q: Array, drive: Drive, geometry: Geometry, windows: Index, more: Array | float = 0.0
+    q: Array, trajectory: Trajectory, geometry: Geometry, windows: Index, more: Array | float = 0.0
 ) -> Array:
     """Measured less predicted increments over windows, (W, 3) [m, m, rad]."""
     offset = float(q[AT["heading_offset"]])
-    measured = increments(drive.pose, windows, offset)
-    error = measured - increments(pose_read(q, drive, geometry, more), windows, offset)
+    measured = increments(trajectory.pose, windows, offset)
+    error = measured - increments(pose_read(q, trajectory, geometry, more), windows, offset)
     error[:, 2] -= 2.0 * np.pi * np.rint(error[:, 2] / (2.0 * np.pi))
     return error
 

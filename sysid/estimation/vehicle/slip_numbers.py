@@ -20,11 +20,11 @@ def in_units(q: Array, geometry: Geometry) -> dict[str, float]:
         q: every number, radii and 1/width relative to the geometry's.
         geometry: lengths that q multiplies.
     """
-    found = {t.name: float(v) for t, v in zip(TERMS, q, strict=True)}
-    found["radius_left"] *= geometry.r
-    found["radius_right"] *= geometry.r
-    found["effective_width"] = geometry.B / found["effective_width"]
-    return found
+    values = {t.name: float(v) for t, v in zip(TERMS, q, strict=True)}
+    values["radius_left"] *= geometry.r
+    values["radius_right"] *= geometry.r
+    values["effective_width"] = geometry.B / values["effective_width"]
+    return values
 
 
 def centres(q: Array, geometry: Geometry) -> dict[str, float]:
@@ -59,15 +59,18 @@ def ratios(q: Array, start: Geometry, given: Geometry) -> dict[str, float]:
 
 
 _DERIVED = {
-    "icr_x": ("m", "how far the line that the vehicle turns about lies ahead of the pose's point"),
-    "icr_y_left": ("m", "where the left side's centre of rotation lies, to the left of that point"),
-    "icr_y_right": ("m", "where the right side's centre of rotation lies, to the left of it"),
+    "icr_x": ("m", "distance of the axis of rotation ahead of the pose's point"),
+    "icr_y_left": ("m", "distance of the left side's centre of rotation to the left of that point"),
+    "icr_y_right": (
+        "m",
+        "distance of the right side's centre of rotation to the left of that point",
+    ),
     "alpha_left": ("1", "the left side's effective radius over the one given"),
     "alpha_right": ("1", "the right side's effective radius over the one given"),
     "width_ratio": ("1", "the effective width over the one given"),
     "turning_ratio": (
         "1",
-        "how many times as far as the lengths given say the wheels roll for a turn on the spot",
+        "wheel travel in a turn on the spot over that of the given lengths",
     ),
 }
 _FROM = {
@@ -89,7 +92,7 @@ def numbers_of(fit: SlipFit, given: Geometry | None) -> tuple[VehicleNumber, ...
         fit: the fit.
         given: lengths that a person gave; None for none.
     """
-    told = dict(zip((t.name for t in TERMS), fit.told, strict=True))
+    identifiable = dict(zip((t.name for t in TERMS), fit.identifiable, strict=True))
     plain = [_number(fit, k, t) for k, t in enumerate(TERMS)]
     steps = 1e-4 * fit.prior
 
@@ -103,12 +106,12 @@ def numbers_of(fit: SlipFit, given: Geometry | None) -> tuple[VehicleNumber, ...
     more = []
     for name, (value, error) in derived(follow, fit.q, joint, steps).items():
         unit, meaning = _DERIVED[name]
-        tells = all(told[n] for n in _FROM[name])
+        determined = all(identifiable[n] for n in _FROM[name])
         sentence = f"{_capital(meaning)}."
-        if not tells:
-            missing = " and ".join(n for n in _FROM[name] if not told[n])
-            sentence = f"The log does not tell {name}, because it does not tell {missing}."
-        more.append(VehicleNumber(name, value, error, unit, tells, sentence))
+        if not determined:
+            missing = " and ".join(n for n in _FROM[name] if not identifiable[n])
+            sentence = f"{name} is not identifiable from this log, because {missing} is not."
+        more.append(VehicleNumber(name, value, error, unit, determined, sentence))
     return (*plain, *more)
 
 
@@ -128,27 +131,33 @@ def _number(fit: SlipFit, k: int, term: Term) -> VehicleNumber:
         error *= fit.geometry.r
     elif term.name == "effective_width":
         error *= value / float(fit.added[k])
-    tells, inside = fit.told[k], k in fit.free
+    identifiable, inside = fit.identifiable[k], k in fit.free
     return VehicleNumber(
-        term.name, value, error, term.unit, tells, _sentence(term, fit, k, value, error), inside
+        term.name,
+        value,
+        error,
+        term.unit,
+        identifiable,
+        _sentence(term, fit, k, value, error),
+        inside,
     )
 
 
 def _sentence(term: Term, fit: SlipFit, k: int, value: float, error: float) -> str:
     unit = "" if term.unit == "1" else f" {term.unit}"
     like = " and ".join(TERMS[j].name for j in fit.like(k))
-    also = f" On this log {like} would do nearly the same." if like else ""
-    if not fit.told[k]:
-        left = min(float(fit.std_errors[k] / fit.prior[k]), 1.0)
+    also = f" On this log {like} has nearly the same effect." if like else ""
+    if not fit.identifiable[k]:
+        prior_share = min(float(fit.std_errors[k] / fit.prior[k]), 1.0)
         return (
-            f"The log does not tell {term.meaning}: {value:.2g} ± {error:.2g}{unit} leaves "
-            f"{100 * left:.0f} % of what one would guess without it. What tells it: "
+            f"The log does not determine {term.meaning}: {value:.2g} ± {error:.2g}{unit} keeps "
+            f"{100 * prior_share:.0f} % of the prior uncertainty. What would determine it: "
             f"{term.shown_by}.{also}"
         )
     if k not in fit.free:
         return (
-            f"{_capital(term.meaning)}: the log shows none ({value:.2g} ± {error:.2g}{unit}), so "
-            "the model goes without."
+            f"{_capital(term.meaning)}: not significant on this log ({value:.2g} ± "
+            f"{error:.2g}{unit}), so the model omits it."
         )
     return f"{_capital(term.meaning)}.{also}"
 

@@ -37,14 +37,14 @@ class SquareRun:
     Attributes:
         clockwise: its direction.
         side: length of a side [m].
-        foretold: (E_d, E_b) → what ``found`` would be, (2,) [m].
+        predicted: (E_d, E_b) → what ``found`` would be, (2,) [m].
         found: where the run ended, or by how much it missed its start, (2,) [m].
         missed: where it ended less where the odometry as it is said so, (2,) [m].
     """
 
     clockwise: bool
     side: float
-    foretold: Callable[[float, float], Array]
+    predicted: Callable[[float, float], Array]
     found: Array
     missed: Array
 
@@ -75,8 +75,8 @@ class SquareResult:
     def to_json(self) -> dict[str, Any]:
         """Every field."""
 
-        def number(found: tuple[float, float | None] | None) -> dict[str, float | None] | None:
-            return None if found is None else {"value": found[0], "std_error": found[1]}
+        def number(pair: tuple[float, float | None] | None) -> dict[str, float | None] | None:
+            return None if pair is None else {"value": pair[0], "std_error": pair[1]}
 
         cw, ccw = self.centres
         return {
@@ -196,7 +196,7 @@ def square_result(runs: Sequence[SquareRun]) -> SquareResult:
         DataError: there is no run.
     """
     if not runs:
-        raise DataError("there is no closed square among the runs; drive squares both ways")
+        raise DataError("the runs contain no closed square; drive squares both ways")
     groups = [[r for r in runs if r.clockwise is cw] for cw in (True, False)]
     counts = (len(groups[0]), len(groups[1]))
     means = [np.mean([r.missed for r in g], axis=0) if g else None for g in groups]
@@ -214,8 +214,8 @@ def square_result(runs: Sequence[SquareRun]) -> SquareResult:
         way = "clockwise" if counts[0] else "counter-clockwise"
         other = "counter-clockwise" if counts[0] else "clockwise"
         text = (
-            f"All {len(runs)} squares were driven {way}: unequal wheels and a wrong width miss the "
-            f"start along the same line there and cannot be told apart; drive some {other}."
+            f"All {len(runs)} squares were driven {way}, where unequal wheels and a wrong width "
+            f"cannot be distinguished; drive some {other}."
         )
         return replace(plain, sentence=text)
     return _solved(plain, groups)
@@ -223,37 +223,37 @@ def square_result(runs: Sequence[SquareRun]) -> SquareResult:
 
 def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     """Gauss–Newton on the mean returns of both directions, each weighed alike."""
-    found = np.concatenate([np.mean([r.found for r in g], axis=0) for g in groups])
+    measured = np.concatenate([np.mean([r.found for r in g], axis=0) for g in groups])
 
-    def foretold(p: Array) -> Array:
+    def predicted(p: Array) -> Array:
         return np.concatenate(
-            [np.mean([r.foretold(*p.tolist()) for r in g], axis=0) for g in groups]
+            [np.mean([r.predicted(*p.tolist()) for r in g], axis=0) for g in groups]
         )
 
     p = np.ones(2)
     for _ in range(ROUNDS):
-        J = _jacobian(foretold, p)
-        step = np.linalg.lstsq(J, found - foretold(p), rcond=None)[0]
+        J = _jacobian(predicted, p)
+        step = np.linalg.lstsq(J, measured - predicted(p), rcond=None)[0]
         p = np.maximum(p + step, 0.1)
         if float(np.abs(step).max()) < 1e-10:
             break
-    J = _jacobian(foretold, p)
+    J = _jacobian(predicted, p)
     size = np.linalg.svd(J, compute_uv=False)
     if size[1] < TURNS_ALIKE * size[0]:
-        text = "The returns move along one line whatever is wrong, so that they tell neither error."
+        text = "Both errors move the returns along one line, so neither can be determined."
         return replace(plain, sentence=text)
     errors = _std_errors(np.asarray(np.linalg.pinv(J), dtype=np.float64), groups)
-    left = (found - foretold(p)).reshape(2, 2)
-    after = float(np.linalg.norm(left, axis=1).max())
+    residual = (measured - predicted(p)).reshape(2, 2)
+    after = float(np.linalg.norm(residual, axis=1).max())
     cw, ccw = plain.runs
     said = f"{cw} clockwise and {ccw} counter-clockwise squares of {plain.side:.3g} m"
     shown = ["" if e is None else f" ± {e:.1g}" for e in errors]
     text = (
         f"From {said}: the right wheel is {p[0]:.5g}{shown[0]} times the left one (E_d), and the "
-        f"vehicle turns as if it was {p[1]:.5g}{shown[1]} times as wide as given (E_b)."
+        f"vehicle turns as if it were {p[1]:.5g}{shown[1]} times as wide as given (E_b)."
     )
     if errors[0] is None:
-        text += " One run a direction shows no scatter: drive at least two for standard errors."
+        text += " One run per direction gives no standard errors; drive at least two."
     return replace(
         plain,
         wheel_ratio=(float(p[0]), errors[0]),
@@ -263,13 +263,13 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     )
 
 
-def _jacobian(foretold: Callable[[Array], Array], p: Array) -> Array:
+def _jacobian(predicted: Callable[[Array], Array], p: Array) -> Array:
     columns = []
     for k in range(2):
         up, down = p.copy(), p.copy()
         up[k] += 1e-5
         down[k] -= 1e-5
-        columns.append((foretold(up) - foretold(down)) / 2e-5)
+        columns.append((predicted(up) - predicted(down)) / 2e-5)
     return np.column_stack(columns)
 
 

@@ -1,4 +1,4 @@
-"""Closed squares in a drive: four turns of a quarter one way, sides of one length between them."""
+"""Closed squares in a trajectory: four quarter turns one way, with sides of equal length."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.estimation.vehicle.drive import AT_REST, Drive
 from sysid.estimation.vehicle.square_runs import SquareRun, scales
+from sysid.estimation.vehicle.trajectory import AT_REST, Trajectory
 from sysid.vehicle.kinematics import Geometry, body_velocity
 
 CORNER = 0.5
@@ -37,7 +37,7 @@ class _Corner:
 
 
 @dataclass(frozen=True)
-class PoseReading:
+class PoseMeasurement:
     """How a pose's source reads: how late [s], and by how much its heading is off [rad]."""
 
     lag: float = 0.0
@@ -45,36 +45,36 @@ class PoseReading:
 
 
 def square_runs(
-    drives: Sequence[Drive], geometry: Geometry, reading: PoseReading
+    trajectories: Sequence[Trajectory], geometry: Geometry, measurement: PoseMeasurement
 ) -> tuple[SquareRun, ...]:
-    """The closed squares of all drives.
+    """The closed squares of all trajectories.
 
     Args:
-        drives: of one vehicle.
+        trajectories: of one vehicle.
         geometry: that its odometry uses.
         reading: how the pose's source reads.
     """
-    return tuple(run for d in drives for run in _of_drive(d, geometry, reading))
+    return tuple(run for d in trajectories for run in _of_drive(d, geometry, measurement))
 
 
-def _of_drive(d: Drive, geometry: Geometry, reading: PoseReading) -> list[SquareRun]:
+def _of_drive(d: Trajectory, geometry: Geometry, measurement: PoseMeasurement) -> list[SquareRun]:
     corners = _corners(d)
     end = float(d.nodes[-1])
-    found, i, start = [], 0, 0.0
+    runs, i, start = [], 0, 0.0
     while i + 3 <= len(corners):
         four = corners[i : i + 4]
         stop = four[3].stop if len(four) == 4 else end
         between = (t for c in four for t in (c.start, c.stop))
-        run = _run(d, geometry, reading, (start, *between, stop))
+        run = _run(d, geometry, measurement, (start, *between, stop))
         if run is None:
             start, i = corners[i].stop, i + 1
         else:
-            found.append(run)
+            runs.append(run)
             start, i = stop, i + len(four)
-    return found
+    return runs
 
 
-def _corners(d: Drive) -> list[_Corner]:
+def _corners(d: Trajectory) -> list[_Corner]:
     """Where the sides turn against each other."""
     size = np.abs(d.omega).sum(axis=1)
     usual = float(np.quantile(size, 0.9))
@@ -92,10 +92,10 @@ def _corners(d: Drive) -> list[_Corner]:
 
 
 def _run(
-    d: Drive, geometry: Geometry, reading: PoseReading, times: tuple[float, ...]
+    d: Trajectory, geometry: Geometry, measurement: PoseMeasurement, times: tuple[float, ...]
 ) -> SquareRun | None:
     """The run between these times: start, both ends of three or four corners, stop; or None."""
-    lag = reading.lag
+    lag = measurement.lag
     start, stop = times[0], times[-1]
     sides = [*zip(times[:-1:2], times[1::2], strict=False)][:4]
     way = np.concatenate([[0.0], np.cumsum(_speed(d, geometry)) * d.step])
@@ -109,14 +109,15 @@ def _run(
     if np.any(np.sign(turns) != np.sign(turns[0])) or _jumped(d, start + lag, stop + lag):
         return None
     began, ended = (
-        _pose(d.at, d.pose, t + lag) - np.array([0.0, 0.0, reading.offset]) for t in (start, stop)
+        _pose(d.at, d.pose, t + lag) - np.array([0.0, 0.0, measurement.offset])
+        for t in (start, stop)
     )
     side = float(lengths.mean())
-    found = _from(began, ended)
-    if float(np.hypot(*found)) > CLOSED * side:
+    pair = _from(began, ended)
+    if float(np.hypot(*pair)) > CLOSED * side:
         return None
 
-    def foretold(wheel_ratio: float, width_ratio: float) -> Array:
+    def predicted(wheel_ratio: float, width_ratio: float) -> Array:
         left, right = scales(wheel_ratio)
         wide = Geometry(geometry.r, geometry.B * width_ratio)
         speed, yaw_rate = body_velocity(left * d.omega[:, 0], right * d.omega[:, 1], wide)
@@ -128,14 +129,14 @@ def _run(
         path = np.column_stack([x, y, psi])
         return _from(_pose(d.nodes, path, start), _pose(d.nodes, path, stop))
 
-    return SquareRun(bool(turns[0] < 0.0), side, foretold, found, found - foretold(1.0, 1.0))
+    return SquareRun(bool(turns[0] < 0.0), side, predicted, pair, pair - predicted(1.0, 1.0))
 
 
-def _speed(d: Drive, geometry: Geometry) -> Array:
+def _speed(d: Trajectory, geometry: Geometry) -> Array:
     return np.asarray(body_velocity(d.omega[:, 0], d.omega[:, 1], geometry)[0])
 
 
-def _jumped(d: Drive, start: float, stop: float) -> bool:
+def _jumped(d: Trajectory, start: float, stop: float) -> bool:
     inside = d.joins[(d.at >= start) & (d.at <= stop)]
     return len(inside) < 2 or bool(inside[0] != inside[-1])
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
-from sysid.estimation.vehicle.drive import Drive, Drives, drives_of
 from sysid.estimation.vehicle.dynamic_motion import fit_weighed
 from sysid.estimation.vehicle.dynamic_motors import KnownMotors
 from sysid.estimation.vehicle.geometry import SURE, GeometryEstimate, lengths_of
@@ -34,7 +33,8 @@ from sysid.estimation.vehicle.slip_fit import Part, SlipFit, errors_of, fit_slip
 from sysid.estimation.vehicle.slip_model import NULLS, TERMS, body_speeds, pose_read
 from sysid.estimation.vehicle.slip_numbers import correlations_of, in_units, numbers_of
 from sysid.estimation.vehicle.square_runs import SquareResult, square_result
-from sysid.estimation.vehicle.square_search import PoseReading, square_runs
+from sysid.estimation.vehicle.square_search import PoseMeasurement, square_runs
+from sysid.estimation.vehicle.trajectory import Trajectories, Trajectory, trajectories_of
 from sysid.vehicle.kinematics import Geometry
 
 
@@ -45,12 +45,12 @@ class Motion(Protocol):
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         ...
 
-    def readings(self, drive: Drive) -> Array:
-        """x, y [m], ψ [rad] that a drive's source would read, from any start, (M, 3)."""
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] that a trajectory's source would read, from any start, (M, 3)."""
         ...
 
-    def driven(self, drive: Drive) -> tuple[Array, Array]:
-        """Way [m] and angle turned [rad] in each step of a drive's grid."""
+    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
         ...
 
 
@@ -84,13 +84,13 @@ class Kinematic:
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         return errors_of(NULLS, parts, self.geometry)
 
-    def readings(self, drive: Drive) -> Array:
-        """x, y [m], ψ [rad] at a drive's readings, from the origin, (M, 3)."""
-        return pose_read(NULLS, drive, self.geometry)
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] at a trajectory's measurements, from the origin, (M, 3)."""
+        return pose_read(NULLS, trajectory, self.geometry)
 
-    def driven(self, drive: Drive) -> tuple[Array, Array]:
-        """Way [m] and angle turned [rad] in each step of a drive's grid."""
-        return _steps(NULLS, drive, self.geometry)
+    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
+        return _steps(NULLS, trajectory, self.geometry)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,13 +122,13 @@ class Slipping:
         """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
         return errors_of(self.fit.q, parts, self.fit.geometry)
 
-    def readings(self, drive: Drive) -> Array:
-        """x, y [m], ψ [rad] that the source of a drive's pose would read, (M, 3)."""
-        return pose_read(self.fit.q, drive, self.fit.geometry)
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] that the source of a trajectory's pose would read, (M, 3)."""
+        return pose_read(self.fit.q, trajectory, self.fit.geometry)
 
-    def driven(self, drive: Drive) -> tuple[Array, Array]:
-        """Way [m] and angle turned [rad] in each step of a drive's grid."""
-        return _steps(self.fit.q, drive, self.fit.geometry)
+    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
+        return _steps(self.fit.q, trajectory, self.fit.geometry)
 
     def shares(self) -> dict[str, dict[str, Any]] | None:
         """The vehicle and its slip i = slip + turning |ω_R − ω_L|/(|ω_L| + |ω_R|) as sections of a
@@ -148,9 +148,9 @@ class Slipping:
         return {"vehicle": {"r": mean, "B": n["effective_width"]}, "motion": motion}
 
 
-def _steps(q: Array, drive: Drive, geometry: Geometry) -> tuple[Array, Array]:
-    forward, yaw_rate = body_speeds(q, drive.omega, drive.step, geometry)
-    return forward * drive.step, yaw_rate * drive.step
+def _steps(q: Array, trajectory: Trajectory, geometry: Geometry) -> tuple[Array, Array]:
+    forward, yaw_rate = body_speeds(q, trajectory.omega, trajectory.step, geometry)
+    return forward * trajectory.step, yaw_rate * trajectory.step
 
 
 MOTIONS = ("slip", "dynamic")
@@ -160,10 +160,10 @@ MOTIONS = ("slip", "dynamic")
 WORSE = 1.1
 """Errors larger than those of wheels that roll by more than chance does to thirty windows."""
 
-_FORETOLD_WORSE = (
-    "The forces foretell held-out paths worse than wheels that roll (plain): something beside the "
-    "motors' torque and this friction moves the vehicle, such as a controller of the wheel speeds, "
-    "so do not build on its stiffness and turning resistance."
+_PREDICTED_WORSE = (
+    "The forces predict held-out paths worse than rolling wheels (plain). Something else moves "
+    "the vehicle, such as a wheel-speed controller; do not use its stiffness and turning "
+    "resistance."
 )
 
 
@@ -200,7 +200,7 @@ class VehicleFit:
         acting: radius and width as a vehicle without slip would have them to drive alike.
         windows: windows (estimation, held-out); they overlap fourfold.
         model: what was fitted.
-        estimation, held: windows that it was fitted on, and judged on.
+        estimation, holdout: windows that it was fitted on, and judged on.
         squares: what closed squares among the paths tell; None where there are none.
         notes: what was done to the logs, in sentences.
     """
@@ -221,7 +221,7 @@ class VehicleFit:
     windows: tuple[int, int]
     model: MotionFit
     estimation: tuple[Part, ...]
-    held: tuple[Part, ...]
+    holdout: tuple[Part, ...]
     squares: SquareResult | None
     notes: tuple[str, ...]
 
@@ -244,12 +244,12 @@ class VehicleFit:
         """What is meant by before."""
         what = f"r = {self.known.r:g} m and B = {self.known.B:g} m"
         if self.given is not None:
-            return f"before: wheels that roll, with the geometry that was given ({what})"
-        sentence = f"before: wheels that roll, with the default geometry ({what}); none was given"
+            return f"before: rolling wheels with the given geometry ({what})"
+        sentence = f"before: rolling wheels with the default geometry ({what})"
         if self.lengths.contradicts:
             sentence += (
-                ", and the pose contradicts it, so that before says little: compare with plain, or "
-                "give the vehicle's own `geometry`"
+                ", and the pose contradicts it; compare with plain, or give the vehicle's "
+                "`geometry`"
             )
         return sentence
 
@@ -289,7 +289,7 @@ class VehicleFit:
 
 def fit_vehicle(
     records: Sequence[Record],
-    held: Sequence[Record] = (),
+    holdout: Sequence[Record] = (),
     geometry: Geometry | None = None,
     motion: str = "slip",
     motors: KnownMotors | None = None,
@@ -299,7 +299,7 @@ def fit_vehicle(
     Args:
         records: of one vehicle, with a pose and the speeds of its two sides, every row as logged
             (``held='keep'`` where they are read: repeats of slow sensors are told apart here).
-        held: records that judge; without them the last 30 % of each record's windows do.
+        holdout: records that judge; without them the last 30 % of each record's windows do.
         geometry: radius and distance of the wheels or tracks; None for the thesis's robot's.
         motion: a name of ``MOTIONS``.
         motors: what drives a vehicle of motion ``dynamic``; None where nothing of it is known.
@@ -311,33 +311,35 @@ def fit_vehicle(
     if motion not in MOTIONS:
         raise UsageError(f"`motion` is one of {', '.join(MOTIONS)}, got {motion!r}")
     if motors is not None and motion != "dynamic":
-        raise UsageError(f"motion {motion} knows no torques; motors go with `motion='dynamic'`")
+        raise UsageError(f"motion {motion} has no torques; motors need `motion='dynamic'`")
     known = geometry or Geometry()
-    drives = drives_of((*records, *held), known)
-    own, other = drives.each[: len(records)], drives.each[len(records) :]
-    first, second = (whole(own), whole(other)) if held else split(own)
+    trajectories = trajectories_of((*records, *holdout), known)
+    estimation, validation = trajectories.each[: len(records)], trajectories.each[len(records) :]
+    first, second = (whole(estimation), whole(validation)) if holdout else split(estimation)
     check_enough(first, records[0].name)
-    check_enough(second, (held or records)[0].name)
-    lengths = lengths_of([t for t in drives.tracks if len(t.starts)], known)
+    check_enough(second, (holdout or records)[0].name)
+    lengths = lengths_of([t for t in trajectories.tracks if len(t.starts)], known)
     start = _start(lengths)
     model: MotionFit
     if motion == "dynamic":
-        model = weighed = fit_weighed(first, start, (*records, *held), drives, known, motors)
-        drives = replace(drives, notes=(*drives.notes, *weighed.notes))
+        model = weighed = fit_weighed(
+            first, start, (*records, *holdout), trajectories, known, motors
+        )
+        trajectories = replace(trajectories, notes=(*trajectories.notes, *weighed.notes))
     else:
         model = Slipping(fit_slip(first, start), geometry)
-    found = _judged(_Study(drives, first, second, known, geometry, lengths, motion), model)
-    worse = found.after.path > WORSE * found.plain.path
-    if motion == "dynamic" and (worse or found.after.heading > WORSE * found.plain.heading):
-        found = replace(found, notes=(*found.notes, _FORETOLD_WORSE))
-    return found
+    fitted = _judged(_Study(trajectories, first, second, known, geometry, lengths, motion), model)
+    worse = fitted.after.path > WORSE * fitted.plain.path
+    if motion == "dynamic" and (worse or fitted.after.heading > WORSE * fitted.plain.heading):
+        fitted = replace(fitted, notes=(*fitted.notes, _PREDICTED_WORSE))
+    return fitted
 
 
 @dataclass(frozen=True, eq=False)
 class _Study:
     """What a vehicle is fitted to and judged by."""
 
-    drives: Drives
+    trajectories: Trajectories
     first: list[Part]
     second: list[Part]
     known: Geometry
@@ -387,9 +389,9 @@ def _judged(study: _Study, model: MotionFit) -> VehicleFit:
         ),
         model=model,
         estimation=tuple(study.first),
-        held=tuple(study.second),
+        holdout=tuple(study.second),
         squares=_squares(study, slipping),
-        notes=(*study.drives.notes, *_still_off(after, model, study.second)),
+        notes=(*study.trajectories.notes, *_still_off(after, model, study.second)),
     )
 
 
@@ -404,23 +406,23 @@ def _still_off(after: PathErrors, model: Motion, parts: Sequence[Part]) -> tuple
     if after.path <= STILL_OFF * way:
         return ()
     return (
-        f"Even with these numbers the position is off by {100 * after.path / way:.0f} % of the way "
-        "after two seconds: the pose comes unevenly, or the wheels slip in a way that no number "
-        "here says; the standard errors hold for the nearest vehicle that the model can be.",
+        f"With these parameters the position error is {100 * after.path / way:.0f} % of the way "
+        "after two seconds: the pose is timed unevenly, or the slip is not modelled. The standard "
+        "errors hold for the nearest vehicle of this model.",
     )
 
 
 def _squares(study: _Study, fit: SlipFit) -> SquareResult | None:
     """Closed squares, judged as such, beside what the whole of the paths says."""
     n = in_units(fit.q, fit.geometry)
-    reading = PoseReading(n["pose_lag"], n["heading_offset"])
-    runs = square_runs(study.drives.each, study.known, reading)
+    measurement = PoseMeasurement(n["pose_lag"], n["heading_offset"])
+    runs = square_runs(study.trajectories.each, study.known, measurement)
     if not runs:
         return None
-    found = square_result(runs)
+    result = square_result(runs)
     ratio, width = n["radius_right"] / n["radius_left"], n["effective_width"] / study.known.B
-    text = f"{found.sentence} The whole of the paths says {ratio:.5g} and {width:.5g}."
-    return replace(found, sentence=text)
+    text = f"{result.sentence} The whole of the paths says {ratio:.5g} and {width:.5g}."
+    return replace(result, sentence=text)
 
 
 def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
@@ -429,7 +431,7 @@ def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
     Least squares over all steps: v = r ½(ω_L + ω_R),   ψ̇ = (r/B)(ω_R − ω_L).
     """
     rolled, spun, way, turned = [], [], [], []
-    for d in (p.drive for p in parts):
+    for d in (p.trajectory for p in parts):
         along, angle = model.driven(d)
         way.append(along / d.step)
         turned.append(angle / d.step)
@@ -446,16 +448,16 @@ def _slope(x: Array, y: Array) -> float:
 
 
 def _folds(study: _Study, model: MotionFit) -> tuple[Fold, ...]:
-    """Both halves of every drive, each fitted and judged by the other, with the same terms."""
-    halves = split(study.drives.each, 0.5)
+    """Both halves of every trajectory, each fitted and judged by the other, with the same terms."""
+    halves = split(study.trajectories.each, 0.5)
     if not all(enough(h) for h in halves):
         return ()
-    found = []
+    folds = []
     before = Kinematic(study.known)
     for fitted, judge in (halves, halves[::-1]):
         model = model.refitted(fitted)
         values = {n.name: n.value for n in model.numbers() if n.in_model}
-        found.append(
+        folds.append(
             Fold(PathErrors.of(before.errors(judge)), PathErrors.of(model.errors(judge)), values)
         )
-    return tuple(found)
+    return tuple(folds)

@@ -96,7 +96,7 @@ class Track:
         Args:
             ground: effects between tracks and ground.
             geometry: lengths of the vehicle.
-            offset: of the speed sensors, taken off the readings, (2,) [rad/s].
+            offset: of the speed sensors, taken off the measurements, (2,) [rad/s].
             late: by how much the pose comes later than the speeds, its heading more, and the time
                 constant with which all of it follows, (3,) [s].
         """
@@ -164,15 +164,15 @@ class Noise:
     bends within the window act alike, by a third on average.
 
     Attributes:
-        end: variance of the pose at either end, (3,); windows that share a reading share it.
+        end: variance of the pose at either end, (3,); windows that share a measurement share it.
         rolled, yaw: variances of way [m²] and turn [rad²] by the speeds summed over a window;
             windows share what they overlap.
         geometry: lengths of the vehicle.
         tracks: whose windows set the floor.
-        beyond: variances [m², m², rad²] of what neither readings nor noise of the speeds explains,
-            (3,): a ground that does not follow the wheels. How long that lasts nobody knows, so
-            that every window is taken to err by itself, and four times as much as it does, because
-            four windows share what they see.
+        beyond: variances [m², m², rad²] of what neither measurements nor noise of the speeds
+            explains, (3,): a ground that does not follow the wheels. How long that lasts nobody
+            knows, so that every window is taken to err by itself, and four times as much as it
+            does, because four windows share what they see.
     """
 
     end: Array
@@ -293,9 +293,9 @@ def tracks_of(
             record the other way round, because missions turn where they begin.
     """
     posed = [r for r in records if r.pose is not None and len(r)]
-    found = [
+    tracks = [
         Track(r.y[:, list(channels)], r.pose, r.dt, part if part is None else (part + k) % 2)
         for k, r in enumerate(posed)
         if r.pose is not None
     ]
-    return tuple(t for t in found if len(t.starts))
+    return tuple(t for t in tracks if len(t.starts))

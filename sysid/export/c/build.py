@@ -51,7 +51,7 @@ def arduino_files(loop: Loop, files: Mapping[str, str], blocks: Sequence[Block])
     }
     lines = (
         f"    read.{f.name} = {read.get(f.name, 'NAN')};"
-        + ("" if f.name in read else "  // fill in your sensor; NAN where it reads nothing")
+        + ("" if f.name in read else "  // fill in your sensor; NAN without a measurement")
         for f in navigation.inputs
     )
     sketch = fill(

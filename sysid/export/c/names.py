@@ -47,7 +47,7 @@ def identifier(text: str) -> str:
 
 def distinct(texts: Iterable[str]) -> list[str]:
     """Names of C for several texts, no two alike: later ones get ``_2``, ``_3`` …"""
-    found: list[str] = []
+    names: list[str] = []
     taken: set[str] = set()
     for text in texts:
         first = name = identifier(text)
@@ -56,5 +56,5 @@ def distinct(texts: Iterable[str]) -> list[str]:
             k += 1
             name = f"{first}_{k}"
         taken.add(name)
-        found.append(name)
-    return found
+        names.append(name)
+    return names

@@ -33,9 +33,9 @@ class Operation:
         program = next((c.program for c in cells if c.program is not None), None)
         if program is None:
             return constant(float(self.numeric(*(c.number for c in cells))))
-        found = self.idle(*cells)
-        if found is not None:
-            return found
+        cell = self.idle(*cells)
+        if cell is not None:
+            return cell
         texts = (
             c.text
             if c.number is not None and k not in self.conditions
@@ -148,7 +148,7 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
 
 def total(cells: Sequence[Cell], operation: Operation = ADD) -> Cell:
     """Cells taken together from left to right."""
-    found = cells[0]
+    sum_cell = cells[0]
     for c in cells[1:]:
-        found = operation(found, c)
-    return found
+        sum_cell = operation(sum_cell, c)
+    return sum_cell

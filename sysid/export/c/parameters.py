@@ -83,12 +83,12 @@ def _theta_numbers(
         yield Number(p.name, p.unit, f"{p.name}: {words}" if words else p.name, float(value))
     base = structure.given if isinstance(structure, Augmented) else None
     if base is not None:
-        own = base.structure.parameters(inputs, outputs)
-        for n in _theta_numbers(base.structure, own, base.theta, inputs, outputs):
+        own_parameters = base.structure.parameters(inputs, outputs)
+        for n in _theta_numbers(base.structure, own_parameters, base.theta, inputs, outputs):
             yield replace(n, called=f"base.{n.called}", words=f"base, {n.words}")
 
 
-def plant_numbers(program: Program, model: Model, held: Iterable[int] | None) -> PlantNumbers:
+def plant_numbers(program: Program, model: Model, fixed: Iterable[int] | None) -> PlantNumbers:
     """The numbers of a model, those that C may change as values of a program.
 
     An operating point of zero is none. A long row of numbers that are called alike but for what
@@ -97,10 +97,10 @@ def plant_numbers(program: Program, model: Model, held: Iterable[int] | None) ->
     Args:
         program: of the step.
         model: whose numbers.
-        held: entries of θ that stay numbers; None for all.
+        fixed: entries of θ that stay numbers; None for all.
     """
     theta = theta_numbers(model)
-    kept = set(range(len(theta)) if held is None else held)
+    kept = set(range(len(theta)) if fixed is None else fixed)
     point = [
         Number(f"{letter}0[{c.name}]", c.unit, f"operating point of {c.name}", float(value))
         for letter, channels, offsets in (
@@ -141,8 +141,8 @@ def _groups(free: Sequence[int], every: Sequence[Number]) -> Iterator[list[int]]
     def alike(k: int) -> tuple[str, str]:
         return _COUNT.sub("#", every[k].called), every[k].unit
 
-    for _, found in groupby(free, alike):
-        group = list(found)
+    for _, alike_entries in groupby(free, alike):
+        group = list(alike_entries)
         if len(group) > WRITTEN_OUT:
             yield group
         else:

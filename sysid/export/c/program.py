@@ -112,9 +112,9 @@ class Program:
 
     def parameter(self, text: str, usual: float, place: tuple[str, int] | None = None) -> Cell:
         """A number that C reads where it is used, and that may be changed between steps."""
-        found = Cell(text, None, self, "", place)
-        found.usual = float(usual)
-        return found
+        cell = Cell(text, None, self, "", place)
+        cell.usual = float(usual)
+        return cell
 
     def derived(self, text: str, used: Sequence[Cell], truth: bool, usual: float) -> Cell:
         """The value of a C expression of parameters alone."""
@@ -127,9 +127,9 @@ class Program:
             if truth:
                 self._truths.add(name)
         name = self._derived_texts[text]
-        found = Cell(name, None, self, name)
-        found.usual = usual
-        return found
+        cell = Cell(name, None, self, name)
+        cell.usual = usual
+        return cell
 
     def line(self, text: str, used: Sequence[Cell], truth: bool = False) -> Cell:
         """The value of a C expression that uses these cells."""
@@ -146,12 +146,12 @@ class Program:
 
     def inputs(self, array: str, n: int) -> list[Cell]:
         """The first n entries of an array that exists already, as they are now."""
-        found = []
+        cells = []
         for k in range(n):
             cell = self.line(f"{array}[{k}]", ())
             cell.place = (array, k)
-            found.append(cell)
-        return found
+            cells.append(cell)
+        return cells
 
     # ----------------------------------------------------------------- arrays
 
@@ -267,35 +267,35 @@ class Program:
         self._scopes[-1].append(statement)
 
     def _entries(self, name: str, shape: tuple[int, ...]) -> Cells:
-        found = np.empty(int(np.prod(shape)), dtype=object)
-        for k in range(found.size):
-            found[k] = Cell(f"{name}[{k}]", None, self, name, (name, k))
-        return found.reshape(shape)
+        entries = np.empty(int(np.prod(shape)), dtype=object)
+        for k in range(entries.size):
+            entries[k] = Cell(f"{name}[{k}]", None, self, name, (name, k))
+        return entries.reshape(shape)
 
     # ----------------------------------------------------------------- how a loop reads an argument
 
     def _access(self, cells: Cells, shape: tuple[int, ...]) -> Access:
         """Where an argument's entries stand as a loop over ``shape`` goes through them."""
-        own = np.reshape(cells, (1,) * (len(shape) - cells.ndim) + cells.shape)
-        flat = own.ravel().tolist()
+        aligned = np.reshape(cells, (1,) * (len(shape) - cells.ndim) + cells.shape)
+        flat = aligned.ravel().tolist()
         first = flat[0]
         if all(c.text == first.text for c in flat):
             return Access(text=first.text, reads=first.name)
-        strides = row_major(own.shape)
+        strides = row_major(aligned.shape)
         if all(c.number is not None for c in flat):
             return Access(self._table(np.array([c.number for c in flat])), 0, strides)
         places = [c.place for c in flat]
         arrays = {p[0] if p else "" for p in places}
         if len(arrays) != 1 or "" in arrays:
-            return Access(self._filled(own), 0, strides)
+            return Access(self._filled(aligned), 0, strides)
         (array,) = arrays
-        at = np.array([p[1] for p in places if p]).reshape(own.shape)
+        at = np.array([p[1] for p in places if p]).reshape(aligned.shape)
         along = tuple(
             int(np.take(at, 1, k).flat[0] - at.flat[0]) if n > 1 else 0
-            for k, n in enumerate(own.shape)
+            for k, n in enumerate(aligned.shape)
         )
         offset = int(at.flat[0])
-        affine = offset + sum(s * g for s, g in zip(along, np.indices(own.shape), strict=True))
+        affine = offset + sum(s * g for s, g in zip(along, np.indices(aligned.shape), strict=True))
         if np.array_equal(affine, at):
             return Access(array, offset, along)
         return Access(array, 0, strides, index=self._indices(at.ravel().tolist()))
@@ -357,8 +357,8 @@ class Rounds:
         ]
         reads |= {c.name for c in self.start if c.number is None}
         program._add(_Lines(name, tuple(lines), frozenset(reads - {name})))
-        found: list[Cell] = program._entries(name, (len(texts),)).tolist()
-        return found
+        entries: list[Cell] = program._entries(name, (len(texts),)).tolist()
+        return entries
 
 
 def assigned(name: str, values: Sequence[Cell], operator: str = "=") -> list[str]:

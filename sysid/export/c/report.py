@@ -122,9 +122,9 @@ def _interface(b: Block) -> Iterator[str]:
     }
     for part, fields in parts.items():
         yield from _table(part, fields)
-    if b.held:
-        names = ", ".join(f"`{n}`" for n in b.held)
-        yield f"Numbers by which the law decides while it is written are constants: {names}."
+    if b.fixed:
+        names = ", ".join(f"`{n}`" for n in b.fixed)
+        yield f"Parameters that decide branches are constants in C: {names}."
         yield ""
 
 

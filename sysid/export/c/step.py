@@ -87,9 +87,9 @@ def c_step(model: Model) -> PlantStep:
         ModelError: the structure's equations use what cannot be written as C.
     """
     try:
-        own = model.structure.c_step(model.theta)
-        if own is not None:
-            return _of_its_own(model, own)
+        own_step = model.structure.c_step(model.theta)
+        if own_step is not None:
+            return _of_its_own(model, own_step)
         step = _recorded(model, ())
         long = len(step.following) > MOST_FOLLOWING
         return (_of_coefficients(step) or _recorded(model, None)) if long else step
@@ -103,8 +103,8 @@ def c_step(model: Model) -> PlantStep:
         raise _refused(model, str(error.__cause__ or error)) from None
     if len(every) > MOST_TRIED:
         return plain
-    held = [k for k in every if not _can_change(model, k, every)]
-    return _recorded(model, held) if len(held) < len(every) else plain
+    fixed = [k for k in every if not _can_change(model, k, every)]
+    return _recorded(model, fixed) if len(fixed) < len(every) else plain
 
 
 def tunable_parameters(model: Model) -> tuple[Tunable, ...]:
@@ -127,18 +127,18 @@ def _can_change(model: Model, one: int, every: Iterable[int]) -> bool:
     return True
 
 
-def _recorded(model: Model, held: Iterable[int] | None) -> PlantStep:
+def _recorded(model: Model, fixed: Iterable[int] | None) -> PlantStep:
     """The step with these entries of θ as numbers, None for all, and the others as parameters."""
     structure = model.structure
     n, ny = structure.n_states(model.theta), len(model.outputs)
     program = Program()
-    numbers = plant_numbers(program, model, held)
+    numbers = plant_numbers(program, model, fixed)
     x: Any = Traced(program.inputs("x", n))
     v: Any = Traced(program.inputs("v", len(model.inputs)))
     with np.errstate(all="ignore"):
         step = (
             structure.step(model.theta)
-            if held is None
+            if fixed is None
             else traced_step(structure, numbers.theta, model.theta)
         )
         after, y = map(cells_of, step(x, v))
@@ -200,18 +200,18 @@ def _of_coefficients(step: PlantStep) -> PlantStep | None:
     )
 
 
-def _of_its_own(model: Model, own: CStep) -> PlantStep:
+def _of_its_own(model: Model, own_step: CStep) -> PlantStep:
     """What a structure says itself: C may change the operating point alone."""
     numbers = plant_numbers(Program(), model, None)
     entering, starting = _operating_point(numbers.u_offset, numbers.y_offset)
     return PlantStep(
-        own.n_states,
-        (*own.words, *OWN_WORDS),
+        own_step.n_states,
+        (*own_step.words, *OWN_WORDS),
         numbers.read_in("\n".join([*entering, *starting])),
         entering,
         starting,
-        tuple(line.removeprefix("    ") for line in own.body),
-        own.support,
+        tuple(line.removeprefix("    ") for line in own_step.body),
+        own_step.support,
     )
 
 

@@ -89,8 +89,8 @@ class Traced:
 
     def clip(self, low: Any, high: Any) -> "Traced":
         """Cut to [low, high]."""
-        found: Traced = _clip(self, low, high)
-        return found
+        clipped: Traced = _clip(self, low, high)
+        return clipped
 
     def min(self, axis: int | None = None) -> "Traced":
         """The smallest of its entries."""
@@ -139,8 +139,8 @@ class Traced:
         return Traced(self.cells[key])
 
     def __setitem__(self, key: Any, value: Any) -> None:
-        found = cells_of(value)
-        self.cells[key] = found if found.ndim else found.item()
+        cells = cells_of(value)
+        self.cells[key] = cells if cells.ndim else cells.item()
 
     def __iter__(self) -> Iterator["Traced"]:
         return (self[k] for k in range(len(self)))
@@ -194,11 +194,11 @@ def cells_of(value: Any) -> Cells:
     if isinstance(value, list | tuple) and any(isinstance(v, Traced) for v in value):
         return np.stack([cells_of(v) for v in value])
     entries = np.asarray(value)
-    found = np.empty(entries.shape, dtype=object)
+    cells = np.empty(entries.shape, dtype=object)
     for k in np.ndindex(entries.shape):
         entry = entries[k]
-        found[k] = entry.cells.item() if isinstance(entry, Traced) else cell(entry)
-    return found
+        cells[k] = entry.cells.item() if isinstance(entry, Traced) else cell(entry)
+    return cells
 
 
 def _called(name: str, *values: Any) -> Traced:
@@ -211,10 +211,10 @@ _REMAINDERS = ("mod", "remainder")
 
 def _remainder(a: Any, b: Any) -> Traced:
     """Python's remainder, with the sign of its divisor, by C's, which has that of the other."""
-    found = _each(OPERATIONS["fmod"], a, b)
-    one, other = (_each(OPERATIONS["less"], v, 0.0) for v in (found, b))
+    remainder = _each(OPERATIONS["fmod"], a, b)
+    one, other = (_each(OPERATIONS["less"], v, 0.0) for v in (remainder, b))
     opposite = _each(OPERATIONS["not_equal"], one, other)
-    return _each(WHERE, (found != 0.0) & opposite, found + b, found)
+    return _each(WHERE, (remainder != 0.0) & opposite, remainder + b, remainder)
 
 
 def _program(*arrays: Cells) -> Program | None:
@@ -233,10 +233,10 @@ def _each(operation: Operation, *values: Any) -> Traced:
             program.looped(operation.form, shape, arrays, operation.truth, operation.conditions)
         )
     arrays = [np.broadcast_to(a, shape) for a in arrays]
-    found = np.empty(shape, dtype=object)
+    out = np.empty(shape, dtype=object)
     for k in np.ndindex(shape):
-        found[k] = operation(*(a[k] for a in arrays))
-    return Traced(found)
+        out[k] = operation(*(a[k] for a in arrays))
+    return Traced(out)
 
 
 _FOLDS = {
@@ -256,10 +256,10 @@ def _reduced(value: Any, axis: int | None = None, operation: Operation = ADD) ->
         return Traced(cells_of(np.zeros(cells.shape[:-1])))
     if program is not None and cells.size > WRITTEN_OUT:
         return Traced(program.reduced(*_FOLDS[operation], cells))
-    found = np.empty(cells.shape[:-1], dtype=object)
-    for k in np.ndindex(found.shape):
-        found[k] = taken_together(cells[k], operation)
-    return Traced(found)
+    out = np.empty(cells.shape[:-1], dtype=object)
+    for k in np.ndindex(out.shape):
+        out[k] = taken_together(cells[k], operation)
+    return Traced(out)
 
 
 def _product(a: Any, b: Any) -> Traced:
@@ -281,11 +281,11 @@ def _product(a: Any, b: Any) -> Traced:
     busy = wide.size - idle
     if busy > WRITTEN_OUT and 2 * busy > wide.size:
         return _reduced(_each(MULTIPLY, Traced(left), Traced(right)), -1)
-    found = np.empty(shape[:-1], dtype=object)
-    for k in np.ndindex(found.shape):
+    out = np.empty(shape[:-1], dtype=object)
+    for k in np.ndindex(out.shape):
         terms = [MULTIPLY(p, q) for p, q in zip(wide[k], other[k], strict=True)]
-        found[k] = taken_together([cell(0.0), *terms])
-    return Traced(found)
+        out[k] = taken_together([cell(0.0), *terms])
+    return Traced(out)
 
 
 def _stacked_product(left: Cells, right: Cells) -> Traced:
@@ -293,10 +293,10 @@ def _stacked_product(left: Cells, right: Cells) -> Traced:
     many = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
     left = np.broadcast_to(left, (*many, *left.shape[-2:]))
     right = np.broadcast_to(right, (*many, *right.shape[-2:]))
-    found = np.empty((*many, left.shape[-2], right.shape[-1]), dtype=object)
+    out = np.empty((*many, left.shape[-2], right.shape[-1]), dtype=object)
     for k in np.ndindex(many):
-        found[k] = _product(Traced(left[k]), Traced(right[k])).cells
-    return Traced(found)
+        out[k] = _product(Traced(left[k]), Traced(right[k])).cells
+    return Traced(out)
 
 
 def _flat_index(shape: tuple[int, ...], key: tuple[Any, ...]) -> Traced:
@@ -311,17 +311,17 @@ def _flat_index(shape: tuple[int, ...], key: tuple[Any, ...]) -> Traced:
 
 def _looked_up(row: Traced, at: Traced) -> Traced:
     """Entries of a row at places that follow from signals."""
-    found = np.empty(at.shape, dtype=object)
+    out = np.empty(at.shape, dtype=object)
     program = _program(at.cells)
     for k in np.ndindex(at.shape):
         index = at.cells[k]
         if index.number is not None:
-            found[k] = row.cells[int(index.number)]
+            out[k] = row.cells[int(index.number)]
         elif program is None or row.ndim != 1:
             raise _refusal("indices of several axes that follow from signals")
         else:
-            found[k] = program.looked_up(row.cells, index)
-    return Traced(found)
+            out[k] = program.looked_up(row.cells, index)
+    return Traced(out)
 
 
 # ------------------------------------------------------------------------------ the namespace
@@ -371,10 +371,10 @@ def _joined(name: str) -> Callable[..., Any]:
 
 
 def _fold(operation: Operation, value: Any, axis: int | None = None, keepdims: bool = False) -> Any:
-    found = _reduced(value, axis, operation)
+    folded = _reduced(value, axis, operation)
     if keepdims:
-        return Traced(np.expand_dims(found.cells, 0 if axis is None else axis))
-    return found
+        return Traced(np.expand_dims(folded.cells, 0 if axis is None else axis))
+    return folded
 
 
 def _mean(value: Any, axis: int | None = None, keepdims: bool = False) -> Any:
@@ -422,10 +422,10 @@ def _like(x: Any, cells: Iterator[Cell]) -> Any:
         made = [_like(y, cells) for y in x]
         return type(x)(*made) if hasattr(x, "_fields") else tuple(made)
     shape = cells_of(x).shape
-    found = np.empty(int(np.prod(shape)), dtype=object)
-    for k in range(found.size):
-        found[k] = next(cells)
-    return Traced(found.reshape(shape))
+    out = np.empty(int(np.prod(shape)), dtype=object)
+    for k in range(out.size):
+        out[k] = next(cells)
+    return Traced(out.reshape(shape))
 
 
 def _cholesky(matrix: Any) -> Traced:

@@ -59,13 +59,13 @@ def headers() -> Path:
     Raises:
         ModelError: FMPy is not installed.
     """
-    found = find_spec("fmpy")
-    if found is None or found.origin is None:
+    spec = find_spec("fmpy")
+    if spec is None or spec.origin is None:
         raise ModelError(
-            "an FMU needs the headers of FMI, which come with the extra fmu: pip install "
+            "an FMU needs the headers of FMI, which the extra fmu installs: pip install "
             "'sysid-workbench[fmu]'"
         )
-    return Path(found.origin).parent / "c-code"
+    return Path(spec.origin).parent / "c-code"
 
 
 def archive(unit: Unit, version: Version = FMI_2) -> bytes:

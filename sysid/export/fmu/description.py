@@ -107,15 +107,15 @@ def plain(text: str) -> str:
 def named_apart(variables: Iterable[Variable]) -> tuple[Variable, ...]:
     """The variables with names that differ: the second ``speed`` is ``speed_2``."""
     taken: set[str] = set()
-    found = []
+    renamed = []
     for variable in variables:
         base = plain(variable.name) or "value"
         name, k = base, 2
         while name in taken:
             name, k = f"{base}_{k}", k + 1
         taken.add(name)
-        found.append(replace(variable, name=name))
-    return tuple(found)
+        renamed.append(replace(variable, name=name))
+    return tuple(renamed)
 
 
 def xml_2(unit: Unit) -> str:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array
-from sysid.export.c.loop.drive import CLOSED, driven
 from sysid.export.c.loop.laws_of_mission import ESTIMATE, flat
+from sysid.export.c.loop.recorded_run import CLOSED, record_run
 from sysid.export.fmu.description import Role, Unit
 from sysid.export.fmu.loop_units import OF_THE_UNIT, LoopUnits
 from sysid.export.fmu.replay import Replay, reach
@@ -31,7 +31,7 @@ class _Part:
 
     Attributes:
         unit: it.
-        advance: to a sample with these readings.
+        advance: to a sample with these measurements.
         shown: outputs after it, as the unit orders them.
     """
 
@@ -42,10 +42,10 @@ class _Part:
 
 def loop_replays(loop: Loop, units: LoopUnits) -> dict[str, Replay]:
     """The rows of ``controller`` and ``vehicle``."""
-    drive = driven(loop)
-    seen = drive.rows["navigation"]
+    run = record_run(loop)
+    seen = run.rows["navigation"]
     read = {n: v for n, v in seen.items() if n not in (*OF_THE_UNIT, *ESTIMATE)}
-    rolled = {n: drive.closed[:, CLOSED.index(n)] for n in WHEELS}
+    rolled = {n: run.closed[:, CLOSED.index(n)] for n in WHEELS}
 
     def moved(state: LoopState, tick: Tick, row: Values) -> LoopState:
         omega = row[WHEELS[0]], row[WHEELS[1]]

@@ -72,9 +72,9 @@ static void fmu_advance(fmu_state *state, double *r)
     read.dt = state->sample > 0.0 ? FMU_SAMPLE_TIME : 0.0;
     read.drive_l = state->decided.pwm_l / {full};
     read.drive_r = state->decided.pwm_r / {full};
-{readings}
+{measurements}
     for (pass = 0; pass < 2; pass++) {{
-        /* first what is decided before this sample, then, with its reading, at it */
+        /* first what is decided before this sample, then, with its measurement, at it */
         const double until = pass == 0 ? t - slack : t + slack;
         if (pass == 1) {{
             navigation_step(&state->navigation, &p.navigation, &read, &state->estimate);
@@ -135,7 +135,7 @@ static void fmu_advance(fmu_state *state, double *r)
     parameters_of(r, &p);
     rolled.t = state->sample * FMU_SAMPLE_TIME;
     rolled.dt = state->sample > 0.0 ? FMU_SAMPLE_TIME : 0.0;
-{readings}
+{measurements}
     motion_step(&state->motion, &p, &rolled, &body);
     state->sample += 1.0;
 {outputs}
@@ -182,19 +182,18 @@ def loop_units(loop: Loop, name: str) -> LoopUnits:
     """
     if isinstance(loop.motion, TurnsTracks):
         raise ModelError(
-            "the motion of this mission turns the tracks itself, which the plant's unit does not "
-            "know: write it with motion of kind kinematic or slip"
+            "the motion of this mission turns the tracks itself, which the plant's unit cannot "
+            "do; export it with motion of kind kinematic or slip"
         )
     if loop.feed is not None:
         raise ModelError(
-            "the mission has a vehicle.supply, which stands between controller and plant and is "
-            "no part of either unit: leave it out"
+            "the mission has a vehicle.supply, which belongs to neither unit; remove it"
         )
     blocks, files = law_sources(loop)
     if "motion" not in blocks:
         raise ModelError(
-            "the motion of this mission cannot be written as C, nor as a unit: write it with "
-            "motion of kind kinematic or slip"
+            "the motion of this mission cannot be written as C, nor as an FMU; choose motion of "
+            "kind kinematic or slip"
         )
     assert isinstance(loop.plant, RobotPlant)
     wiring = wiring_of(loop.plant)
@@ -209,7 +208,7 @@ def _controller(
     loop: Loop, blocks: Mapping[str, Block], files: Mapping[str, str], wiring: Wiring, name: str
 ) -> Unit:
     made = _Variables()
-    readings = list(_readings(made, blocks["navigation"], wiring, "read"))
+    measurements = list(_measurements(made, blocks["navigation"], wiring, "read"))
     outputs = [
         f"    r[{made.add(Variable(p.name, Role.OUTPUT, p.channel.unit, f'{track} command'))}] = "
         f"{p.command(f'state->decided.pwm_{side}')};"
@@ -241,7 +240,7 @@ def _controller(
             start="\n".join(starts),
             slack=number(DOUBLE.slack),
             full=number(PWM_FULL_SCALE),
-            readings="\n".join(readings),
+            measurements="\n".join(measurements),
             given=given,
             pose="\n".join(
                 f"                state->estimate.{n} = r[{at}];" for n, at in pose.items()
@@ -261,7 +260,7 @@ def _vehicle(
     loop: Loop, motion: Block, files: Mapping[str, str], wiring: Wiring, name: str
 ) -> Unit:
     made = _Variables()
-    readings = list(_readings(made, motion, wiring, "rolled"))
+    measurements = list(_measurements(made, motion, wiring, "rolled"))
     outputs = [f"    r[{made.add(_of(n, Role.OUTPUT))}] = body.{n};" for n in ESTIMATE]
     parameters = _parameters(made, loop, [motion], {"motion": "p->"})
     made.add(Variable("time", Role.TIME, "s", "of the simulation"))
@@ -272,7 +271,7 @@ def _vehicle(
         {n: files[n] for n in ("motion.h", "motion.c")},
         _VEHICLE.format(
             parameters="\n".join(parameters),
-            readings="\n".join(readings),
+            measurements="\n".join(measurements),
             outputs="\n".join(outputs),
         ),
         f"where {name} drives to, by sysid",
@@ -289,7 +288,7 @@ OF_THE_UNIT = ("t", "dt", "drive_l", "drive_r")
 """Inputs of laws that a unit knows itself."""
 
 
-def _readings(made: _Variables, block: Block, wiring: Wiring, struct: str) -> Iterator[str]:
+def _measurements(made: _Variables, block: Block, wiring: Wiring, struct: str) -> Iterator[str]:
     """Inputs for what a law reads, and the lines that hand them over."""
     wheels = dict(zip(("omega_l", "omega_r"), wiring.speeds, strict=True))
     for f in block.inputs:
@@ -315,11 +314,11 @@ def _parameters(
     lines: list[str] = []
     known: dict[str, int] = {}
     for block in blocks:
-        own = {identifier(p) for p, _ in numbers(getattr(loop, block.name, None))}
+        names = {identifier(p) for p, _ in numbers(getattr(loop, block.name, None))}
         in_steps = "\n".join(block.step)
         for f in block.parameters:
             for place, value in places((f,)):
-                shared = f.name in scene and f.name not in own
+                shared = f.name in scene and f.name not in names
                 name = place if shared else f"{block.name}.{place}"
                 read = re.search(rf"\bparameters->{f.name}\b", in_steps)
                 variable = Variable(

@@ -116,7 +116,7 @@ def plant_unit(source: Source) -> Unit:
                 "start_settled",
                 Role.FIXED,
                 "",
-                "begin as after a long time under the first inputs",
+                "begin in steady state under the first inputs",
                 boolean=True,
             ),
             *(
@@ -166,7 +166,7 @@ def feedthrough(plant: Plant) -> tuple[tuple[int, ...], ...]:
     """
     rng = np.random.default_rng(0)
     low, high = (np.array(side, dtype=float) for side in zip(*plant.input_range, strict=True))
-    found = np.zeros((len(plant.outputs), len(plant.inputs)), dtype=bool)
+    direct = np.zeros((len(plant.outputs), len(plant.inputs)), dtype=bool)
     state = plant.initial_state()
     with np.errstate(all="ignore"):
         for _ in range(8):
@@ -174,9 +174,9 @@ def feedthrough(plant: Plant) -> tuple[tuple[int, ...], ...]:
             y = plant.readout(state, u)
             for j in range(len(u)):
                 for other in (rng.uniform(low[j], high[j]), np.nan):
-                    found[:, j] |= _differs(plant.readout(state, _with(u, j, other)), y)
+                    direct[:, j] |= _differs(plant.readout(state, _with(u, j, other)), y)
             state, _ = plant.step(state, u)
-    return tuple(tuple(map(int, np.flatnonzero(row))) for row in found)
+    return tuple(tuple(map(int, np.flatnonzero(row))) for row in direct)
 
 
 def _with(u: Array, j: int, value: float) -> Array:

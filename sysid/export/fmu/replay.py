@@ -55,7 +55,10 @@ def replay_from(text: str, where: str) -> Replay:
         head, *rows = csv.reader(io.StringIO(text))
         values = np.array([[float(v) for v in row] for row in rows]).reshape(len(rows), len(head))
         kinds = [name.partition(":")[0] for name in head]
-        parts = {kind: [k for k, found in enumerate(kinds) if found == kind] for kind in _KINDS}
+        parts = {
+            kind: [k for k, column_kind in enumerate(kinds) if column_kind == kind]
+            for kind in _KINDS
+        }
         names = {kind: tuple(head[k].partition(":")[2] for k in at) for kind, at in parts.items()}
         if not rows or names["now"] != names["late"] or set(kinds) != set(_KINDS):
             raise ValueError("columns are missing")
@@ -69,8 +72,8 @@ def replay_from(text: str, where: str) -> Replay:
 
 def reach(values: Array) -> Array:
     """What errors of columns are relative to: how far each goes, 1 where it is always zero."""
-    found = np.max(np.abs(values), axis=0)
-    return np.where(found > 0.0, found, 1.0)
+    largest = np.max(np.abs(values), axis=0)
+    return np.where(largest > 0.0, largest, 1.0)
 
 
 _KINDS = ("in", "now", "late")

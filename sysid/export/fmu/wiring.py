@@ -89,8 +89,10 @@ def wiring_of(robot: RobotPlant) -> Wiring:
         )
         return left, right
 
-    levels = [robot.centre[k] for k in robot.driven]
-    commands = ports(robot.driven, inputs, plant.inputs, list(zip(levels, robot.span, strict=True)))
+    operating_point = [robot.centre[k] for k in robot.driven]
+    commands = ports(
+        robot.driven, inputs, plant.inputs, list(zip(operating_point, robot.span, strict=True))
+    )
     speeds = ports(
         robot.read, outputs, plant.outputs, list(zip(robot.zero, robot.scale, strict=True))
     )

@@ -9,7 +9,7 @@ from typing import ClassVar
 from sysid.errors import ModelError
 from sysid.export.base import Exporter, Source
 from sysid.export.c.fields import Field
-from sysid.export.c.loop.drive import CLOSED, driven, not_again
+from sysid.export.c.loop.recorded_run import CLOSED, not_again, record_run
 from sysid.export.c.loop.sources import law_sources, robot_lines
 from sysid.export.c.precision import DOUBLE
 from sysid.export.c.source import plant_sources
@@ -19,10 +19,10 @@ from sysid.mission.loop import Loop
 from sysid.version import __version__
 
 _USAGE = """As two nodes of ROS 1, in a catkin package: link the folder `ros/` into the sources
-of a catkin workspace and build; `ros/README.md` tells the rest.
+of a catkin workspace and build; `ros/README.md` has the details.
 """
 
-_PLACES = {
+_TARGETS = {
     "README.md": "README.md",
     "package.xml": "package.xml",
     "CMakeLists.txt": "CMakeLists.txt",
@@ -49,9 +49,7 @@ class Ros(Exporter):
         """
         loop = source.loop
         if loop is None:
-            raise ModelError(
-                "the format ros writes what drives the plant, too: name the mission that it drives"
-            )
+            raise ModelError("the format ros needs a mission; name it with --mission")
         blocks, laws = law_sources(loop)
         why = not_again(loop, blocks)
         if why:
@@ -73,15 +71,15 @@ class Ros(Exporter):
         }
         made = {f"src/laws/{name}": text for name, text in code.items()}
         made["drive.csv"] = _drive(loop)
-        for template, place in _PLACES.items():
+        for template, place in _TARGETS.items():
             structs = _CONTROLLER if template.startswith("guidance") else _ROBOT
-            told = [
+            lines = [
                 line
                 for law, struct in structs.items()
                 if law in blocks
-                for line in _told(law, struct, blocks[law].parameters)
+                for line in _parameter_lines(law, struct, blocks[law].parameters)
             ]
-            made[place] = _filled(template, {**values, "parameters": "\n".join(told)})
+            made[place] = _filled(template, {**values, "parameters": "\n".join(lines)})
         return dict(made)
 
     def usage(self) -> str:
@@ -91,12 +89,12 @@ class Ros(Exporter):
 
 def _drive(loop: Loop) -> str:
     """The log of Python's drive as the robot's node writes it, to compare with."""
-    rows = driven(loop).closed.tolist()
+    rows = record_run(loop).closed.tolist()
     lines = [",".join(map(repr, [k * loop.scene.dt, *row])) for k, row in enumerate(rows)]
     return "\n".join([",".join(("t", *CLOSED)), *lines]) + "\n"
 
 
-def _told(law: str, struct: str, parameters: tuple[Field, ...]) -> Iterator[str]:
+def _parameter_lines(law: str, struct: str, parameters: tuple[Field, ...]) -> Iterator[str]:
     """Lines that take the numbers of a law from the parameters of the node."""
     for f in parameters:
         for k in range(max(f.size, 1)):

@@ -32,19 +32,19 @@ def replays_of(files: Files, plant: Plant, test: SelfTest) -> dict[str, Replay]:
     Raises:
         ModelError: the rows of a unit are damaged, or missing.
     """
-    found = {}
+    replays = {}
     for name in files:
         folder, _, unit = name.rpartition("/")
         if folder not in FOLDERS or not unit.endswith(".fmu"):
             continue
         if unit == "plant.fmu":
-            found[name] = plant_replay(plant, test)
+            replays[name] = plant_replay(plant, test)
             continue
         rows = f"{name.removesuffix('.fmu')}.csv"
         if rows not in files:
             raise ModelError(f"the package has {name} and no {rows}: export the plant again")
-        found[name] = replay_from(files[rows].decode("utf-8", "replace"), rows)
-    return found
+        replays[name] = replay_from(files[rows].decode("utf-8", "replace"), rows)
+    return replays
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ MACHINE = (
 )  # fmt: skip
 """An instruction takes a nanosecond, always; what the program prints comes out of qemu."""
 
-_OWN = "cortex_m"
+FOLDER = "cortex_m"
 """Folder of what is compiled beside a package."""
 
 _STEP = re.compile(r"^void (\w+_step)\(", re.MULTILINE)
@@ -36,9 +36,9 @@ class CortexM(Compiled):
 
     def lacks(self) -> str:
         """Compiler, emulator or library."""
-        found = super().lacks()
-        if found:
-            return found
+        missing = super().lacks()
+        if missing:
+            return missing
         specs = subprocess.run(
             [self.compiler, f"-print-file-name={_LIBRARY}"],
             capture_output=True,
@@ -51,28 +51,28 @@ class CortexM(Compiled):
 
     def prepare(self, folder: Path, files: Files) -> None:
         """Start-up, linker script, what counts, and the options that put it around the steps."""
-        own = folder / _OWN
-        own.mkdir(exist_ok=True)
+        target = folder / FOLDER
+        target.mkdir(exist_ok=True)
         headers = [files[n].decode("utf-8") for n in files if _HEADER.fullmatch(n)]
         steps = sorted({name for text in headers for name in _STEP.findall(text)})
         timed = "".join(f"TIMED({n})\n" for n in steps)
-        told = "\n".join(f'    tell("{n}", &of_{n});' for n in steps)
+        calls = "\n".join(f'    tell("{n}", &of_{n});' for n in steps)
         for name in ("start.c", "mps2.ld", "timing.c"):
             text = resources(__package__).joinpath("templates", name).read_text(encoding="utf-8")
             if name == "timing.c":
-                text = Template(text).substitute(timed=timed, told=told)
-            (own / name).write_text(text, encoding="utf-8")
-        (own / "options").write_text(
+                text = Template(text).substitute(timed=timed, told=calls)
+            (target / name).write_text(text, encoding="utf-8")
+        (target / "options").write_text(
             "".join(f"-Wl,-wrap={n}\n" for n in ("nothing", *steps)), encoding="utf-8"
         )
 
     def build(self, made: str, sources: Sequence[str]) -> list[str]:
         """With a start-up of our own: the program is alone on the machine."""
-        own = f"../{_OWN}"
+        target = f"../{FOLDER}"
         return [
             self.compiler, *FLAGS, *TARGET, f"-specs={_LIBRARY}", "-nostartfiles",
-            "-T", f"{own}/mps2.ld", f"@{own}/options", "-o", made,
-            *sources, f"{own}/start.c", f"{own}/timing.c", "-lm",
+            "-T", f"{target}/mps2.ld", f"@{target}/options", "-o", made,
+            *sources, f"{target}/start.c", f"{target}/timing.c", "-lm",
         ]  # fmt: skip
 
     def command(self, made: str) -> list[str]:

@@ -23,7 +23,7 @@ from sysid.plant.storage import Files
 DRIVE = "ros/drive.csv"
 """The drive of Python, in the columns of the log that the robot's node writes."""
 
-PLACES = (Path("/usr/include"), *sorted(Path("/opt/ros").glob("*/include")))
+HEADER_FOLDERS = (Path("/usr/include"), *sorted(Path("/opt/ros").glob("*/include")))
 """Where Debian and ROS's own packages keep headers."""
 
 HEADERS = {
@@ -52,15 +52,15 @@ class RosNodes:
         lacking = lacks()
         if lacking:
             return Result(self.name, skipped=lacking)
-        told = run(["rosversion", "roscpp"], folder).stdout.strip()
+        version = run(["rosversion", "roscpp"], folder).stdout.strip()
         if DRIVE not in files:
-            return Result(self.name, told, skipped="the package has no nodes of ROS")
+            return Result(self.name, version, skipped="the package has no nodes of ROS")
         try:
             nodes = built(folder / "ros", folder / "ros-build")
             worst = _error(nodes, folder, files[DRIVE])
         except ModelError as refused:
-            return Result(self.name, told, failed=str(refused))
-        return Result(self.name, told, worst, worst <= TOLERANCE)
+            return Result(self.name, version, failed=str(refused))
+        return Result(self.name, version, worst, worst <= TOLERANCE)
 
 
 def lacks() -> str:
@@ -69,7 +69,7 @@ def lacks() -> str:
     missing += [
         package
         for header, package in HEADERS.items()
-        if not any(place.joinpath(header).is_file() for place in PLACES)
+        if not any(place.joinpath(header).is_file() for place in HEADER_FOLDERS)
     ]
     return f"{missing[0]} is not installed" if missing else ""
 
@@ -80,21 +80,24 @@ def built(package: Path, build: Path) -> Path:
     Raises:
         ModelError: it does not build.
     """
-    places = [f"-DCATKIN_DEVEL_PREFIX={build / 'devel'}", "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Werror"]
+    options = [
+        f"-DCATKIN_DEVEL_PREFIX={build / 'devel'}",
+        "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Werror",
+    ]
     # catkin is a package of the system's Python
     python = "-DPYTHON_EXECUTABLE=/usr/bin/python3"
     for command in (
-        ["cmake", "-S", str(package), "-B", str(build), python, *places],
+        ["cmake", "-S", str(package), "-B", str(build), python, *options],
         ["cmake", "--build", str(build), "-j2"],
     ):
         done = run(command, package)
         if done.returncode:
             said = [line for line in f"{done.stderr}\n{done.stdout}".splitlines() if "rror" in line]
             raise ModelError(f"the nodes do not build: {said[0].strip() if said else 'no word'}")
-    found = next((build / "devel" / "lib").rglob("robot_node"), None)
-    if found is None:
+    binary = next((build / "devel" / "lib").rglob("robot_node"), None)
+    if binary is None:
         raise ModelError("the nodes do not build: there is no robot_node")
-    return found.parent
+    return binary.parent
 
 
 @contextmanager
@@ -163,10 +166,10 @@ def _error(nodes: Path, folder: Path, drive: bytes) -> float:
                 raise ModelError(f"{name}_node takes longer than {SECONDS:g} s") from None
             if code:
                 raise ModelError(f"{name}_node ends with {code}")
-    found = _rows(log.read_text(encoding="utf-8") if log.is_file() else "", "its log")
-    if found.shape != expected.shape:
-        raise ModelError(f"the nodes drive {len(found)} samples, Python drives {len(expected)}")
-    error = float(np.max(np.abs(found - expected) / reach(expected)))
+    logged = _rows(log.read_text(encoding="utf-8") if log.is_file() else "", "its log")
+    if logged.shape != expected.shape:
+        raise ModelError(f"the nodes drive {len(logged)} samples, Python drives {len(expected)}")
+    error = float(np.max(np.abs(logged - expected) / reach(expected)))
     return error if np.isfinite(error) else float("inf")
 
 
@@ -177,11 +180,11 @@ def _rows(text: str, where: str) -> Array:
         ModelError: it is damaged.
     """
     try:
-        found = np.array(
+        rows = np.array(
             [[float(v) for v in line.split(",")] for line in text.splitlines()[1:]], dtype=float
         )
     except ValueError:
         raise ModelError(f"{where} is damaged") from None
-    if found.ndim != 2 or not np.all(np.isfinite(found)):
+    if rows.ndim != 2 or not np.all(np.isfinite(rows)):
         raise ModelError(f"{where} is damaged or empty")
-    return found
+    return rows

@@ -123,9 +123,9 @@ class Compiled:
         lacking = self.lacks()
         if lacking:
             return Result(self.name, skipped=lacking)
-        told = _first_line([self.commands[-1], self.asks_version], folder)
+        version = _first_line([self.commands[-1], self.asks_version], folder)
         if "c/selftest.c" not in files:
-            return Result(self.name, told, skipped="the package has no C code")
+            return Result(self.name, version, skipped="the package has no C code")
         self.prepare(folder, files)
         try:
             printed = [
@@ -133,8 +133,8 @@ class Compiled:
             ]
             errors, instructions = _errors(printed), _instructions(printed)
         except ModelError as error:
-            return Result(self.name, told, failed=str(error))
-        return Result(self.name, told, max(errors), True, instructions=instructions)
+            return Result(self.name, version, failed=str(error))
+        return Result(self.name, version, max(errors), True, instructions=instructions)
 
     def _printed(self, c: Path, program: str, files: Files) -> list[str]:
         """Lines that a self-test prints, none where the package has no such program.
@@ -162,17 +162,17 @@ class Compiled:
 
 def _errors(printed: Sequence[str]) -> list[float]:
     """The errors among lines of a self-test: a number, after the name of what it is of."""
-    told = [line.split() for line in printed if line.strip()]
-    return [_number(t[-1]) for t in told if t[0] not in ("later", COUNTED)]
+    words = [line.split() for line in printed if line.strip()]
+    return [_number(t[-1]) for t in words if t[0] not in ("later", COUNTED)]
 
 
 def _instructions(printed: Sequence[str]) -> dict[str, dict[str, float]]:
     """The instructions of step functions among these lines, the first that are told of each."""
-    found: dict[str, dict[str, float]] = {}
+    counts: dict[str, dict[str, float]] = {}
     for word, name, mean, most in (t for t in map(str.split, printed) if len(t) == 4):
         if word == COUNTED:
-            found.setdefault(name, {"mean": _number(mean), "most": _number(most)})
-    return found
+            counts.setdefault(name, {"mean": _number(mean), "most": _number(most)})
+    return counts
 
 
 COMPILED = (

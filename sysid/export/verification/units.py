@@ -42,10 +42,10 @@ def by_fmpy(unit: Path, inputs: Sequence[str], outputs: Sequence[str], u: Rows) 
         put, get = (
             (slave.setReal, slave.getReal) if second else (slave.setFloat64, slave.getFloat64)
         )
-        places, shown = _places(about, inputs), _places(about, outputs)
+        references, shown = _references(about, inputs), _references(about, outputs)
         dt, y = float(about.defaultExperiment.stepSize), []
         for k, row in enumerate(u):
-            put(places, row)
+            put(references, row)
             y.append([float(v) for v in get(shown)])
             slave.doStep(currentCommunicationPoint=k * dt, communicationStepSize=dt)
         slave.terminate()
@@ -62,7 +62,7 @@ def by_libcosim(unit: Path, inputs: Sequence[str], outputs: Sequence[str], u: Ro
     manipulator = import_module("libcosimpy.CosimManipulator").CosimManipulator.create_override()
     observer = import_module("libcosimpy.CosimObserver").CosimObserver.create_last_value()
     about = import_module("fmpy").read_model_description(str(unit))
-    places, shown = _places(about, inputs), _places(about, outputs)
+    references, shown = _references(about, inputs), _references(about, outputs)
     step = round(1e9 * float(about.defaultExperiment.stepSize))
     execution = execution_class.from_step_size(step_size=step)
     index = execution.add_local_slave(slave_class(fmu_path=str(unit), instance_name="verified"))
@@ -70,14 +70,14 @@ def by_libcosim(unit: Path, inputs: Sequence[str], outputs: Sequence[str], u: Ro
     execution.add_observer(observer=observer)
     y = []
     for row in u:
-        manipulator.slave_real_values(slave_index=index, variable_references=places, values=row)
+        manipulator.slave_real_values(slave_index=index, variable_references=references, values=row)
         execution.step()
-        found = observer.last_real_values(slave_index=index, variable_references=shown)
-        y.append([float(v) for v in found])
+        values = observer.last_real_values(slave_index=index, variable_references=shown)
+        y.append([float(v) for v in values])
     return y
 
 
-def _places(about: Any, names: Sequence[str]) -> list[int]:
+def _references(about: Any, names: Sequence[str]) -> list[int]:
     """Value references of variables."""
     known = {v.name: v.valueReference for v in about.modelVariables}
     return [known[name] for name in names]

@@ -22,7 +22,7 @@ WEAKEST = 0.2
 UNSURE = 100.0
 """Prior variance of the estimated numbers over that of μ, and the most that forgetting makes of it.
 
-Numbers that are 0.3 off, and readings within 0.03 of full speed.
+Numbers that are 0.3 off, and measurements within 0.03 of full speed.
 """
 
 
@@ -147,11 +147,11 @@ class Adaptive(AxisSettings):
         share = state.begun / (forget + u * pa + d * pb + pc)
         said = (keeps + state.a) * u + (1.0 - keeps + state.b) * d + state.c
         news = share * (motion - said)
-        left = (
+        residual = (
             *(aa - share * pa * pa, ab - share * pa * pb, ac - share * pa * pc),
             *(bb - share * pb * pb, bc - share * pb * pc, cc - share * pc * pc),
         )
-        grown = tuple(v / forget for v in left)
+        grown = tuple(v / forget for v in residual)
         largest = xp.maximum(xp.maximum(grown[0], grown[3]), grown[5])
         within = xp.minimum(1.0, UNSURE / xp.maximum(largest, 1e-12))
         aa, ab, ac, bb, bc, cc = (v * within for v in grown)

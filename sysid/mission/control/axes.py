@@ -62,9 +62,9 @@ class AxisController(ControlSettings):
     @property
     def advice(self) -> ControlAdvice:
         """The first gain of each axis."""
-        own = {axis: next(iter(getattr(self, axis).gains), "") for axis in AXES}
-        keys = [f"{axis}.{key}" for axis, key in own.items() if key]
-        steer = f"raise yaw.{own['yaw']}" if own["yaw"] else ""
+        first_gains = {axis: next(iter(getattr(self, axis).gains), "") for axis in AXES}
+        keys = [f"{axis}.{key}" for axis, key in first_gains.items() if key]
+        steer = f"raise yaw.{first_gains['yaw']}" if first_gains["yaw"] else ""
         return ControlAdvice(stronger=f"raise {' or '.join(keys)}" if keys else "", steer=steer)
 
     @property
@@ -85,8 +85,10 @@ class AxisController(ControlSettings):
         """The same laws with other gains, named as ``speed.kp``."""
         changed = {}
         for axis in AXES:
-            own = {k.partition(".")[2]: v for k, v in values.items() if k.startswith(f"{axis}.")}
-            changed[axis] = getattr(self, axis).with_gains(own)
+            axis_gains = {
+                k.partition(".")[2]: v for k, v in values.items() if k.startswith(f"{axis}.")
+            }
+            changed[axis] = getattr(self, axis).with_gains(axis_gains)
         return self.model_copy(update=changed)
 
     def start(self, scene: Scene, xp: Any) -> AxesState:

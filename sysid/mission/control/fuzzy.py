@@ -102,12 +102,12 @@ def inferred(error: Real, rate: Real, xp: Any) -> Real:
 
 def memberships(x: Real, centres: tuple[float, ...], xp: Any) -> list[Real]:
     """How true each word is of a number: one at its centre, falling to none at the next one's."""
-    found = []
+    values = []
     for k, centre in enumerate(centres):
         true = 1.0
         if k > 0:
             true = xp.minimum(true, (x - centres[k - 1]) / (centre - centres[k - 1]))
         if k + 1 < len(centres):
             true = xp.minimum(true, (centres[k + 1] - x) / (centres[k + 1] - centre))
-        found.append(xp.maximum(true, 0.0))
-    return found
+        values.append(xp.maximum(true, 0.0))
+    return values

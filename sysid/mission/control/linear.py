@@ -130,8 +130,8 @@ class P(AxisSettings):
 
     def step(self, state: PIDState, inputs: AxisInputs, dt: Real, xp: Any) -> tuple[PIDState, Real]:
         """The command, by the gains that the kind has."""
-        own = type(self).model_fields
-        terms = PIDTerms(**{n: getattr(self, n) for n in PIDTerms._fields if n in own})
+        keys = type(self).model_fields
+        terms = PIDTerms(**{n: getattr(self, n) for n in PIDTerms._fields if n in keys})
         return pid_step(state, inputs, dt, terms, xp)
 
 

@@ -60,7 +60,7 @@ class EscapeState(NamedTuple):
 
     turn: InitialTurn
     watch: Watch
-    held: Real
+    hold: Real
     out: State
 
 
@@ -121,18 +121,18 @@ class Escaping:
         pose, t = inputs.estimate.pose, inputs.t
         turning = state.turn.remaining(pose.psi, xp) > 0.0
         pushed = is_pushed(pose, inputs.scene, t, self.field, xp)
-        trapped = state.watch.held & pushed & xp.logical_not(turning)
+        trapped = state.watch.trapped & pushed & xp.logical_not(turning)
         named = hold_at(*state.watch.middle(xp), inputs.scene, t, self.field, xp)
-        held = xp.where(trapped, named, state.held)
+        hold = xp.where(trapped, named, state.hold)
         out, seen = self.out.step(state.out, trapped, state.watch, inputs, dt, xp)
         turn, references = self.field.step(state.turn, inputs._replace(scene=seen), dt, xp)
         references = self.out.lead(out, references, inputs, xp)
         watch = chosen(trapped | turning, state.watch.again(pose, xp), state.watch, xp)
         watch = watch.after(pose, seen.to_goal(pose, xp), dt, self.field.rho0, xp)
         busy = references.detour | references.gives_up
-        said = xp.where(references.held != 0, references.held, held)
-        references = references._replace(held=xp.where(busy, said, int(Hold.NOTHING)))
-        return EscapeState(turn, watch, held, out), references
+        said = xp.where(references.hold != 0, references.hold, hold)
+        references = references._replace(hold=xp.where(busy, said, int(Hold.NOTHING)))
+        return EscapeState(turn, watch, hold, out), references
 
     def to_go(self, state: EscapeState, pose: Pose, scene: Scene, xp: Any) -> Real:
         """The field's."""
@@ -274,7 +274,7 @@ class AlongWall:
         pose, rho = body.pose, scene.to_goal(body.pose, xp)
         gap, nx, ny = nearest_surface(scene, pose, inputs.t, None, xp)[:3]
         off = (scene.goal[0] - pose.x) * nx + (scene.goal[1] - pose.y) * ny
-        left = out.following & (rho < out.rho - WALL.leave) & (off >= 0.0)
+        leaves = out.following & (rho < out.rho - WALL.leave) & (off >= 0.0)
         begins = trapped & xp.logical_not(out.following) & (gap < FAR)
         # Of both directions along the surface the one that is nearer to its heading.
         along = nx * xp.sin(pose.psi) - ny * xp.cos(pose.psi)
@@ -284,7 +284,7 @@ class AlongWall:
         back = xp.hypot(pose.x - x, pose.y - y) < WALL.back
         round_over = out.following & back & (way >= WALL.settled + WALL.round)
         return WallState(
-            following=(out.following & xp.logical_not(left)) | begins,
+            following=(out.following & xp.logical_not(leaves)) | begins,
             side=xp.where(begins, xp.where(along >= 0.0, 1.0, -1.0), out.side),
             rho=xp.where(begins, rho, out.rho),
             way=way,
@@ -307,7 +307,7 @@ class AlongWall:
             psi=xp.where(out.following, psi, references.psi),
             detour=out.following,
             gives_up=out.gave_up,
-            held=xp.where(out.gave_up, int(Hold.NO_WAY_THROUGH), references.held),
+            hold=xp.where(out.gave_up, int(Hold.NO_WAY_THROUGH), references.hold),
         )
 
 

@@ -176,8 +176,8 @@ class PotentialField(GuidanceSettings):
         now, middle = float(t[-1]), (float(x.mean()), float(y.mean()))
         # Of several legs it was on the one whose goal the forces cancel before, if any.
         legs = (scene._replace(goal=goal) for goal in scene.targets)
-        held = [Hold(int(hold_at(*middle, leg, now, self))) for leg in legs]
-        return Hold.LOCAL_MINIMUM if Hold.LOCAL_MINIMUM in held else Hold.OSCILLATION
+        holds = [Hold(int(hold_at(*middle, leg, now, self))) for leg in legs]
+        return Hold.LOCAL_MINIMUM if Hold.LOCAL_MINIMUM in holds else Hold.OSCILLATION
 
     def to_go(self, state: InitialTurn, pose: Pose, scene: Scene, xp: Any) -> Real:
         """The distance to the goal plus the track travel B/2·|angle| still to turn [m]."""

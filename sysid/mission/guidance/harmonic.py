@@ -30,7 +30,7 @@ class Harmonic(GuidanceSettings):
         margin: distance that the robot's centre keeps from every surface [m].
         cell: side of a cell of the grid [m].
         v_max: largest speed reference [m/s].
-        slow_within: way before the goal on which it slows down [m].
+        slow_within: distance before the goal within which it slows down [m].
         rho0, eta: range [m] and strength of the repulsion of obstacles that move.
 
     Source: Connolly, Burns and Weiss (1990), Path planning using Laplace's equation.
@@ -78,12 +78,12 @@ class Harmonic(GuidanceSettings):
         near = xp.hypot(goal_x - pose.x, goal_y - pose.y) <= scene.tolerance
         last = state == len(scene.way)
         closed = xp.logical_not(grid.is_open(state, pose.x, pose.y, xp))
-        left = xp.hypot(scene.goal[0] - pose.x, scene.goal[1] - pose.y)
+        to_go = xp.hypot(scene.goal[0] - pose.x, scene.goal[1] - pose.y)
         references = References(
-            speed=paced(self.v_max, self.slow_within, pose.psi, psi, left, xp),
+            speed=paced(self.v_max, self.slow_within, pose.psi, psi, to_go, xp),
             psi=psi,
             arrived=near & last,
-            held=xp.where(closed, int(Hold.NO_WAY_THROUGH), int(Hold.NOTHING)),
+            hold=xp.where(closed, int(Hold.NO_WAY_THROUGH), int(Hold.NOTHING)),
             gives_up=closed & xp.logical_not(near),
         )
         return state + xp.where(near & xp.logical_not(last), 1, 0), references
@@ -105,6 +105,6 @@ class Harmonic(GuidanceSettings):
             )
         except TypeError:  # traced numbers cannot be looked up
             raise ModelError(
-                "the harmonic potential is solved before the run: goal, walls and obstacles that "
-                "differ between the runs of a compiled batch have none"
+                "the harmonic potential is solved before the run, so goal, walls and obstacles "
+                "cannot vary in a compiled batch"
             ) from None

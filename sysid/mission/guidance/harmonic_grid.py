@@ -147,17 +147,17 @@ def solved(
     for wall in walls:
         for a, b in pairwise(wall.points):
             gap = np.minimum(gap, distance_to_segment((at_x, at_y), a, b, np))
-    found = []
+    grids = []
     for tx, ty in targets:
         reached = np.hypot(at_x - tx, at_y - ty)
         goal = (reached <= max(tolerance, HALF * cell)) & (gap > HALF * cell)
         # Beside a target that lies inside the margin the robot may come as near as the target is.
-        own = min(margin, float(gap[goal].max(initial=0.0)) / 2.0)
-        beside = np.where(reached <= margin + 2.0 * cell, own, margin)
+        goal_margin = min(margin, float(gap[goal].max(initial=0.0)) / 2.0)
+        beside = np.where(reached <= margin + 2.0 * cell, goal_margin, margin)
         blocked = gap <= np.maximum(beside, HALF * cell)
         blocked[[0, -1]] = blocked[:, [0, -1]] = True
-        found.append(_potential(blocked & ~goal, goal, cell))
-    gx, gy, ways, passable, heights = (np.array(parts) for parts in zip(*found, strict=True))
+        grids.append(_potential(blocked & ~goal, goal, cell))
+    gx, gy, ways, passable, heights = (np.array(parts) for parts in zip(*grids, strict=True))
     return HarmonicGrid(x[0], y[0], cell, targets, gx, gy, ways, passable, heights)
 
 
@@ -214,11 +214,11 @@ def _laplace(blocked: Mask, goal: Mask) -> Array:
         return w
     rows, columns, right = [], [], np.zeros(int(unknown.sum()))
     for here, there in _neighbours(blocked.shape):
-        mine, other = number[here], number[there]
-        both = (mine >= 0) & (other >= 0)
-        rows.append(mine[both])
-        columns.append(other[both])
-        np.add.at(right, mine[(mine >= 0) & goal[there]], 1.0)
+        row_here, row_there = number[here], number[there]
+        both = (row_here >= 0) & (row_there >= 0)
+        rows.append(row_here[both])
+        columns.append(row_there[both])
+        np.add.at(right, row_here[(row_here >= 0) & goal[there]], 1.0)
     row, column = np.concatenate(rows), np.concatenate(columns)
     n = len(right)
     values = np.concatenate([np.full(len(row), -1.0), np.full(n, 4.0)])

@@ -36,8 +36,8 @@ def braked_distance(body: Body, disc: Disc, xp: Any) -> tuple[Real, Real, Real, 
     along = wx * nx + wy * ny
     rests = (disc.vx == 0) & (disc.vy == 0)
     v = xp.where(rests, 0.0, xp.maximum(along, 0.0))
-    left = xp.maximum(rho - v * v / (2.0 * BRAKING), xp.minimum(rho, CLOSEST))
-    return left, v, wx - along * nx, wy - along * ny
+    gap = xp.maximum(rho - v * v / (2.0 * BRAKING), xp.minimum(rho, CLOSEST))
+    return gap, v, wx - along * nx, wy - along * ny
 
 
 def moving_force(body: Body, disc: Disc, eta: float, rho0: float, xp: Any) -> tuple[Real, Real]:
@@ -48,11 +48,11 @@ def moving_force(body: Body, disc: Disc, eta: float, rho0: float, xp: Any) -> tu
     v = 0. A robot is pushed earlier, the faster both approach, and to the side on which it passes.
     After Ge and Cui (2002), Dynamic motion planning for mobile robots using potential field method.
     """
-    left, v, wx, wy = braked_distance(body, disc, xp)
+    gap, v, wx, wy = braked_distance(body, disc, xp)
     dx, dy = body.pose.x - disc.x, body.pose.y - disc.y
     rho = xp.maximum(xp.hypot(dx, dy), 1e-6)
-    push = eta * (1.0 / left - 1.0 / rho0) / (left * left)
-    outside = left > rho0
+    push = eta * (1.0 / gap - 1.0 / rho0) / (gap * gap)
+    outside = gap > rho0
     across = v / (BRAKING * rho)
     return (
         xp.where(outside, 0.0, push * (dx / rho + across * wx)),

@@ -16,7 +16,7 @@ def paced(v_max: float, slow_within: float, psi: Real, psi_ref: Real, to_go: Rea
 
     Args:
         v_max: largest speed [m/s].
-        slow_within: way before the goal on which it slows down [m].
+        slow_within: distance before the goal within which it slows down [m].
         psi, psi_ref: heading and the one wanted [rad].
         to_go: way still to go [m].
         xp: array namespace.

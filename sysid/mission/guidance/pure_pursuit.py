@@ -33,7 +33,7 @@ class PurePursuit(GuidanceSettings):
     Attributes:
         lookahead: distance along the course to the point driven at [m].
         v_max: largest speed reference [m/s].
-        slow_within: way before the goal on which it slows down [m].
+        slow_within: distance before the goal within which it slows down [m].
     """
 
     lookahead: Positive = 0.3
@@ -66,13 +66,13 @@ class PurePursuit(GuidanceSettings):
         course = _course(state, scene)
         done, _ = _nearest(course, pose, state.done, state.done + 2.0 * self.lookahead, xp)
         x, y = _point(course, done + self.lookahead, xp)
-        left = _length(course, xp) - done
+        to_go = _length(course, xp) - done
         psi = xp.arctan2(y - pose.y, x - pose.x)
         to_goal = scene.to_goal(pose, xp)
         # A course that comes by its goal before its end is not over there.
-        ending = left <= self.lookahead + scene.tolerance
+        ending = to_go <= self.lookahead + scene.tolerance
         return state._replace(done=done), References(
-            speed=paced(self.v_max, self.slow_within, pose.psi, psi, left, xp),
+            speed=paced(self.v_max, self.slow_within, pose.psi, psi, to_go, xp),
             psi=psi,
             arrived=ending & (to_goal <= scene.tolerance),
         )

@@ -9,10 +9,10 @@ from sysid.vehicle.kinematics import Real
 
 def pick(values: Sequence[Real], k: Real, xp: Any) -> Real:
     """``values[k]`` for a number ``k`` that may be traced."""
-    found = values[0]
+    chosen = values[0]
     for j, value in enumerate(values[1:], 1):
-        found = xp.where(k == j, value, found)
-    return found
+        chosen = xp.where(k == j, value, chosen)
+    return chosen
 
 
 def chosen(condition: Any, one: State, other: State, xp: Any) -> State:

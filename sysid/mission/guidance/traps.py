@@ -57,7 +57,7 @@ class Watch(NamedTuple):
         )
 
     @property
-    def held(self) -> Any:
+    def trapped(self) -> Any:
         """Whether it has got nowhere for too long."""
         return self.time >= TRAP.time
 

@@ -53,11 +53,11 @@ class PassingWaypoints(AroundLaw):
     def to_go(self, state: LegState, pose: Pose, scene: Scene, xp: Any) -> Real:
         """The way to the end of this leg and along those after it [m]."""
         places = scene.targets
-        left: list[Real] = [0.0]
+        remaining: list[Real] = [0.0]
         for a, b in zip(places[-2::-1], places[:0:-1], strict=True):
-            left.insert(0, left[0] + xp.hypot(b[0] - a[0], b[1] - a[1]))
+            remaining.insert(0, remaining[0] + xp.hypot(b[0] - a[0], b[1] - a[1]))
         on_leg = self.law.to_go(state.law, pose, _on_leg(scene, state.leg, xp), xp)
-        return on_leg + pick(left, state.leg, xp)
+        return on_leg + pick(remaining, state.leg, xp)
 
 
 def way_length(start: Pose, places: Sequence[Point]) -> float:

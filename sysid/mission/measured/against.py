@@ -30,7 +30,7 @@ def against_runs(
 ) -> Comparison:
     """Drive a mission many times from where a measured drive of it began, and lay that over them.
 
-    The start is measured, so it varies no more than its reading is uncertain.
+    The start is measured, so it varies no more than its measurement is uncertain.
 
     Args:
         record: the log of the drive, with a pose.
@@ -52,7 +52,9 @@ def against_runs(
     spread = (Spread(sigma=float(e)) for e in drive.start_error)
     start = StartSpread(**dict(zip(("x", "y", "psi"), spread, strict=True)))
     setup = replace(setup, variation=setup.variation.model_copy(update={"start": start}))
-    nominal = simulate(begins_there, setup.drivers[0].robot)
-    found = compared(drive, run_paths(setup, runs, seed), nominal_command_begins(nominal), seed)
+    nominal = simulate(begins_there, setup.plant_variants[0].robot)
+    comparison = compared(
+        drive, run_paths(setup, runs, seed), nominal_command_begins(nominal), seed
+    )
     notes = (*drive.notes(mission.start), *setup.notes(0, 0, runs))
-    return replace(found, notes=notes)
+    return replace(comparison, notes=notes)

@@ -17,13 +17,13 @@ MOVED = (0.02, 0.03)
 than a robot that is put down right trembles, and passed within the first instants of any drive."""
 
 BEYOND_NOISE = 6.0
-"""… and so many standard deviations of the readings: one in a thousand million is that far off."""
+"""… and by this many standard deviations of the measurements: one in 10⁹ is that far off."""
 
 STANDS = 0.5
 """Commands that stay as they are for so long [s] while the robot stands are those of rest."""
 
-FEWEST = 10
-"""Rows with a pose in a log that is compared: fewer are no path."""
+MIN_POSE_ROWS = 10
+"""Rows with a pose that a compared log needs."""
 
 SAME_PLACE = (0.05, 0.05)
 """A start within so many metres and radians of the mission's needs no word."""
@@ -53,7 +53,7 @@ class MeasuredDrive:
         name: of the log.
         t: instants since its first row [s], (N,); rows without a pose are left out.
         pose: x, y [m], ψ [rad] at these, (N, 3).
-        noise: standard deviation of a reading, (3,).
+        noise: standard deviation of a measurement, (3,).
         clock: when it set off.
         start: the pose in which it stood before, (3,).
         start_error: standard error of that, (3,).
@@ -79,21 +79,21 @@ class MeasuredDrive:
             if record.pose is None
             else np.isfinite(record.pose).all(axis=1)
         )
-        if record.pose is None or known.sum() < FEWEST:
+        if record.pose is None or known.sum() < MIN_POSE_ROWS:
             raise DataError(
-                f"{record.name} holds no path to compare (columns x, y, psi, {FEWEST} rows of them "
-                "at least): record the pose, or join the file that has it"
+                f"{record.name} has fewer than {MIN_POSE_ROWS} rows of a path (columns x, y, psi); "
+                "record the pose, or join the file that has it"
             )
         t, pose = (record.t - record.t0)[known], record.pose[known].copy()
         pose[:, 2] = np.unwrap(pose[:, 2])
-        noise = reading_noise(pose)
+        noise = measurement_noise(pose)
         distance = max(MOVED[0], BEYOND_NOISE * float(noise[:2].max()))
         angle = max(MOVED[1], BEYOND_NOISE * float(noise[2]))
         moves = sets_off(t, pose[None], distance, angle)[0]
         if not np.isfinite(moves):
             raise DataError(
-                f"{record.name}: the robot does not move ({distance:.2g} m at least), so that "
-                "there is no path to compare: name the log of a drive"
+                f"{record.name}: the robot does not move ({distance:.2g} m at least), so there is "
+                "no path to compare; name the log of a drive"
             )
         at, by = _first_command(record, moves)
         standing = max(1, int(np.sum(t < (at if by == "command" else moves - STANDS))))
@@ -110,23 +110,21 @@ class MeasuredDrive:
     def notes(self, start: tuple[float, float, float]) -> tuple[str, ...]:
         """What was done to compare it with a mission that starts there, in sentences."""
         what = "first command" if self.clock.by == "command" else "first motion"
-        found = [f"Time counts from the {what}, at {self.clock.at:.4g} s of {self.name}."]
+        sentences = [f"Time counts from the {what}, at {self.clock.at:.4g} s of {self.name}."]
         if self.clock.by == "motion":
-            found.append(
-                f"Of commands {self.name} tells nothing, so the clocks agree to about a sample."
-            )
+            sentences.append(f"{self.name} has no commands, so the clocks agree to about a sample.")
         away = float(np.hypot(*(self.start[:2] - start[:2])))
         turned = float(abs(wrap_angle(self.start[2] - start[2])))
         if away > SAME_PLACE[0] or turned > SAME_PLACE[1]:
             x, y, psi = self.start
-            found.append(
+            sentences.append(
                 f"{self.name} begins at ({x:.3g}, {y:.3g}, {psi:.3g} rad), {away:.2g} m and "
                 f"{turned:.2g} rad from the mission's start: the runs start where it does."
             )
-        return tuple(found)
+        return tuple(sentences)
 
 
-def reading_noise(pose: Array) -> Array:
+def measurement_noise(pose: Array) -> Array:
     """Standard deviation of white noise on x, y and ψ: MAD(Δ³)/(0.6745 √20), at least ``FINEST``.
 
     Third differences of a way are tiny beside its own, and those of white noise have 20 times its
@@ -155,8 +153,8 @@ def sets_off(t: Array, pose: Array, distance: float, angle: float) -> Array:
     before = np.maximum(first - 1, 0)
     low, high = share[rows, before], share[rows, first]
     part = np.where(first > 0, (1.0 - low) / np.where(high > low, high - low, 1.0), 0.0)
-    found = t[before] + part * (t[first] - t[before])
-    return np.where(over.any(axis=1), found, np.nan)
+    instant = t[before] + part * (t[first] - t[before])
+    return np.where(over.any(axis=1), instant, np.nan)
 
 
 def command_begins(t: Array, pwm: Array) -> float:
@@ -179,6 +177,6 @@ def _first_command(record: Record, moves: float) -> tuple[float, str]:
         begins = command_begins(t, u)
         return (begins, "command") if np.any(u) and begins <= moves else (moves, "motion")
     changes = np.any(u != u[0], axis=1)
-    held = float(t[int(np.argmax(changes))])
-    rest = changes.any() and STANDS <= held <= moves
-    return (held if rest else float(t[0])), "command"
+    changed_at = float(t[int(np.argmax(changes))])
+    rest = changes.any() and STANDS <= changed_at <= moves
+    return (changed_at if rest else float(t[0])), "command"

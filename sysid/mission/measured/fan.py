@@ -27,14 +27,14 @@ UNITS = ("m", "m", "rad", "m/s")
 FALSE_ALARMS = 0.05
 """Drives of a robot like the runs that leave the fan all the same, at most."""
 
-FEWEST_RUNS = 40
-"""Half of them must hold 19, or no run is beyond 95 % of the others."""
+MIN_RUNS = 40
+"""Simulated runs: half of them must number at least 19, or none lies beyond 95 % of the others."""
 
 LASTS = 0.5
-"""Who is outside for less than this [s] has not left: single readings of a camera are wild."""
+"""Shorter excursions [s] do not count as leaving: single camera measurements are wild."""
 
-FEWEST_ROWS = 3
-"""… or for fewer readings than these."""
+MIN_ROWS_OUTSIDE = 3
+"""Shorter excursions [rows] do not count either."""
 
 SPEED_OVER = 1.0
 """Speed is the way of the last second: with it a millimetre of noise makes a millimetre a second,
@@ -126,7 +126,7 @@ class Comparison:
         return (
             f"{self.name} leaves the fan of {fan.runs} runs at {self.leaves_at_s:.1f} s, at "
             f"({x:.2f}, {y:.2f}): {self.quantity} is {abs(off):.2g} {UNITS[k]} {way} than the "
-            f"middle of the fan, and 90 % of the runs lie within ±{half:.2g} {UNITS[k]}."
+            f"median of the fan, and 90 % of the runs lie within ±{half:.2g} {UNITS[k]}."
         )
 
     def summary(self) -> dict[str, object]:
@@ -151,14 +151,14 @@ def compared(drive: MeasuredDrive, paths: RunPaths, begins: float, seed: int = 0
         drive: the measured one.
         paths: of the runs, which start where it does.
         begins: when the first command of the runs comes [s].
-        seed: of the noise that the runs are read with: that of the log's readings.
+        seed: of the noise that the runs are read with: that of the log's measurements.
 
     Raises:
         UsageError: the runs are too few.
     """
-    if len(paths.pose) < FEWEST_RUNS:
+    if len(paths.pose) < MIN_RUNS:
         raise UsageError(
-            f"{len(paths.pose)} runs are no fan: give at least {FEWEST_RUNS} of them, better some "
+            f"{len(paths.pose)} runs are too few for a fan; give at least {MIN_RUNS}, better some "
             "hundred"
         )
     ended = paths.ended_s - begins
@@ -201,8 +201,8 @@ def _at(paths: RunPaths, t: Array, begins: float, clock: Clock) -> Array:
     pose[..., 2] = np.unwrap(pose[..., 2], axis=1)
     origin = np.full(len(pose), begins)
     if clock.by == "motion":
-        found = sets_off(paths.t, pose, clock.distance, clock.angle)
-        origin = np.where(np.isfinite(found), found, begins)
+        instants = sets_off(paths.t, pose, clock.distance, clock.angle)
+        origin = np.where(np.isfinite(instants), instants, begins)
     at = np.clip(origin[:, None] + t, paths.t[0], paths.t[-1])
     high = np.clip(np.searchsorted(paths.t, at), 1, len(paths.t) - 1)
     low = high - 1
@@ -255,6 +255,6 @@ def _around(values: Array, middle: Array) -> Array:
 def _lasting(t: Array, z: Array) -> Array:
     """The |z| that a quantity keeps for a while from each row on, (…, rows, 4) of (…, M, 4)."""
     step = float(np.median(np.diff(t)))
-    rows = min(max(FEWEST_ROWS, round(LASTS / step)), z.shape[-2])
+    rows = min(max(MIN_ROWS_OUTSIDE, round(LASTS / step)), z.shape[-2])
     windows = np.lib.stride_tricks.sliding_window_view(z, rows, axis=-2)
     return np.asarray(windows.min(axis=-1))

@@ -9,20 +9,20 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.mission.loop import Verdict
 from sysid.mission.monte_carlo.compiled import CompiledRuns
-from sysid.mission.monte_carlo.draws import Draws
-from sysid.mission.monte_carlo.drivers import Moments, moments
 from sysid.mission.monte_carlo.figures import (
     FAILED,
     Figures,
     stacked,
 )
+from sysid.mission.monte_carlo.sampler import Samples
 from sysid.mission.monte_carlo.setup import Setup, figures_alone
+from sysid.mission.monte_carlo.variance_shares import Moments, moments
 
-LANES = 1024
+BATCH_SIZE = 1024
 """Runs of a chunk. Their states fit into a core's cache, and a call of compiled code costs little
 beside them. The result of a run does not depend on it beyond rounding."""
 
-LANES_ALONE = 16
+BATCH_SIZE_ALONE = 16
 """Runs of a chunk where they go one after the other: little is lost with a worker."""
 
 
@@ -60,13 +60,13 @@ class ChunkResult(NamedTuple):
 def chunks(setup: Setup, seeds: Sequence[int], size: int) -> list[Chunk]:
     """All runs, plant by plant, in chunks of one size but for the last of each plant."""
     choices = np.array([setup.choice(s) for s in seeds])
-    found = []
+    parts = []
     for which in range(len(setup.plants)):
-        own = np.flatnonzero(choices == which).tolist()
-        for at in range(0, len(own), size):
-            runs = own[at : at + size]
-            found.append(Chunk(which, tuple(runs), tuple(seeds[k] for k in runs)))
-    return found
+        indices = np.flatnonzero(choices == which).tolist()
+        for at in range(0, len(indices), size):
+            runs = indices[at : at + size]
+            parts.append(Chunk(which, tuple(runs), tuple(seeds[k] for k in runs)))
+    return parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,28 +85,28 @@ class Runner:
     def of(setup: Setup, at_once: bool = True) -> "Runner":
         """A runner of compiled runs, or of single ones."""
         plants = range(len(setup.plants)) if at_once else ()
-        return Runner(setup, tuple(CompiledRuns(setup, k, LANES) for k in plants))
+        return Runner(setup, tuple(CompiledRuns(setup, k, BATCH_SIZE) for k in plants))
 
     def run(self, chunk: Chunk) -> ChunkResult:
         """The runs of a chunk, to their ends."""
-        drawing = self.setup.drivers[chunk.which].drawing
-        draws = drawing.draw(chunk.seeds)
+        sampler = self.setup.plant_variants[chunk.which].sampler
+        samples = sampler.draw(chunk.seeds)
         if self.compiled:
-            figures = self.compiled[chunk.which].figures(draws)
+            figures = self.compiled[chunk.which].figures(samples)
         else:
             figures = stacked([figures_alone(self.setup, s) for s in chunk.seeds])
-        return self._summed(draws, figures, drawing.varying)
+        return self._summed(samples, figures, sampler.varying)
 
     def _summed(
-        self, draws: Draws, figures: Figures, varying: Sequence[tuple[str, tuple[int, ...]]]
+        self, samples: Samples, figures: Figures, varying: Sequence[tuple[str, tuple[int, ...]]]
     ) -> ChunkResult:
         error = figures.final_error_m(self.setup.mission.goal)
         arrived: Array = figures.verdict == Verdict.ARRIVED
         ended: Array = figures.verdict != FAILED
         return ChunkResult(
             figures,
-            int(draws.redrawn.sum()),
-            int(draws.pulled.sum()),
-            moments(draws.inputs, varying, figures.time_s, arrived),
-            moments(draws.inputs, varying, error, ended),
+            int(samples.redrawn.sum()),
+            int(samples.pulled.sum()),
+            moments(samples.inputs, varying, figures.time_s, arrived),
+            moments(samples.inputs, varying, error, ended),
         )

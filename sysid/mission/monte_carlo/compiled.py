@@ -17,9 +17,9 @@ from sysid.fitting.compiled import compiled, jax_module
 from sysid.mission.contracts import Pose, Scene
 from sysid.mission.loop import COLUMNS, Loop, Tick, Verdict
 from sysid.mission.monte_carlo.clock import BLOCK, Block, Clock, Pattern
-from sysid.mission.monte_carlo.draws import Draws
 from sysid.mission.monte_carlo.figures import FAILED, Figures
-from sysid.mission.monte_carlo.setup import Driver, Setup
+from sysid.mission.monte_carlo.sampler import Samples
+from sysid.mission.monte_carlo.setup import PlantVariant, Setup
 from sysid.mission.noise import block as noise_block
 from sysid.mission.noise import generator
 from sysid.mission.simulator import LIMITS, closed_loop
@@ -27,7 +27,7 @@ from sysid.vehicle.kinematics import wrap_angle
 
 
 class Numbers(NamedTuple):
-    """What a compiled run takes: one row of :class:`Draws`."""
+    """What a compiled run takes: one row of :class:`Samples`."""
 
     theta: Any
     start: Any
@@ -47,43 +47,46 @@ class CompiledRuns:
     Attributes:
         setup: mission, plants, what varies.
         which: the plant.
-        lanes: runs side by side; fewer are padded.
+        batch_size: runs side by side; fewer are padded.
     """
 
     setup: Setup
     which: int
-    lanes: int
+    batch_size: int
 
     @property
-    def driver(self) -> Driver:
+    def variant(self) -> PlantVariant:
         """The plant, wired."""
-        return self.setup.drivers[self.which]
+        return self.setup.plant_variants[self.which]
 
     @cached_property
     def clock(self) -> Clock:
         """The samples of plant and control."""
-        return Clock(self.driver.robot.dt, self.setup.mission.control.period)
+        return Clock(self.variant.robot.dt, self.setup.mission.control.period)
 
     @cached_property
     def _programs(self) -> dict[tuple[Pattern, ...], Callable[..., Any]]:
         """Compiled blocks by the patterns of both clocks that they know."""
         return {}
 
-    def figures(self, draws: Draws, seen: Callable[[Array, Array], None] | None = None) -> Figures:
+    def figures(
+        self, samples: Samples, seen: Callable[[Array, Array], None] | None = None
+    ) -> Figures:
         """Run them all to their ends.
 
         Args:
-            draws: at most ``lanes`` runs.
-            seen: takes verdicts (n, lanes) and X, Y [m], ψ [rad] (n, 3, lanes), block after block.
+            samples: at most ``batch_size`` runs.
+            seen: takes the verdicts (n, batch_size) and X, Y [m], ψ [rad] (n, 3, batch_size) of
+                each block.
 
         Returns:
             Their figures, in this order.
         """
         _, jnp = _jax()
-        n = len(draws.seeds)
-        rows = np.minimum(np.arange(self.lanes), n - 1)
-        numbers = Numbers(*(jnp.asarray(getattr(draws, f)[rows]) for f in Numbers._fields))
-        noise = self._noise([draws.seeds[k] for k in rows])
+        n = len(samples.seeds)
+        rows = np.minimum(np.arange(self.batch_size), n - 1)
+        numbers = Numbers(*(jnp.asarray(getattr(samples, f)[rows]) for f in Numbers._fields))
+        noise = self._noise([samples.seeds[k] for k in rows])
         state, ended = self._begin(numbers)
         k = 0
         while True:
@@ -105,22 +108,22 @@ class CompiledRuns:
     def _loop(self, numbers: Numbers) -> Loop:
         """The loop of one run, on traced numbers."""
         _, jnp = _jax()
-        driver = self.driver
-        robot = driver.robot_of(numbers.theta, numbers.slip)
-        return closed_loop(self.setup.mission, robot, self._scene(numbers), jnp, driver.drive)
+        variant = self.variant
+        robot = variant.robot_of(numbers.theta, numbers.slip)
+        return closed_loop(self.setup.mission, robot, self._scene(numbers), jnp, variant.shaper)
 
     def _scene(self, numbers: Numbers) -> Scene:
-        scene = self.driver.scene
+        scene = self.variant.scene
         if self.setup.variation.start:
             x, y, psi = (numbers.start[k] for k in range(3))
             scene = scene._replace(start=Pose(x, y, wrap_angle(psi)))
-        if self.driver.drawing.moves_obstacles:
+        if self.variant.sampler.moves_obstacles:
             moved = (
                 o._replace(x=numbers.obstacles[k, 0], y=numbers.obstacles[k, 1])
                 for k, o in enumerate(scene.obstacles)
             )
             scene = scene._replace(obstacles=tuple(moved))
-        physics = self.driver.drawing.physics
+        physics = self.variant.sampler.physics
         if physics.size:
             scene = physics.scene(scene, [numbers.physics[k] for k in range(physics.size)])
         return scene
@@ -131,9 +134,11 @@ class CompiledRuns:
         loop = self._loop(numbers)
         state = loop.start()
         plant, nothing = jnp.asarray(state.plant, jnp.float64), jnp.zeros(2)
-        held = self.driver.held
-        if held:
-            plant = jax.lax.fori_loop(0, held, lambda _, x: loop.plant.step(x, nothing)[0], plant)
+        settling_steps = self.variant.settling_steps
+        if settling_steps:
+            plant = jax.lax.fori_loop(
+                0, settling_steps, lambda _, x: loop.plant.step(x, nothing)[0], plant
+            )
         return jax.tree.map(jnp.asarray, state._replace(plant=plant))
 
     def _sampled(self, pattern: Pattern) -> Callable[..., tuple[Any, Any]]:
@@ -177,8 +182,8 @@ class CompiledRuns:
         """First states of all runs, in the types that they keep, and figures of none."""
         _, jnp = _jax()
         state = self._starts(numbers)
-        zeros = [jnp.zeros(self.lanes)] * (len(Figures._fields) - 1)
-        return state, Figures._make((jnp.zeros(self.lanes, jnp.int64), *zeros))
+        zeros = [jnp.zeros(self.batch_size)] * (len(Figures._fields) - 1)
+        return state, Figures._make((jnp.zeros(self.batch_size, jnp.int64), *zeros))
 
     @cached_property
     def _starts(self) -> Callable[..., Any]:
@@ -218,9 +223,9 @@ class CompiledRuns:
 
     @property
     def _example(self) -> Numbers:
-        mission, plant = self.setup.mission, self.driver.drawing.plant
+        mission, plant = self.setup.mission, self.variant.sampler.plant
         obstacles = np.array([(o.x, o.y) for o in mission.obstacles]).reshape(-1, 2)
-        physics = self.driver.drawing.physics.nominal
+        physics = self.variant.sampler.physics.nominal
         return Numbers(plant.theta, np.array(mission.start), obstacles, np.float64(0.0), physics)
 
     def _program(self, patterns: tuple[Pattern, ...]) -> Callable[..., Any]:
@@ -248,7 +253,7 @@ class CompiledRuns:
                     def run(state: Any) -> Any:
                         after, seen = branch(numbers, state, (t, dt, instants), draws)
                         seen = Figures(
-                            *(jnp.broadcast_to(v, (self.lanes,)).astype(e.dtype)
+                            *(jnp.broadcast_to(v, (self.batch_size,)).astype(e.dtype)
                               for v, e in zip(seen, ended, strict=True))
                         )  # fmt: skip
                         return jax.tree.map(keep, after, types), seen
@@ -267,7 +272,7 @@ class CompiledRuns:
         return block
 
     def _noise(self, seeds: list[int]) -> Iterator[Any]:
-        """Standard normal numbers of block after block, (BLOCK, lanes, count) for each sensor."""
+        """Standard normal numbers of each block, (BLOCK, batch_size, count) for each sensor."""
         _, jnp = _jax()
         named = [
             ([generator(self.setup.noise_seed(s), name) for s in seeds], sensor.draws)

@@ -70,7 +70,7 @@ def stacked(rows: Sequence[Sequence[float]]) -> Figures:
     return Figures(table[:, 0].astype(np.intp), *table[:, 1:].T)
 
 
-def joined(parts: Sequence[Figures], places: Index) -> Figures:
+def joined(parts: Sequence[Figures], order: Index) -> Figures:
     """Parts one after the other, then in the order of these places."""
-    verdict, *numbers = (np.concatenate(columns)[places] for columns in zip(*parts, strict=True))
+    verdict, *numbers = (np.concatenate(columns)[order] for columns in zip(*parts, strict=True))
     return Figures(verdict.astype(np.intp), *(n.astype(np.float64) for n in numbers))

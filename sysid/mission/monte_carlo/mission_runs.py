@@ -9,8 +9,8 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.mission.loop import Verdict
-from sysid.mission.monte_carlo.drivers import Shares
 from sysid.mission.monte_carlo.figures import FAILED, OUTCOMES, Figures
+from sysid.mission.monte_carlo.variance_shares import Shares
 
 CONFIDENT = 1.959963984540054
 """Standard deviations to either side of a 95 % interval."""
@@ -84,13 +84,13 @@ class MissionRuns:
     @property
     def outcomes(self) -> dict[str, OutcomeShare]:
         """Arrived, collision, stuck, timeout, and failed where a run has failed."""
-        found = {}
+        shares = {}
         for name in OUTCOMES:
             code = FAILED if name == "failed" else Verdict[name.upper()]
             count = int(np.sum(self.figures.verdict == code))
             if count or name != "failed":
-                found[name] = OutcomeShare(count, count / self.n, wilson(count, self.n))
-        return found
+                shares[name] = OutcomeShare(count, count / self.n, wilson(count, self.n))
+        return shares
 
     @property
     def time_s(self) -> Array:
@@ -105,8 +105,8 @@ class MissionRuns:
     @property
     def min_clearance_m(self) -> Array:
         """Smallest clearances of the runs that did not fail [m]; empty without obstacles."""
-        found: Array = self.figures.min_clearance_m[self._ended]
-        return found if self.obstacles else found[:0]
+        clearances: Array = self.figures.min_clearance_m[self._ended]
+        return clearances if self.obstacles else clearances[:0]
 
     @property
     def _ended(self) -> Array:
@@ -194,17 +194,17 @@ def quantiles(values: Array) -> dict[str, float] | None:
     """{p05, p50, p95}; None where there are no values."""
     if not len(values):
         return None
-    found = np.quantile(values, (0.05, 0.5, 0.95)).tolist()
-    return dict(zip(("p05", "p50", "p95"), found, strict=True))
+    values_at = np.quantile(values, (0.05, 0.5, 0.95)).tolist()
+    return dict(zip(("p05", "p50", "p95"), values_at, strict=True))
 
 
-def _drivers(found: Shares | None) -> list[dict[str, Any]]:
-    ranked: Sequence[Any] = found.ranked if found else ()
+def _drivers(shares: Shares | None) -> list[dict[str, Any]]:
+    ranked: Sequence[Any] = shares.ranked if shares else ()
     return [{"name": d.name, "share_of_variance": d.share_of_variance} for d in ranked]
 
 
-def _remainder(found: Shares | None) -> float | None:
-    return found.remainder if found else None
+def _remainder(shares: Shares | None) -> float | None:
+    return shares.remainder if shares else None
 
 
 def _finite(value: float) -> float | None:

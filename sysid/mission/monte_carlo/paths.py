@@ -8,10 +8,10 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.mission.loop import Verdict
-from sysid.mission.monte_carlo.chunks import LANES, chunks
+from sysid.mission.monte_carlo.chunks import BATCH_SIZE, chunks
 from sysid.mission.monte_carlo.compiled import CompiledRuns
-from sysid.mission.monte_carlo.draws import run_seeds
 from sysid.mission.monte_carlo.figures import FAILED
+from sysid.mission.monte_carlo.sampler import run_seeds
 from sysid.mission.monte_carlo.setup import Setup
 from sysid.mission.monte_carlo.workers import why_not_at_once
 
@@ -28,25 +28,25 @@ def paths_of(setup: Setup, seeds: Sequence[int]) -> list[Array]:
     if why_not_at_once(setup):
         return [path for seed in seeds for path in _alone(setup, seed)]
     choices = np.array([setup.choice(s) for s in seeds])
-    found: dict[int, Array] = {}
-    for which, driver in enumerate(setup.drivers):
+    paths: dict[int, Array] = {}
+    for which, variant in enumerate(setup.plant_variants):
         runs = np.flatnonzero(choices == which).tolist()
         if not runs:
             continue
         seen: list[tuple[Array, Array]] = []
 
-        def keep(verdict: Array, places: Array, seen: list[tuple[Array, Array]] = seen) -> None:
-            seen.append((verdict, places))
+        def keep(verdict: Array, positions: Array, seen: list[tuple[Array, Array]] = seen) -> None:
+            seen.append((verdict, positions))
 
-        draws = driver.drawing.draw([seeds[k] for k in runs])
-        # as many lanes as the runs themselves had: what was compiled for them serves again
-        CompiledRuns(setup, which, max(LANES, len(runs))).figures(draws, keep)
+        samples = variant.sampler.draw([seeds[k] for k in runs])
+        # as many columns as the runs themselves had: what was compiled for them serves again
+        CompiledRuns(setup, which, max(BATCH_SIZE, len(runs))).figures(samples, keep)
         verdict = np.concatenate([v for v, _ in seen])
-        places = np.concatenate([p for _, p in seen])
-        for lane, k in enumerate(runs):
-            last = int(np.argmax(verdict[:, lane] != Verdict.GOES_ON))
-            found[k] = places[: last + 1, :2, lane]
-    return [found[k] for k in sorted(found)]
+        positions = np.concatenate([p for _, p in seen])
+        for column, k in enumerate(runs):
+            last = int(np.argmax(verdict[:, column] != Verdict.GOES_ON))
+            paths[k] = positions[: last + 1, :2, column]
+    return [paths[k] for k in sorted(paths)]
 
 
 def _alone(setup: Setup, seed: int) -> list[Array]:
@@ -96,33 +96,33 @@ _Part = tuple[Array, Array, float]
 
 def _all_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
     """Side by side."""
-    lanes = min(LANES, len(seeds))
-    compiled = [CompiledRuns(setup, k, lanes) for k in range(len(setup.plants))]
-    found = []
-    for chunk in chunks(setup, seeds, lanes):
-        own, poses = compiled[chunk.which], list[Array]()
+    batch_size = min(BATCH_SIZE, len(seeds))
+    compiled = [CompiledRuns(setup, k, batch_size) for k in range(len(setup.plants))]
+    parts = []
+    for chunk in chunks(setup, seeds, batch_size):
+        compiled_runs, poses = compiled[chunk.which], list[Array]()
 
-        def keep(_: Array, places: Array, poses: list[Array] = poses) -> None:
-            poses.append(places)
+        def keep(_: Array, positions: Array, poses: list[Array] = poses) -> None:
+            poses.append(positions)
 
-        figures = own.figures(own.driver.drawing.draw(chunk.seeds), keep)
+        figures = compiled_runs.figures(compiled_runs.variant.sampler.draw(chunk.seeds), keep)
         kept = np.flatnonzero(figures.verdict != FAILED)
-        t = np.concatenate([own.clock.block(k).t for k in range(len(poses))])
+        t = np.concatenate([compiled_runs.clock.block(k).t for k in range(len(poses))])
         pose = np.moveaxis(np.concatenate(poses)[..., kept], -1, 0)
-        found.append((t, pose, float(figures.time_s[kept].max(initial=0.0))))
-    return found
+        parts.append((t, pose, float(figures.time_s[kept].max(initial=0.0))))
+    return parts
 
 
 def _single_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
     """One after the other."""
-    found = []
+    parts = []
     for seed in seeds:
         try:
             log = setup.simulated(seed).log
         except ModelError:
             continue
         pose = np.column_stack([log["x"], log["y"], log["psi"]])
-        found.append((log["t"], pose[None], float(log["t"][-1])))
-    if not found:
-        raise ModelError("every run of the mission fails: the plant runs away, or a law does")
-    return found
+        parts.append((log["t"], pose[None], float(log["t"][-1])))
+    if not parts:
+        raise ModelError("every run of the mission fails, because the plant or a law diverges")
+    return parts

@@ -38,7 +38,7 @@ class Number(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PhysicsDrawing:
+class PhysicsSampler:
     """How mass and soils of the runs of one mission are drawn; mass first, then soil by soil.
 
     Attributes:
@@ -91,13 +91,13 @@ class PhysicsDrawing:
 
     def drawn(self, z: Array) -> Array:
         """Mass over its nominal value, and numbers of soils, (K, size), of numbers (K, size)."""
-        found = []
+        columns = []
         if self._varies_mass:
-            found.append(np.maximum(1.0 + self.variation.mass.deviation(z[:, 0]), LEAST))
-        for k, n in enumerate(self._numbers, len(found)):
+            columns.append(np.maximum(1.0 + self.variation.mass.deviation(z[:, 0]), LEAST))
+        for k, n in enumerate(self._numbers, len(columns)):
             value = np.maximum(n.value + n.std * z[:, k], LEAST * n.value)
-            found.append(np.minimum(value, _MOST.get(n.name, np.inf)))
-        return np.stack(found, axis=1) if found else np.zeros((len(z), 0))
+            columns.append(np.minimum(value, _MOST.get(n.name, np.inf)))
+        return np.stack(columns, axis=1) if columns else np.zeros((len(z), 0))
 
     @property
     def nominal(self) -> Array:
@@ -105,12 +105,15 @@ class PhysicsDrawing:
         mass = [1.0] if self._varies_mass else []
         return np.array([*mass, *(n.value for n in self._numbers)])
 
-    def told(self, values: Sequence[Any]) -> Mapping[str, Any]:
+    def overrides(self, values: Sequence[Any]) -> Mapping[str, Any]:
         """Keys of the vehicle for the drawn values of a run, of plain numbers or traced."""
         car, floor = self._scene.car, self._scene.floor
-        found: dict[str, Any] = {}
+        changed_keys: dict[str, Any] = {}
         if car is not None and self._varies_mass:
-            found |= {"mass": values[0] * car.mass, "yaw_inertia": values[0] * car.yaw_inertia}
+            changed_keys |= {
+                "mass": values[0] * car.mass,
+                "yaw_inertia": values[0] * car.yaw_inertia,
+            }
         if floor is not None and self._numbers:
             soils: list[Soil] = [floor.soil, *(p.soil for p in floor.patches)]
             changed: list[dict[str, Any]] = [{} for _ in soils]
@@ -119,16 +122,16 @@ class PhysicsDrawing:
                 changed[n.soil][n.name] = value
             soils = [replace(s, **c) for s, c in zip(soils, changed, strict=True)]
             patches = zip(floor.patches, soils[1:], strict=True)
-            found |= {"soil": soils[0]}
-            found |= {"patches": tuple(replace(p, soil=s) for p, s in patches)}
-        return found
+            changed_keys |= {"soil": soils[0]}
+            changed_keys |= {"patches": tuple(replace(p, soil=s) for p, s in patches)}
+        return changed_keys
 
     def scene(self, scene: Scene, values: Sequence[Any]) -> Scene:
         """The scene of a run."""
-        told = self.told(values)
+        keys = self.overrides(values)
         car, floor = scene.car, scene.floor
-        if car is not None and "mass" in told:
-            car = replace(car, mass=told["mass"], yaw_inertia=told["yaw_inertia"])
-        if floor is not None and "soil" in told:
-            floor = Floor(told["soil"], told["patches"], floor.slope)
+        if car is not None and "mass" in keys:
+            car = replace(car, mass=keys["mass"], yaw_inertia=keys["yaw_inertia"])
+        if floor is not None and "soil" in keys:
+            floor = Floor(keys["soil"], keys["patches"], floor.slope)
         return scene._replace(car=car, floor=floor)

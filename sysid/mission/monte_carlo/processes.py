@@ -47,15 +47,15 @@ class Processes:
         """
         waiting, deaths = list(range(len(parts)))[::-1], [0] * len(parts)
         done: dict[int, ChunkResult] = {}
-        told = 0
+        yielded = 0
         try:
-            while told < len(parts):
+            while yielded < len(parts):
                 self._hand_out(parts, waiting)
                 for worker in self._heard():
                     self._take(worker, waiting, deaths, done)
-                while told in done:
-                    yield done.pop(told)
-                    told += 1
+                while yielded in done:
+                    yield done.pop(yielded)
+                    yielded += 1
         finally:
             self.close()
 
@@ -81,13 +81,13 @@ class Processes:
 
     def _started(self) -> _Worker:
         context = get_context("spawn")  # a fork of threads that compile may hang
-        ours, theirs = context.Pipe()
+        our_end, worker_end = context.Pipe()
         process = context.Process(
-            target=_serve, args=(theirs, self.setup.plain(), self.at_once), daemon=True
+            target=_serve, args=(worker_end, self.setup.plain(), self.at_once), daemon=True
         )
         process.start()
-        theirs.close()
-        return _Worker(process, ours)
+        worker_end.close()
+        return _Worker(process, our_end)
 
     def _heard(self) -> list[_Worker]:
         """Processes that have said something, or died."""
@@ -103,7 +103,7 @@ class Processes:
     ) -> None:
         chunk = worker.busy
         try:
-            found = worker.line.recv()
+            answer = worker.line.recv()
         except (EOFError, OSError):  # it was killed: its chunk waits again
             self.workers.remove(worker)
             worker.process.join()
@@ -117,10 +117,10 @@ class Processes:
                     ) from None
                 waiting.append(chunk)
             return
-        if isinstance(found, BaseException):
-            raise found
+        if isinstance(answer, BaseException):
+            raise answer
         if chunk is not None:
-            done[chunk], worker.busy = found, None
+            done[chunk], worker.busy = answer, None
 
 
 def _serve(line: "Connection[Any, Any]", setup: Setup, at_once: bool) -> None:

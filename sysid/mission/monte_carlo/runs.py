@@ -9,11 +9,11 @@ from sysid.errors import UsageError
 from sysid.mission.clearance import has_surfaces
 from sysid.mission.contracts import SteppablePlant
 from sysid.mission.monte_carlo.chunks import Chunk, ChunkResult
-from sysid.mission.monte_carlo.draws import run_seeds
-from sysid.mission.monte_carlo.drivers import added, shares
 from sysid.mission.monte_carlo.figures import Figures, joined
 from sysid.mission.monte_carlo.mission_runs import MissionRuns
+from sysid.mission.monte_carlo.sampler import run_seeds
 from sysid.mission.monte_carlo.setup import Setup
+from sysid.mission.monte_carlo.variance_shares import added, shares
 from sysid.mission.monte_carlo.workers import results, why_not_at_once
 from sysid.mission.spec import Mission
 from sysid.structures.model import Model
@@ -60,18 +60,18 @@ def simulate_runs(
         ModelError: the plant is none that could drive, or cannot be drawn.
     """
     if not 1 <= runs <= MOST_RUNS:
-        raise UsageError(f"{runs} runs cannot be made: give a number from 1 to {MOST_RUNS}")
+        raise UsageError(f"{runs} runs are impossible; give a number from 1 to {MOST_RUNS}")
     began = perf_counter()
     setup = Setup.of(mission, plants, vary)
     seeds = run_seeds(seed, runs)
     alone = why_not_at_once(setup)
     parts, coming = results(setup, seeds, scheduler, alone)
-    found: list[ChunkResult] = []
+    chunk_results: list[ChunkResult] = []
     for chunk, result in zip(parts, coming, strict=True):
-        found.append(result)
+        chunk_results.append(result)
         if progress is not None:
             progress(len(chunk.runs))
-    varying = setup.drivers[0].drawing.varying
+    varying = setup.plant_variants[0].sampler.varying
     same = len(setup.plants) == 1  # the numbers of several plants are not the same numbers
     return MissionRuns(
         seed=seed,
@@ -80,18 +80,20 @@ def simulate_runs(
         obstacles=has_surfaces(mission.scene()),
         vary=setup.varied,
         seeds=tuple(seeds),
-        figures=_in_order(parts, found),
-        redrawn=sum(r.redrawn for r in found),
-        time_drivers=shares(added([r.time for r in found]), varying) if same else None,
-        error_drivers=shares(added([r.error for r in found]), varying) if same else None,
+        figures=_in_order(parts, chunk_results),
+        redrawn=sum(r.redrawn for r in chunk_results),
+        time_drivers=shares(added([r.time for r in chunk_results]), varying) if same else None,
+        error_drivers=shares(added([r.error for r in chunk_results]), varying) if same else None,
         notes=(
-            *setup.notes(sum(r.redrawn for r in found), sum(r.pulled for r in found), runs),
+            *setup.notes(
+                sum(r.redrawn for r in chunk_results), sum(r.pulled for r in chunk_results), runs
+            ),
             *([_ALONE.format(alone)] if alone else []),
         ),
     )
 
 
-def _in_order(parts: Sequence[Chunk], found: Sequence[ChunkResult]) -> Figures:
+def _in_order(parts: Sequence[Chunk], results: Sequence[ChunkResult]) -> Figures:
     """Figures of all runs by their numbers."""
-    places = np.argsort([k for chunk in parts for k in chunk.runs])
-    return joined([r.figures for r in found], places)
+    order = np.argsort([k for chunk in parts for k in chunk.runs])
+    return joined([r.figures for r in results], order)

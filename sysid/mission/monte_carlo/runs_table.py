@@ -11,11 +11,11 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def write_runs(found: MissionRuns, path: Path) -> Path:
+def write_runs(batch: MissionRuns, path: Path) -> Path:
     """Write a CSV with the figures of every run, numbers unrounded; empty where there is none.
 
     Args:
-        found: the runs.
+        batch: the runs.
         path: the file; it appears complete or not at all.
 
     Returns:
@@ -24,9 +24,9 @@ def write_runs(found: MissionRuns, path: Path) -> Path:
     Raises:
         DataError: the file cannot be written there.
     """
-    columns = [column.tolist() for column in found.figures[1:]]
+    columns = [column.tolist() for column in batch.figures[1:]]
     lines = [",".join(COLUMNS)]
-    for k, (seed, row) in enumerate(zip(found.seeds, zip(*columns, strict=True), strict=True)):
+    for k, (seed, row) in enumerate(zip(batch.seeds, zip(*columns, strict=True), strict=True)):
         numbers = ("" if abs(v) == float("inf") or v != v else repr(v) for v in row)
-        lines.append(",".join((str(seed), found.figures.outcome(k), *numbers)))
+        lines.append(",".join((str(seed), batch.figures.outcome(k), *numbers)))
     return write_atomic(path, ("\n".join(lines) + "\n").encode("ascii"))

@@ -9,71 +9,71 @@ import numpy as np
 
 from sysid.errors import ModelError
 from sysid.mission.contracts import Scene, SteppablePlant
-from sysid.mission.loop import Drive
-from sysid.mission.monte_carlo.draws import Drawing, Draws
+from sysid.mission.loop import CommandShaper
 from sysid.mission.monte_carlo.figures import NOTHING, figures_of
+from sysid.mission.monte_carlo.sampler import Sampler, Samples
 from sysid.mission.monte_carlo.varied_plant import FixedPlant, ModelPlant, VariedPlant
 from sysid.mission.noise import generator
 from sysid.mission.result import MissionResult
 from sysid.mission.robot.mapping import as_robot
 from sysid.mission.robot.robot_plant import RobotPlant
 from sysid.mission.robot.settling import settle
-from sysid.mission.simulator import check_robot, drive_of, scene_of, simulate
+from sysid.mission.simulator import check_robot, scene_of, shaper_of, simulate
 from sysid.mission.spec import Mission
 from sysid.mission.variation import QUANTITIES, Variation
 from sysid.structures.model import Model
 
 
 @dataclass(frozen=True, eq=False)
-class Driver:
+class PlantVariant:
     """One plant wired as a robot, and how its runs are drawn.
 
     Wiring and scales are those of the estimated plant in every run: they say what its numbers
     mean. Only the state at rest follows the run's own parameters.
 
     Attributes:
-        drawing: how its runs are drawn.
+        sampler: how its runs are drawn.
         robot: the robot of the estimated plant.
         warnings: what was assumed to make it one.
-        held: samples without drive after which it is at rest; 0 where it rests as it is.
+        settling_steps: samples without drive after which it is at rest; 0 where it rests as it is.
     """
 
-    drawing: Drawing
+    sampler: Sampler
     robot: RobotPlant
     warnings: tuple[str, ...]
-    held: int
+    settling_steps: int
 
     @staticmethod
-    def of(plant: VariedPlant, mission: Mission, variation: Variation) -> "Driver":
+    def of(plant: VariedPlant, mission: Mission, variation: Variation) -> "PlantVariant":
         """The plant wired for a mission."""
         nominal = plant.plant(plant.theta)
         robot, warnings = as_robot(nominal, mission)
         check_robot(mission, robot)
         state = nominal.initial_state()
         fresh = np.array((state, state)) if robot.twins else state
-        held = 0
+        settling_steps = 0
         if not np.array_equal(robot.rest, fresh):
-            held = settle(nominal, state, robot.centre).steps
-        return Driver(Drawing(mission, plant, variation), robot, warnings, held)
+            settling_steps = settle(nominal, state, robot.centre).steps
+        return PlantVariant(Sampler(mission, plant, variation), robot, warnings, settling_steps)
 
     @cached_property
     def scene(self) -> Scene:
         """The scene of the mission, with what control knows of the estimated plant."""
-        return scene_of(self.drawing.mission, self.robot)
+        return scene_of(self.sampler.mission, self.robot)
 
     @cached_property
-    def drive(self) -> Drive:
+    def shaper(self) -> CommandShaper:
         """What makes PWM of commands, by the estimated plant."""
-        return drive_of(self.drawing.mission, self.robot)
+        return shaper_of(self.sampler.mission, self.robot)
 
     @property
     def slips(self) -> bool:
         """Whether slip varies."""
-        return self.drawing.slips
+        return self.sampler.slips
 
     def robot_of(self, theta: Any, slip: Any) -> RobotPlant:
         """The robot with a run's numbers, of NumPy or traced; it stands where nothing moved yet."""
-        plant = self.drawing.plant.plant(theta)
+        plant = self.sampler.plant.plant(theta)
         state = plant.initial_state()
         fresh = np.array((state, state)) if self.robot.twins else state
         return replace(self.robot, plant=plant, rest=fresh, slip=slip if self.slips else None)
@@ -128,9 +128,9 @@ class Setup:
         return Setup(self.mission, plants, self.variation)
 
     @cached_property
-    def drivers(self) -> tuple[Driver, ...]:
+    def plant_variants(self) -> tuple[PlantVariant, ...]:
         """Every plant, wired."""
-        return tuple(Driver.of(p, self.mission, self.variation) for p in self.plants)
+        return tuple(PlantVariant.of(p, self.mission, self.variation) for p in self.plants)
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -144,35 +144,35 @@ class Setup:
 
     @property
     def _varying(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
-        return tuple(v for d in self.drivers for v in d.drawing.varying)
+        return tuple(v for d in self.plant_variants for v in d.sampler.varying)
 
     def notes(self, redrawn: int, pulled: int, runs: int) -> tuple[str, ...]:
         """Sentences about what was assumed, and what was asked for and is not there."""
-        found = list(dict.fromkeys(w for d in self.drivers for w in d.warnings))
+        sentences = list(dict.fromkeys(w for d in self.plant_variants for w in d.warnings))
         if self.variation.models and len(self.plants) == 1:
-            found.append("Models do not vary: there is one plant only.")
+            sentences.append("Models do not vary, because there is one plant.")
         if self.variation.parameters:
-            found += [_unknown(p) for p in self.plants if p.unknown]
-            found += [
-                f"The parameters of {p.name} do not vary: no covariance came with them; fit the "
-                "model again, and export it with this version."
+            sentences += [_unknown(p) for p in self.plants if p.unknown]
+            sentences += [
+                f"The parameters of {p.name} do not vary, because they have no covariance; fit "
+                "and export the model again."
                 for p in self.plants
                 if not p.size
             ]
         if redrawn:
             share = redrawn / (redrawn + runs)
-            found.append(
+            sentences.append(
                 f"{100 * share:.2g} % of the draws could not be driven (an unstable plant, a "
-                "parameter out of its bounds, a start or goal inside an obstacle) and were made "
-                "again: the runs tell what happens where none of that is so."
+                "parameter out of its bounds, a start or goal inside an obstacle) and were "
+                "replaced; the results hold for drivable runs only."
             )
         if pulled:
-            found.append(
+            sentences.append(
                 f"In {100 * pulled / runs:.2g} % of the runs hardly any draw of the plant was "
-                "stable: its log leaves directions of its parameters open, which were drawn less "
-                "far than their standard errors; take a model of lower orders."
+                "stable, because its log leaves directions of its parameters undetermined. These "
+                "were drawn less far; choose a model of lower orders."
             )
-        return tuple(found)
+        return tuple(sentences)
 
     def choice(self, seed: int) -> int:
         """Which plant the run of a seed has: each is as likely as another."""
@@ -187,13 +187,13 @@ class Setup:
 
     def alone(self, seed: int) -> tuple[Mission, RobotPlant, int]:
         """Mission, robot and noise seed of one run, for NumPy."""
-        driver = self.drivers[self.choice(seed)]
-        draws = driver.drawing.draw([seed])
-        robot = driver.robot_of(draws.theta[0], float(draws.slip[0]))
+        variant = self.plant_variants[self.choice(seed)]
+        samples = variant.sampler.draw([seed])
+        robot = variant.robot_of(samples.theta[0], float(samples.slip[0]))
         state = robot.initial_state()
-        for _ in range(driver.held):
+        for _ in range(variant.settling_steps):
             state, _ = robot.step(state, np.zeros(2))
-        mission = varied_mission(driver.drawing, draws)
+        mission = varied_mission(variant.sampler, samples)
         return mission, replace(robot, rest=state), self.noise_seed(seed)
 
     def simulated(self, seed: int) -> MissionResult:
@@ -207,7 +207,7 @@ class Setup:
 
     def known(self, seed: int) -> RobotPlant:
         """The robot that control takes a run's for: that of the estimated plant."""
-        return self.drivers[self.choice(seed)].robot
+        return self.plant_variants[self.choice(seed)].robot
 
 
 def figures_alone(setup: Setup, seed: int) -> tuple[float, ...]:
@@ -218,24 +218,22 @@ def figures_alone(setup: Setup, seed: int) -> tuple[float, ...]:
         return NOTHING
 
 
-def varied_mission(drawing: Drawing, draws: Draws) -> Mission:
+def varied_mission(sampler: Sampler, samples: Samples) -> Mission:
     """The mission of the first of some runs."""
-    mission = drawing.mission
+    mission = sampler.mission
     changed: dict[str, Any] = {}
-    if drawing.variation.start:
-        changed["start"] = tuple(draws.start[0].tolist())
-    if drawing.moves_obstacles:
-        pairs = zip(mission.obstacles, draws.obstacles[0].tolist(), strict=True)
+    if sampler.variation.start:
+        changed["start"] = tuple(samples.start[0].tolist())
+    if sampler.moves_obstacles:
+        pairs = zip(mission.obstacles, samples.obstacles[0].tolist(), strict=True)
         changed["obstacles"] = tuple(o.model_copy(update={"x": x, "y": y}) for o, (x, y) in pairs)
     varied = mission.model_copy(update=changed)
-    return varied.with_physics(drawing.physics.told(draws.physics[0].tolist()))
+    return varied.with_physics(sampler.physics.overrides(samples.physics[0].tolist()))
 
 
 def _unknown(plant: VariedPlant) -> str:
     names = ", ".join(plant.unknown[:5]) + (" …" if len(plant.unknown) > 5 else "")
-    return (
-        f"The data say nothing about {names} of {plant.name}: they stay as they are in every run."
-    )
+    return f"The data do not determine {names} of {plant.name}; every run keeps their values."
 
 
 def _below(z: float) -> float:

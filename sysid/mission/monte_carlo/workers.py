@@ -5,7 +5,14 @@ from concurrent.futures import ThreadPoolExecutor
 from os import cpu_count
 
 from sysid.errors import SysidError, UsageError
-from sysid.mission.monte_carlo.chunks import LANES, LANES_ALONE, Chunk, ChunkResult, Runner, chunks
+from sysid.mission.monte_carlo.chunks import (
+    BATCH_SIZE,
+    BATCH_SIZE_ALONE,
+    Chunk,
+    ChunkResult,
+    Runner,
+    chunks,
+)
 from sysid.mission.monte_carlo.cluster import on_cluster
 from sysid.mission.monte_carlo.compiled import CompiledRuns
 from sysid.mission.monte_carlo.processes import Processes
@@ -33,7 +40,7 @@ def results(
         UsageError: there is no such scheduler.
     """
     at_once = not obstacle
-    parts = chunks(setup, seeds, LANES if at_once else LANES_ALONE)
+    parts = chunks(setup, seeds, BATCH_SIZE if at_once else BATCH_SIZE_ALONE)
     if scheduler is None and at_once:
         return parts, threaded(Runner.of(setup), parts)
     if scheduler in (None, PROCESSES):
@@ -78,8 +85,8 @@ def _culprit(setup: Setup, which: int, error: BaseException) -> str:
         for role in ("guidance", "control", "navigation", "motion")
     }
     parts |= {type(s): f"the sensor {name}" for name, s in mission.sensors.items()}
-    found, place = f"the plant {setup.plants[which].name}", error.__traceback__
+    culprit, place = f"the plant {setup.plants[which].name}", error.__traceback__
     while place is not None:
-        found = parts.get(type(place.tb_frame.f_locals.get("self")), found)
+        culprit = parts.get(type(place.tb_frame.f_locals.get("self")), culprit)
         place = place.tb_next
-    return found
+    return culprit

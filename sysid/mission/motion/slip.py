@@ -48,8 +48,8 @@ class Slip(Physics):
         """Shares and a soil are two ways to say one thing."""
         if self._by_shares and (self.soil is not None or self.patches is not None):
             raise ValueError(
-                "motion of kind slip has shares and a soil that would give them: keep slip and "
-                "turning, or soil and patches"
+                "motion of kind slip has both slip shares and a soil; keep slip and turning, or "
+                "soil and patches"
             )
         return self
 
@@ -80,8 +80,8 @@ class Slip(Physics):
         return body, body
 
     def _by_law(self, omega: tuple[Real, Real], scene: Scene, xp: Any) -> tuple[Real, Real]:
-        own = self.slip or (0.0, 0.0)
+        given = self.slip or (0.0, 0.0)
         more = (self.turning or 0.0) * turning_share(omega, xp)
-        slips = own[0] + more, own[1] + more
+        slips = given[0] + more, given[1] + more
         speed, _, yaw_rate = slipping_velocity(omega, slips, scene.geometry)
         return speed, yaw_rate

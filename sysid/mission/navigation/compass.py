@@ -33,12 +33,12 @@ class Compass(Settings):
 
     def step(self, state: Body, inputs: NavigationInputs, dt: Real, xp: Any) -> tuple[Body, Body]:
         """The estimate ``dt`` seconds later."""
-        readings = inputs.readings
-        left, right = readings["omega_l"], readings["omega_r"]
+        measurements = inputs.measurements
+        left, right = measurements["omega_l"], measurements["omega_r"]
         rolled = moved(state, left, right, inputs.scene.geometry, dt, xp)
         north = getattr(inputs.scene.sensors.get("magnetometer"), "north", 0.0)
         seen = north + compass_heading(
-            readings.get("mag_x", xp.nan), readings.get("mag_y", xp.nan), xp
+            measurements.get("mag_x", xp.nan), measurements.get("mag_y", xp.nan), xp
         )
         psi = xp.where(xp.isnan(seen), rolled.pose.psi, wrap_angle(seen))
         # An arc whose chord points half-way between both headings.

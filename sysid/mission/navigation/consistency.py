@@ -65,14 +65,12 @@ class Consistency:
         verdicts = {m.verdict for m in (self.nis, self.nees) if m is not None}
         if "over-confident" in verdicts:
             return (
-                "The filter is over-confident: its errors are larger than it believes. Raise q or "
-                "r, or give it the states that its model lacks."
+                "The filter is over-confident: its errors exceed its covariance. Raise q or r, or "
+                "add the missing states."
             )
         if "too cautious" in verdicts:
-            return (
-                "The filter is too cautious: its errors are smaller than it believes. Lower q or r."
-            )
-        return "The filter is consistent: its errors are as large as it believes."
+            return "The filter is too cautious: its errors are below its covariance. Lower q or r."
+        return "The filter is consistent: its errors match its covariance."
 
 
 def consistency(runs: Sequence[Mapping[str, Array]], probability: float = 0.99) -> Consistency:
@@ -94,7 +92,11 @@ def consistency(runs: Sequence[Mapping[str, Array]], probability: float = 0.99) 
     if read > 0:
         total = sum(float(np.nansum(run["nis"])) for run in runs)
         nis = Mean(total / read, _bounds(read, probability))
-    series = [found for run in runs if (found := nees(run)) is not None and len(found)]
+    series = [
+        errors_of_run
+        for run in runs
+        if (errors_of_run := nees(run)) is not None and len(errors_of_run)
+    ]
     if not series:
         return Consistency(nis, None, len(runs))
     independent = sum(len(s) for s in series) / _samples_in_one(series)
@@ -114,8 +116,8 @@ def nees(run: Mapping[str, Array]) -> Array | None:
     P = np.stack([xx, xy, xp, xy, yy, yp, xp, yp, pp], axis=1).reshape(-1, 3, 3)
     known = np.isfinite(error).all(axis=1) & np.isfinite(P).all(axis=(1, 2))
     error, P = error[known], P[known]
-    found: Array = np.einsum("ti,ti->t", error, np.linalg.solve(P, error[:, :, None])[:, :, 0])
-    return found
+    squared: Array = np.einsum("ti,ti->t", error, np.linalg.solve(P, error[:, :, None])[:, :, 0])
+    return squared
 
 
 def _bounds(dof: float, probability: float) -> tuple[float, float]:
@@ -153,7 +155,7 @@ def own_run(
         law: the filter.
         scene: with the sensors; only where it starts, its vehicle and its sample time matter.
         samples: how long.
-        seed: of the truth and of the readings.
+        seed: of the truth and of the measurements.
         of: whose model the truth is drawn from; the filter's own unless given.
 
     Returns:
@@ -162,8 +164,8 @@ def own_run(
     world = _World(of or law, scene, np.random.default_rng(seed))
     state, rows = law.start(scene, np), []
     for k in range(samples):
-        readings = world.moved(scene.dt if k else 0.0)
-        given = NavigationInputs(k * scene.dt, readings, scene)
+        measurements = world.moved(scene.dt if k else 0.0)
+        given = NavigationInputs(k * scene.dt, measurements, scene)
         state, _ = law.step(state, given, scene.dt if k else 0.0, np)
         rows.append((*world.x[:POSE], *law.report(state, np)))
     table = np.array(rows)
@@ -196,18 +198,18 @@ class _World:
         return {name: self.x[i] for i, name in enumerate(self.plan.process.names)}
 
     def moved(self, dt: float) -> dict[str, float]:
-        """Move on; the readings that come then."""
+        """Move on; the measurements that come then."""
         process, s = self.plan.process, self._named()
         after = process.advanced(s, dt, 0.0, self.geometry, np)
         Q = process.slopes(s, dt, 0.0, self.geometry, np)[1]
         self.x = np.array([after[name] for name in process.names]) + self._drawn(Q)
-        readings: dict[str, float] = {"omega_l": math.nan, "omega_r": math.nan}
+        measurements: dict[str, float] = {"omega_l": math.nan, "omega_r": math.nan}
         for k, group in enumerate(self.plan.groups):
             self.elapsed[k] += dt
             due = self.elapsed[k] > group.interval * (1.0 - 1e-9)
             self.late[k].append(self._read(k, group) if due else {})
-            readings |= self.late[k].pop(0)
-        return readings
+            measurements |= self.late[k].pop(0)
+        return measurements
 
     def _read(self, k: int, group: Group) -> dict[str, float]:
         """What one sensor reads now."""

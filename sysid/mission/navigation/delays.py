@@ -1,8 +1,8 @@
 """Measurements that come late or out of order: kept for a while, and used where they belong.
 
-A reading that comes ``d`` samples after the instant it is of is put into the sample ``d`` back,
+A measurement that comes ``d`` samples after the instant it is of is put into the sample ``d`` back,
 and the filter runs again from there (replay). That gives, to the last bit, what the filter would
-have given had the reading come in time, at the price of ``d`` more steps at samples where one
+have given had the measurement come in time, at the price of ``d`` more steps at samples where one
 comes; between them nothing is repeated. The memory is bounded by the longest delay of the sensors.
 """
 
@@ -13,13 +13,13 @@ from sysid.mission.navigation.flow import compiled, mapped, repeated
 from sysid.vehicle.kinematics import Real
 
 
-class Slot(NamedTuple):
+class BufferedSample(NamedTuple):
     """What a filter is given for one sample.
 
     Attributes:
         dt: time since the sample before [s].
         drive: mean command of both tracks [drive].
-        z: what each group of readings tells of this sample, (m,) each; NaN where nothing came.
+        z: what each group of measurements tells of this sample, (m,) each; NaN where nothing came.
         fresh: which groups came now, (groups,); the others were used before.
     """
 
@@ -33,20 +33,20 @@ class History(NamedTuple):
     """The last samples, the newest last; leaves have them along axis 0.
 
     Attributes:
-        slots: what was given.
+        samples: what was given.
         beliefs: what the filter believed after each.
     """
 
-    slots: Slot
+    samples: BufferedSample
     beliefs: Any
 
 
-Fuse = Callable[[Any, Slot], tuple[Any, Any]]
+Fuse = Callable[[Any, BufferedSample], tuple[Any, Any]]
 """From a belief and the next sample to the belief after it and figures that add up."""
 
 
-def begun(belief: Any, empty: Slot, longest: int, xp: Any) -> History | tuple[()]:
-    """The history before the first sample; nothing where no reading is ever late."""
+def begun(belief: Any, empty: BufferedSample, longest: int, xp: Any) -> History | tuple[()]:
+    """The history before the first sample; nothing where no measurement is ever late."""
     if longest == 0:
         return ()
     rows = longest + 2  # a belief before the oldest slot that may still change
@@ -54,29 +54,31 @@ def begun(belief: Any, empty: Slot, longest: int, xp: Any) -> History | tuple[()
 
 
 def advanced(
-    fuse: Fuse, history: History, slot: Slot, delays: tuple[int, ...], xp: Any
+    fuse: Fuse, history: History, sample: BufferedSample, delays: tuple[int, ...], xp: Any
 ) -> tuple[History, Any]:
     """Put a sample with all that came at it into the history.
 
     Args:
         fuse: the filter's step.
         history: before it.
-        slot: the sample; readings that are late stand in ``z`` as they came.
+        sample: the sample; measurements that are late stand in ``z`` as they came.
         delays: of each group [samples].
         xp: array namespace.
 
     Returns:
         The history whose newest belief is that of this sample, and the sum of the figures of all
-        readings that came at it.
+        measurements that came at it.
     """
-    came = [xp.isfinite(z).any() for z in slot.z]
-    slots = _with_readings(mapped(_shifted(xp), history.slots, slot), slot, came, delays, xp)
+    came = [xp.isfinite(z).any() for z in sample.z]
+    samples = _with_measurements(
+        mapped(_shifted(xp), history.samples, sample), sample, came, delays, xp
+    )
     beliefs = mapped(_shifted(xp), history.beliefs, mapped(lambda leaf: leaf[-1], history.beliefs))
-    rows = len(slots.dt)
+    rows = len(samples.dt)
 
     def latest() -> tuple[Any, Any]:
         before, newest = (
-            mapped(lambda leaf, k=k: leaf[k], t) for k, t in ((-2, beliefs), (-1, slots))
+            mapped(lambda leaf, k=k: leaf[k], t) for k, t in ((-2, beliefs), (-1, samples))
         )
         belief, figures = fuse(before, newest)
         return mapped(
@@ -88,19 +90,19 @@ def advanced(
             1 if compiled(xp) else rows - 1 - max(d for d, c in zip(delays, came, strict=True) if c)
         )
 
-        def step(belief: Any, given: Slot) -> tuple[Any, Any]:
+        def step(belief: Any, given: BufferedSample) -> tuple[Any, Any]:
             belief, figures = fuse(belief, given)
             return belief, (belief, figures)
 
         before = mapped(lambda leaf: leaf[first - 1], beliefs)
-        _, (after, figures) = repeated(xp, step, before, slots, first)
+        _, (after, figures) = repeated(xp, step, before, samples, first)
         joined = mapped(lambda old, new: xp.concatenate([old[:first], new]), beliefs, after)
         return joined, mapped(lambda leaf: leaf.sum(axis=0), figures)
 
     # Side by side, compiled, both would be computed for every run.
     late = compiled(xp) or any(c and d > 0 for c, d in zip(came, delays, strict=True))
     beliefs, figures = again() if late else latest()
-    return History(slots, beliefs), figures
+    return History(samples, beliefs), figures
 
 
 def newest(history: History) -> Any:
@@ -108,20 +110,24 @@ def newest(history: History) -> Any:
     return mapped(lambda leaf: leaf[-1], history.beliefs)
 
 
-def _with_readings(
-    slots: Slot, slot: Slot, came: list[Any], delays: tuple[int, ...], xp: Any
-) -> Slot:
-    """The slots with every reading at the sample it is of, and marked there as fresh."""
-    rows = len(slots.dt)
+def _with_measurements(
+    samples: BufferedSample,
+    sample: BufferedSample,
+    came: list[Any],
+    delays: tuple[int, ...],
+    xp: Any,
+) -> BufferedSample:
+    """The slots with every measurement at the sample it is of, and marked there as fresh."""
+    rows = len(samples.dt)
     index = xp.arange(rows)
     z, fresh = [], []
-    for old, new, c, d in zip(slots.z, slot.z, came, delays, strict=True):
+    for old, new, c, d in zip(samples.z, sample.z, came, delays, strict=True):
         here = index == rows - 1 - d
-        # The newest row holds what came now, which for late readings is not of now.
+        # The newest row holds what came now, which for late measurements is not of now.
         kept = xp.where((index == rows - 1)[:, None], xp.nan, old)
         z.append(xp.where((here & c)[:, None], new, kept))
         fresh.append(here & c)
-    return slots._replace(z=tuple(z), fresh=xp.array(fresh).T * 1.0)
+    return samples._replace(z=tuple(z), fresh=xp.array(fresh).T * 1.0)
 
 
 def _rows(leaf: Any, rows: int, xp: Any) -> Any:

@@ -12,14 +12,14 @@ from sysid.mission.navigation.measurements import EXPECTED, Compass, Group
 from sysid.mission.navigation.process import POSE_AND_SPEEDS, Process
 
 OVER_GROUND = frozenset({"vo_x", "fix_x"})
-"""Readings that show the way over ground, without which slip cannot be told from driving."""
+"""Measurements that show the way over ground, without which slip cannot be told from driving."""
 EXACT_WHEELS = 1e-6
 """Variance [rad²/s²] of wheel speeds that a mission without encoders reads exactly: far below any
 encoder's, far above rounding."""
 WHEELS = ("omega_l", "omega_r")
 LEAST_VARIANCE = 1e-10
 """A sensor without noise of its own counts as this exact in its unit squared, and so does what is
-set at a reading: far below any use, and covariances stay positive definite."""
+set at a measurement: far below any use, and covariances stay positive definite."""
 AT_REST = 1e-4
 """Variance of the speeds at first: a robot that is about to start hardly moves."""
 SPEED_WALK = 0.05
@@ -43,7 +43,7 @@ class Noises:
         q: densities by state [unit²/s], replacing those of the sensors' figures and defaults.
         r: variances by reading [unit²], replacing those of the sensors.
         position, heading: standard deviation of the start pose [m], [rad].
-        buffer: samples within which readings that come late are still used.
+        buffer: samples within which measurements that come late are still used.
     """
 
     q: tuple[tuple[str, float], ...] = ()
@@ -61,11 +61,11 @@ class Design:
         process: its states and how they move.
         groups: its measurements, in the order in which those of one instant are used.
         start: variances at t = 0, (n,).
-        since: of each group, what its reading does to the state (n, n) for the next one of its
+        since: of each group, what its measurement does to the state (n, n) for the next one of its
             sensor; None where nothing.
-        too_late: kinds of sensors whose readings come later than the buffer holds.
-        unknown: readings that no filter knows.
-        unread: readings whose variance was given and that no sensor has.
+        too_late: kinds of sensors whose measurements come later than the buffer holds.
+        unknown: measurements that no filter knows.
+        unread: measurements whose variance was given and that no sensor has.
     """
 
     process: Process
@@ -133,7 +133,7 @@ _remembered = lru_cache(maxsize=64)(_design)
 
 
 def _used(read: dict[str, Figures], compass: Compass, linear: bool) -> dict[str, Figures]:
-    """The readings of one sensor that a filter takes."""
+    """The measurements of one sensor that a filter takes."""
     if not linear:
         return read
     if {"mag_x", "mag_y"} <= read.keys():  # an angle: σ_ψ = σ/H

@@ -1,10 +1,10 @@
 """When a filter that rejects reading after reading must doubt itself and not the sensor.
 
 A gate keeps outliers away. Once the vehicle has moved as the filter's process does not know, to the
-side for instance, every right reading lies beyond the gate as well, and the filter would never find
-back. What tells one from the other: outliers come alone or contradict each other; readings that
-are right stay off by the same. After a run of rejected readings that agree, the pose is taken to
-have been moved by what they tell, Var = ν², and the next one corrects it.
+side for instance, every right measurement lies beyond the gate as well, and the filter would never
+find back. What tells one from the other: outliers come alone or contradict each other; measurements
+that are right stay off by the same. After a run of rejected measurements that agree, the pose is
+taken to have been moved by what they tell, Var = ν², and the next one corrects it.
 """
 
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from sysid.mission.navigation.gaussian import Gaussian, innovation, symmetric
 from sysid.mission.navigation.measurements import Group
 
 RUN = 5
-"""Rejected readings in a row that agree: outliers, one in ten, make such a run once in 10⁵."""
+"""Rejected measurements in a row that agree: outliers, one in ten, make such a run once in 10⁵."""
 
 AGREE = 0.25
 """Two innovations agree if they differ by less than half of their size, in squares."""
@@ -27,11 +27,11 @@ the field of a magnetometer for as long as the robot is beside it, which looks t
 
 
 class Doubt(NamedTuple):
-    """What a filter remembers of the readings of a sensor that it rejected.
+    """What a filter remembers of the measurements of a sensor that it rejected.
 
     Attributes:
         run: how many in a row were rejected and agree.
-        nu: innovation of the last reading, (m,).
+        nu: innovation of the last measurement, (m,).
     """
 
     run: Any
@@ -39,19 +39,19 @@ class Doubt(NamedTuple):
 
 
 def doubts(group: Group, gate: float) -> bool:
-    """Whether rejected readings of a sensor can make the filter doubt itself."""
+    """Whether rejected measurements of a sensor can make the filter doubt itself."""
     return gate < 1 and group.kind in DOUBTS
 
 
 def doubted(
     one: Gaussian, names: tuple[str, ...], sight: Any, before: Doubt, xp: Any
 ) -> tuple[Doubt, Any]:
-    """Judge a group of readings, before they are used.
+    """Judge a group of measurements, before they are used.
 
     Args:
         one: mean and covariance that is believed, the states of ``names`` in front.
         names: of the states.
-        sight: the readings, a :class:`~sysid.mission.navigation.fusion.Sight`.
+        sight: the measurements, a :class:`~sysid.mission.navigation.fusion.Sight`.
         before: what is remembered.
         xp: array namespace.
 
@@ -64,11 +64,11 @@ def doubted(
     came = present.any()
     nu, H = xp.where(present, nu, 0.0), xp.where(present[:, None], H, 0.0)
     S = H @ one.P @ H.T + sight.variance * xp.eye(len(nu))
-    found, inverse = innovation(nu, S, sight.variance, present, sight.quantiles, xp)
+    innovated, inverse = innovation(nu, S, sight.variance, present, sight.quantiles, xp)
     off = nu - before.nu
-    agrees = 1.0 * (off @ inverse @ off <= AGREE * found.nis)
-    run = xp.where(came, found.rejected * (1.0 + agrees * before.run), before.run)
-    told = H * xp.array([1.0 * (i < POSE) for i in range(len(one.x))])
+    agrees = 1.0 * (off @ inverse @ off <= AGREE * innovated.nis)
+    run = xp.where(came, innovated.rejected * (1.0 + agrees * before.run), before.run)
+    pose_part = H * xp.array([1.0 * (i < POSE) for i in range(len(one.x))])
     more = 1.0 * (run >= RUN) * came
-    added = more * symmetric((told.T * (nu * nu)) @ told)
+    added = more * symmetric((pose_part.T * (nu * nu)) @ pose_part)
     return Doubt(run, xp.where(came, nu, before.nu)), added

@@ -52,8 +52,8 @@ def assumed(
     said = []
     if not sensors and _plainest(navigation):
         said.append(
-            f"no sensors are listed: navigation reads {_listed(_plainest(navigation))} with the "
-            "default figures of a small robot; list sensors to change that"
+            f"no sensors are listed: navigation reads {_listed(_plainest(navigation))} with "
+            "default values of a small robot; list sensors to change them"
         )
     layout = getattr(navigation, "layout", None)
     if layout is None:
@@ -62,13 +62,11 @@ def assumed(
     if plan.too_late:
         said.append(
             f"what {_listed(plan.too_late)} reads comes later than navigation.buffer = "
-            f"{getattr(navigation, 'buffer', 0)} samples and is not used: raise the buffer, or "
+            f"{getattr(navigation, 'buffer', 0)} samples and is discarded; raise the buffer or "
             "shorten the latency"
         )
     if plan.unknown:
-        said.append(
-            f"navigation does not know what {_listed(plan.unknown)} tells and leaves it out"
-        )
+        said.append(f"navigation has no model of {_listed(plan.unknown)} and leaves it out")
     if plan.unread:
         said.append(
             f"navigation.r gives a variance of {_listed(plan.unread)}, which no sensor reads"

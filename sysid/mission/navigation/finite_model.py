@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
-from sysid.mission.navigation.delays import Slot
+from sysid.mission.navigation.delays import BufferedSample
 from sysid.mission.navigation.design import LEAST_VARIANCE, Design
 from sysid.mission.navigation.ekf import measured, predicted
 from sysid.mission.navigation.fusion import COLUMNS, Density, Filter, Sight
@@ -124,40 +124,42 @@ class FiniteModel(Filter):
         m = len(self.hypotheses)
         return Bank(xp.full(m, 1.0 / m), xp.array([one.x] * m), xp.array([one.P] * m))
 
-    def predicted(self, of: Bank, plan: Design, geometry: Geometry, slot: Slot, xp: Any) -> Bank:
-        """What is believed ``slot.dt`` later."""
+    def predicted(
+        self, of: Bank, plan: Design, geometry: Geometry, sample: BufferedSample, xp: Any
+    ) -> Bank:
+        """What is believed ``sample.dt`` later."""
         m = len(self.hypotheses)
-        stay = xp.exp(-slot.dt / self.dwell)
+        stay = xp.exp(-sample.dt / self.dwell)
         change = stay * xp.eye(m) + (1.0 - stay) / (m - 1) * (1.0 - xp.eye(m))
         joint = of.weight[:, None] * change  # from hypothesis i to j
         weight = joint.sum(axis=0)
-        found = []
+        beliefs = []
         for j, hypothesis in enumerate(self.hypotheses.values()):
             mixed = mixture(Bank(joint[:, j] / weight[j], of.x, of.P), plan.process.names, xp)
             lengths, process = hypothesis.geometry(geometry), hypothesis.process(plan.process)
-            found.append(predicted(mixed, process, lengths, slot, xp))
-        return Bank(weight, xp.array([g.x for g in found]), xp.array([g.P for g in found]))
+            beliefs.append(predicted(mixed, process, lengths, sample, xp))
+        return Bank(weight, xp.array([g.x for g in beliefs]), xp.array([g.P for g in beliefs]))
 
     def corrected(self, of: Bank, plan: Design, sight: Sight, xp: Any) -> tuple[Bank, Innovation]:
-        """What is believed after one group of readings; rejected where no hypothesis has it."""
+        """What is believed after one group of measurements; rejected where no hypothesis has it."""
         open_gate = (math.inf,) * len(sight.quantiles)
-        found = []
+        innovations = []
         for j, hypothesis in enumerate(self.hypotheses.values()):
             setting = sight.setting._replace(
                 geometry=hypothesis.geometry(sight.setting.geometry), slip=hypothesis.slip
             )
             seen = sight._replace(setting=setting, quantiles=open_gate)
-            found.append(measured(Gaussian(of.x[j], of.P[j]), plan.process.names, seen, xp))
-        nis = xp.array([innovation.nis for _, innovation in found])
-        likely = xp.array([innovation.log_likelihood for _, innovation in found])
-        dof = found[0][1].dof
+            innovations.append(measured(Gaussian(of.x[j], of.P[j]), plan.process.names, seen, xp))
+        nis = xp.array([innovation.nis for _, innovation in innovations])
+        likely = xp.array([innovation.log_likelihood for _, innovation in innovations])
+        dof = innovations[0][1].dof
         passes = nis.min() <= xp.array(sight.quantiles)[xp.array(dof).astype(int)]
         # At least this probable, so that what was ruled out can come back.
         weight = xp.maximum(of.weight * xp.exp(likely - likely.max()), LEAST_PROBABILITY)
         after = Bank(
             weight / weight.sum(),
-            xp.array([g.x for g, _ in found]),
-            xp.array([g.P for g, _ in found]),
+            xp.array([g.x for g, _ in innovations]),
+            xp.array([g.P for g, _ in innovations]),
         )
         kept = Bank(*(xp.where(passes, new, old) for new, old in zip(after, of, strict=True)))
         return kept, Innovation(of.weight @ nis, dof, 1.0 - passes, of.weight @ likely)
@@ -167,7 +169,7 @@ class FiniteModel(Filter):
         return mixture(of, POSE_AND_SPEEDS, xp)
 
     def set_since(self, of: Bank, T: Any, xp: Any) -> Bank:
-        """What is believed once a reading has set states for the next one of its sensor."""
+        """What is believed once a measurement has set states for the next one of its sensor."""
         return Bank(of.weight, *reset(Gaussian(of.x, of.P), T, LEAST_VARIANCE, xp))
 
     def slip(self, of: Bank) -> Real:

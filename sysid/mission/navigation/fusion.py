@@ -8,7 +8,7 @@ from pydantic import Field, field_validator
 
 from sysid.mission.contracts import Body, NavigationInputs, Pose, Scene, Sensor
 from sysid.mission.navigation import delays
-from sysid.mission.navigation.delays import History, Slot
+from sysid.mission.navigation.delays import BufferedSample, History
 from sysid.mission.navigation.design import LEAST_VARIANCE, Design, Noises, design
 from sysid.mission.navigation.doubt import Doubt, doubted, doubts
 from sysid.mission.navigation.flow import compiled
@@ -29,11 +29,11 @@ COLUMNS = (
     "nis", "nis_dof", "rejected", "log_likelihood",
 )  # fmt: skip
 """What every filter adds to a mission's log: estimate, covariance, and the innovations of the
-readings that came at a sample, rejected ones included; NaN where a filter has no such state."""
+measurements that came at a sample, rejected ones included; NaN where a filter has no such state."""
 
 
 NOTHING_READ = Innovation(0.0, 0.0, 0.0, 0.0)
-"""Innovations of the readings that came at one sample are summed up from this."""
+"""Innovations of the measurements that came at one sample are summed up from this."""
 
 
 class Belief(NamedTuple):
@@ -41,7 +41,7 @@ class Belief(NamedTuple):
 
     Attributes:
         of: mean and covariance, or what a kind of filter has instead.
-        marks: of each group the time since its last reading [s] and the numbers of that.
+        marks: of each group the time since its last measurement [s] and the numbers of that.
         doubt: of the groups that can make the filter doubt itself, by their place.
     """
 
@@ -55,7 +55,7 @@ class FilterState(NamedTuple):
 
     Attributes:
         belief: of the newest sample.
-        history: the samples that late readings may still change.
+        history: the samples that late measurements may still change.
         shown: what it reports, in the order of its columns.
     """
 
@@ -65,14 +65,14 @@ class FilterState(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """One group of readings at one sample, ready to be used.
+    """One group of measurements at one sample, ready to be used.
 
     Attributes:
         group: what they are.
         z: the numbers, (m,); NaN where nothing was read.
         variance: of each, (m,).
         setting: what their expected values are computed with.
-        quantiles: the gate, by the number of readings that came.
+        quantiles: the gate, by the number of measurements that came.
     """
 
     group: Group
@@ -83,16 +83,16 @@ class Sight(NamedTuple):
 
 
 class Filter(Settings):
-    """Base of filters: readings of any subset of sensors, fused in the order of the file.
+    """Base of filters: measurements of any subset of sensors, fused in the order of the file.
 
     Attributes:
         q: densities of what walks at random, by state: ``speed`` [m²/s³], ``yaw_rate`` [rad²/s³],
             ``slip`` [1/s], ``gyro_z_bias`` and the like [unit²/s]; those that are not given come
             from the sensors' figures or are a small robot's.
-        r: variances of readings by name [unit²]; those that are not given are the sensors'.
+        r: variances of measurements by name [unit²]; those that are not given are the sensors'.
         gate: a measurement whose innovation lies beyond this quantile of χ² is rejected, unless
             it is one of a run of position fixes or camera frames that agree; 1 takes everything.
-        buffer: how many samples late a reading may come [samples].
+        buffer: how many samples late a measurement may come [samples].
         sigma_position, sigma_heading: standard deviation of the start pose [m], [rad].
     """
 
@@ -114,18 +114,20 @@ class Filter(Settings):
 
     @field_validator("r")
     @classmethod
-    def _readings(cls, r: Mapping[str, float]) -> Mapping[str, float]:
+    def _measurements(cls, r: Mapping[str, float]) -> Mapping[str, float]:
         return _known(r, list(EXPECTED), "a variance r")
 
     # What a filter of one kind says ---------------------------------------------------------------
 
     @abstractmethod
-    def predicted(self, of: Any, plan: Design, geometry: Geometry, slot: Slot, xp: Any) -> Any:
-        """What is believed ``slot.dt`` later."""
+    def predicted(
+        self, of: Any, plan: Design, geometry: Geometry, sample: BufferedSample, xp: Any
+    ) -> Any:
+        """What is believed ``sample.dt`` later."""
 
     @abstractmethod
     def corrected(self, of: Any, plan: Design, sight: Sight, xp: Any) -> tuple[Any, Innovation]:
-        """What is believed after one group of readings, some of them present."""
+        """What is believed after one group of measurements, some of them present."""
 
     def first(self, one: Gaussian, xp: Any) -> Any:
         """What is believed at first, made of mean and covariance."""
@@ -141,7 +143,7 @@ class Filter(Settings):
         return of._replace(P=of.P + added)
 
     def set_since(self, of: Any, T: Any, xp: Any) -> Any:
-        """What is believed once a reading has set states for the next one of its sensor."""
+        """What is believed once a measurement has set states for the next one of its sensor."""
         return reset(of, T, LEAST_VARIANCE, xp)
 
     def slip(self, of: Any) -> Real:
@@ -192,7 +194,7 @@ class Filter(Settings):
         certain = [len(g.names) for g in plan.groups if doubts(g, self.gate)]
         doubt = tuple(Doubt(xp.array(0.0), xp.zeros(m)) for m in certain)
         belief = Belief(self.first(one, xp), marks, doubt)
-        empty = Slot(0.0, 0.0, nothing, xp.zeros(len(plan.groups)))
+        empty = BufferedSample(0.0, 0.0, nothing, xp.zeros(len(plan.groups)))
         history = delays.begun(belief, empty, plan.latest, xp)
         return FilterState(
             belief, history, self._shown(belief, plan, scene.geometry, NOTHING_READ, xp)
@@ -204,19 +206,19 @@ class Filter(Settings):
         """The belief ``dt`` seconds later, with all that came until then."""
         scene = inputs.scene
         plan = self.plan(scene)
-        z = tuple(group.values(inputs.readings, xp) for group in plan.groups)
+        z = tuple(group.values(inputs.measurements, xp) for group in plan.groups)
         drive = 0.5 * (inputs.drive[0] + inputs.drive[1])
-        slot = Slot(dt, drive, z, xp.ones(len(z)))
+        sample = BufferedSample(dt, drive, z, xp.ones(len(z)))
 
-        def fuse(belief: Any, given: Slot) -> tuple[Any, Innovation]:
+        def fuse(belief: Any, given: BufferedSample) -> tuple[Any, Innovation]:
             return self.fused(belief, plan, scene.geometry, given, xp)
 
         history: History | tuple[()] = ()
         if not isinstance(state.history, History):
-            belief, counted = fuse(state.belief, slot)
+            belief, counted = fuse(state.belief, sample)
         else:
             late = tuple(g.delay for g in plan.groups)
-            history, counted = delays.advanced(fuse, state.history, slot, late, xp)
+            history, counted = delays.advanced(fuse, state.history, sample, late, xp)
             belief = delays.newest(history)
         shown = self._shown(belief, plan, scene.geometry, counted, xp)
         return FilterState(belief, history, shown), Body(Pose(*shown[:3]), *shown[3:5])
@@ -226,29 +228,32 @@ class Filter(Settings):
         return state.shown
 
     def fused(
-        self, belief: Belief, plan: Design, geometry: Geometry, slot: Slot, xp: Any
+        self, belief: Belief, plan: Design, geometry: Geometry, sample: BufferedSample, xp: Any
     ) -> tuple[Belief, Innovation]:
         """One sample: predict, then correct by each group in turn."""
-        of = self.predicted(belief.of, plan, geometry, slot, xp)
+        of = self.predicted(belief.of, plan, geometry, sample, xp)
         counted, marks, doubt = NOTHING_READ, [], list(belief.doubt)
-        places = [k for k, group in enumerate(plan.groups) if doubts(group, self.gate)]
-        for k, (group, z, mark) in enumerate(zip(plan.groups, slot.z, belief.marks, strict=True)):
-            elapsed, came = mark[0] + slot.dt, xp.isfinite(z).any()
+        doubted_groups = [k for k, group in enumerate(plan.groups) if doubts(group, self.gate)]
+        for k, (group, z, mark) in enumerate(zip(plan.groups, sample.z, belief.marks, strict=True)):
+            elapsed, came = mark[0] + sample.dt, xp.isfinite(z).any()
             waiting = xp.concatenate([xp.array([elapsed]), mark[1:]])
             marks.append(waiting)
             if not compiled(xp) and not came:
                 continue
             setting = Setting(geometry, elapsed=elapsed, known_heading=self.linear)
-            told, spread = group.told(z, mark[1:], elapsed, xp), group.spread(elapsed, xp)
+            values, spread = (
+                group.direct_values(z, mark[1:], elapsed, xp),
+                group.spread(elapsed, xp),
+            )
             quantiles = chi2_quantiles(self.gate, len(group.names))
-            sight = Sight(group, told, spread, setting, quantiles)
-            if k in places:
-                at, names = places.index(k), plan.process.names
+            sight = Sight(group, values, spread, setting, quantiles)
+            if k in doubted_groups:
+                at, names = doubted_groups.index(k), plan.process.names
                 doubt[at], added = doubted(self.moments(of, xp), names, sight, doubt[at], xp)
                 of = self.widened(of, added)
-            of, found = self.corrected(of, plan, sight, xp)
-            fresh = slot.fresh[k]
-            counted = Innovation(*(c + fresh * f for c, f in zip(counted, found, strict=True)))
+            of, innovated = self.corrected(of, plan, sight, xp)
+            fresh = sample.fresh[k]
+            counted = Innovation(*(c + fresh * f for c, f in zip(counted, innovated, strict=True)))
             T = plan.since[k]
             if T is not None:
                 of = self.set_since(of, xp.where(came, xp.array(T), xp.eye(len(T))), xp)

@@ -1,7 +1,7 @@
 """Algebra of Kalman filters over an array namespace: mean and covariance, predicted, corrected.
 
-It is the textbook's (thesis 4.4–4.11), with what a robot needs besides: readings that are missing
-take no part, angles are subtracted around the circle, and covariances stay symmetric.
+It is the textbook's (thesis 4.4–4.11), with what a robot needs besides: measurements that are
+missing take no part, angles are subtracted around the circle, and covariances stay symmetric.
 """
 
 from collections.abc import Callable
@@ -63,9 +63,9 @@ def innovation(
     Args:
         nu: z − ẑ, (m,); 0 where nothing was read.
         S: its covariance, (m, m), without coupling to what was not read.
-        variance: of the readings, (m,), for those that were not read.
+        variance: of the measurements, (m,), for those that were not read.
         present: what was read, (m,).
-        quantiles: largest νᵀS⁻¹ν that passes, by the number of readings, (m + 1,).
+        quantiles: largest νᵀS⁻¹ν that passes, by the number of measurements, (m + 1,).
         xp: array namespace.
 
     Returns:
@@ -103,26 +103,26 @@ def corrected(
         belief: before the measurement.
         nu: z − h(x), (m,); NaN where nothing was read.
         H: slopes of h, (m, n).
-        variance: of the readings, diagonal of R, (m,).
+        variance: of the measurements, diagonal of R, (m,).
         quantiles: the gate, see :func:`innovation`.
         xp: array namespace.
     """
     present = xp.isfinite(nu)
     nu, H = xp.where(present, nu, 0.0), xp.where(present[:, None], H, 0.0)
     PH = belief.P @ H.T
-    found, inverse = innovation(
+    innovated, inverse = innovation(
         nu, H @ PH + variance * xp.eye(len(nu)), variance, present, quantiles, xp
     )
-    K = PH @ inverse * (1.0 - found.rejected)
+    K = PH @ inverse * (1.0 - innovated.rejected)
     rest = xp.eye(len(belief.x)) - K @ H
     P = rest @ belief.P @ rest.T + (K * variance) @ K.T
-    return Gaussian(belief.x + K @ nu, symmetric(P)), found
+    return Gaussian(belief.x + K @ nu, symmetric(P)), innovated
 
 
 def inverted(S: Any, m: int, xp: Any) -> tuple[Any, Real]:
     """Inverse and determinant of a symmetric positive definite matrix of a few rows.
 
-    The sweep operator (Goodnight 1979), written out: two or three readings come together, for
+    The sweep operator (Goodnight 1979), written out: two or three measurements come together, for
     which a library's call takes longer than the arithmetic, and compiles for a second.
     """
     a = [[S[i, j] for j in range(m)] for i in range(m)] if compiled(xp) else S.tolist()

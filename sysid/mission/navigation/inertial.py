@@ -18,8 +18,8 @@ class Inertial(Settings):
     """V = ∫ a_x dt, ψ = ∫ ω_z dt from rest in the start pose, by the trapezoidal rule.
 
     A bias of the accelerometer grows into the speed as t and into the way as t²/2: alone it serves
-    for seconds. Where a sensor reads nothing its last reading is held. Readings count at the
-    sample where they arrive.
+    for seconds. Where a sensor reads nothing its last measurement is held. Measurements count at
+    the sample where they arrive.
     """
 
     needs: ClassVar[tuple[str, ...]] = ("gyroscope", "accelerometer")
@@ -32,9 +32,9 @@ class Inertial(Settings):
         self, state: InertialState, inputs: NavigationInputs, dt: Real, xp: Any
     ) -> tuple[InertialState, Body]:
         """The estimate ``dt`` seconds later."""
-        last, readings = state.estimate, inputs.readings
-        acceleration = _read(readings.get("acc_x", xp.nan), state.acceleration, xp)
-        yaw_rate = _read(readings.get("gyro_z", xp.nan), last.yaw_rate, xp)
+        last, measurements = state.estimate, inputs.measurements
+        acceleration = _read(measurements.get("acc_x", xp.nan), state.acceleration, xp)
+        yaw_rate = _read(measurements.get("gyro_z", xp.nan), last.yaw_rate, xp)
         speed = last.speed + 0.5 * (state.acceleration + acceleration) * dt
         forward, turning = 0.5 * (last.speed + speed), 0.5 * (last.yaw_rate + yaw_rate)
         pose = Pose(*step_pose(*last.pose, forward, turning, dt, xp=xp))
@@ -43,5 +43,5 @@ class Inertial(Settings):
 
 
 def _read(value: Real, last: Real, xp: Any) -> Real:
-    """A reading, or the last one where nothing was read."""
+    """A measurement, or the last one where nothing was read."""
     return xp.where(xp.isnan(value), last, value)

@@ -1,7 +1,7 @@
-"""What each reading tells about the state of the vehicle: expected values and their slopes.
+"""What each measurement tells about the state of the vehicle: expected values and their slopes.
 
-Encoders read the mean of ω_l,r = (v ∓ ψ̇B/2)/r of the tracks (2.13) since their last reading, a
-gyroscope ψ̇ over ground, an accelerometer the mean of v̇ since its last reading and vψ̇ to the
+Encoders read the mean of ω_l,r = (v ∓ ψ̇B/2)/r of the tracks (2.13) since their last measurement, a
+gyroscope ψ̇ over ground, an accelerometer the mean of v̇ since its last measurement and vψ̇ to the
 left, a magnetometer the field H(cos(ψ − north), −sin(ψ − north)), position fixes X and Y, and
 visual odometry the motion since its last frame, seen from there; each plus its bias where that is
 a state.
@@ -16,16 +16,16 @@ from sysid.mission.navigation.process import States, is_angle, matrix, over_grou
 from sysid.vehicle.kinematics import Geometry, Real, wrap_angle
 
 LOST_AFTER = 1.5
-"""A reading that comes after more than so many intervals follows one that was lost."""
+"""A measurement that comes after more than so many intervals follows one that was lost."""
 
 
 class Setting(NamedTuple):
-    """What expected readings are computed with.
+    """What expected measurements are computed with.
 
     Attributes:
         geometry: lengths of the vehicle.
         slip: part of the track speeds that is lost besides the states ``slip_l, slip_r``.
-        elapsed: time since the last reading of the same sensor [s].
+        elapsed: time since the last measurement of the same sensor [s].
         known_heading: slopes by the heading are left out where it turns a way.
     """
 
@@ -36,7 +36,7 @@ class Setting(NamedTuple):
 
 
 class Compass(NamedTuple):
-    """The undisturbed field: its size, in the unit of the readings, and its heading [rad]."""
+    """The undisturbed field: its size, in the unit of the measurements, and its heading [rad]."""
 
     field: float = 1.0
     north: float = 0.0
@@ -46,7 +46,7 @@ UNIT_FIELD = Compass()
 
 
 class Expected(NamedTuple):
-    """What a reading should be, and its slopes by the states it depends on."""
+    """What a measurement should be, and its slopes by the states it depends on."""
 
     value: Real
     slopes: Mapping[str, Real]
@@ -67,7 +67,7 @@ def _wheel(side: float, way: str, turn: str) -> Expectation:
 
 
 def _state(name: str) -> Expectation:
-    """A reading of a state itself."""
+    """A measurement of a state itself."""
     return lambda s, c, compass, xp: Expected(s[name], {name: 1.0})
 
 
@@ -140,7 +140,7 @@ EXPECTED: Mapping[str, Expectation] = {
     "fix_x": _state("x"),
     "fix_y": _state("y"),
 }
-"""Expected readings by name; ``heading`` is that of a magnetometer, by atan2."""
+"""Expected measurements by name; ``heading`` is that of a magnetometer, by atan2."""
 
 ADDED_UP: Mapping[str, Expectation] = {
     "omega_l": _wheel(-1.0, "way", "turn"),
@@ -149,7 +149,7 @@ ADDED_UP: Mapping[str, Expectation] = {
     "vo_y": _moved(left=True),
     "vo_psi": _turned,
 }
-"""The same of sensors whose readings are what has added up since their last reading."""
+"""The same of sensors whose measurements are what has added up since their last measurement."""
 
 VO = ("vo_x", "vo_y", "vo_psi")
 
@@ -158,21 +158,21 @@ SINCE: Mapping[str, tuple[tuple[str, str], ...]] = {
     "vo_x": (("x_vo", "x"), ("y_vo", "y"), ("psi_vo", "psi")),
     "acc_x": (("v_acc", "v"),),
 }
-"""States that a reading sets to another state, or to 0, for the next one of its sensor."""
+"""States that a measurement sets to another state, or to 0, for the next one of its sensor."""
 
 
 @dataclass(frozen=True)
 class Group:
-    """Readings that come together from one sensor and are used together.
+    """Measurements that come together from one sensor and are used together.
 
     Attributes:
         kind: of the sensor.
-        names: of the readings, (m,).
+        names: of the measurements, (m,).
         variance: of each [unit²], (m,).
         delay: samples between the instant they are of and the sample where they come.
-        interval: time between two readings [s].
+        interval: time between two measurements [s].
         biased: those whose bias is a state.
-        adds_up: whether a reading is what has added up since the last one.
+        adds_up: whether a measurement is what has added up since the last one.
         compass: the field that a magnetometer is in.
     """
 
@@ -187,23 +187,25 @@ class Group:
 
     @property
     def since(self) -> tuple[tuple[str, str], ...]:
-        """States that a reading sets for the next one: (state, its source or nothing for 0)."""
+        """States that a measurement sets for the next one: (state, its source or nothing for 0)."""
         counted = [n for n in self.names if n == "acc_x" or (n in SINCE and self.adds_up)]
         return tuple(pair for name in counted for pair in SINCE[name])
 
-    def values(self, readings: Mapping[str, Real], xp: Any) -> Any:
+    def values(self, measurements: Mapping[str, Real], xp: Any) -> Any:
         """The numbers read, (m,); NaN where nothing was."""
         if self.names == ("heading",):
-            seen = compass_heading(readings.get("mag_x", xp.nan), readings.get("mag_y", xp.nan), xp)
+            seen = compass_heading(
+                measurements.get("mag_x", xp.nan), measurements.get("mag_y", xp.nan), xp
+            )
             return xp.array([wrap_angle(seen + self.compass.north)])
-        return xp.array([readings.get(name, xp.nan) for name in self.names])
+        return xp.array([measurements.get(name, xp.nan) for name in self.names])
 
-    def told(self, z: Any, last: Any, elapsed: Real, xp: Any) -> Any:
+    def direct_values(self, z: Any, last: Any, elapsed: Real, xp: Any) -> Any:
         """What numbers read tell by themselves, (m,); NaN where they tell nothing.
 
         Args:
             z: the numbers, (m,).
-            last: those of the last reading, (m,).
+            last: those of the last measurement, (m,).
             elapsed: time since then [s].
             xp: array namespace.
         """
@@ -228,7 +230,7 @@ class Group:
 
     def expected(self, s: States, setting: Setting, xp: Any) -> list[Expected]:
         """What each should be."""
-        found = []
+        expectations = []
         for name in self.names:
             table = ADDED_UP if self.adds_up and name in ADDED_UP else EXPECTED
             value, slopes = table[name](s, setting, self.compass, xp)
@@ -236,8 +238,8 @@ class Group:
                 bias = f"{name}_bias"
                 share = setting.elapsed if name in VO and self.adds_up else 1.0
                 value, slopes = value + share * s[bias], {**slopes, bias: share}
-            found.append(Expected(value, slopes))
-        return found
+            expectations.append(Expected(value, slopes))
+        return expectations
 
     def linearised(
         self, z: Any, x: Any, names: tuple[str, ...], setting: Setting, xp: Any
@@ -262,7 +264,7 @@ class Group:
         return self.off(z - xp.array([one.value for one in expected]), xp), H
 
     def off(self, difference: Any, xp: Any) -> Any:
-        """Differences of readings, (…, m), headings around the circle."""
+        """Differences of measurements, (…, m), headings around the circle."""
         angles = [is_angle(name) for name in self.names]
         if not any(angles):
             return difference

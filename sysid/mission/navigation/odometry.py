@@ -19,8 +19,8 @@ class Odometry(Settings):
     """Dead reckoning by the kinematics (thesis 6.2.2): V_x and ψ̇ of (2.13), integrated.
 
     Speeds that are known exactly are those of the instant, and vary linearly in between; its state
-    is the last estimate. Encoders give the mean since their last reading, and the pose moves on by
-    it when it comes.
+    is the last estimate. Encoders give the mean since their last measurement, and the pose moves on
+    by it when it comes.
 
     Attributes:
         r, B: lengths that odometry believes [m]; the vehicle's unless given.
@@ -42,8 +42,8 @@ class Odometry(Settings):
         geometry = inputs.scene.geometry
         if self.r is not None or self.B is not None:
             geometry = Geometry(self.r or geometry.r, self.B or geometry.B)
-        readings = inputs.readings
-        omega_l, omega_r = readings["omega_l"], readings["omega_r"]
+        measurements = inputs.measurements
+        omega_l, omega_r = measurements["omega_l"], measurements["omega_r"]
         if isinstance(state, Reckoned):
             after = _counted(state, omega_l, omega_r, geometry, dt, xp)
             return after, after.estimate
@@ -54,7 +54,7 @@ class Odometry(Settings):
 def _counted(
     state: Reckoned, omega_l: Real, omega_r: Real, geometry: Geometry, dt: Real, xp: Any
 ) -> Reckoned:
-    """Moved on by the mean speeds since the last reading, if there is one."""
+    """Moved on by the mean speeds since the last measurement, if there is one."""
     came = xp.logical_not(xp.isnan(omega_l + omega_r))
     last, waited = state.estimate, state.waited + dt
     speed, yaw_rate = body_velocity(omega_l, omega_r, geometry)

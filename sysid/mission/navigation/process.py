@@ -2,11 +2,11 @@
 
 States are named. ``x, y`` [m], ``psi`` [rad], ``v`` [m/s] and ``yaw_rate`` [rad/s] are always
 there, the last two as the tracks turn, before slip takes its part: so encoders stay linear, whose
-readings are the most exact. ``slip_l, slip_r`` (parts of the track speeds that are lost, 2.24) and
-``<reading>_bias`` are there where the sensors make sense of them; and for sensors that read a
-change, what has changed since their last reading: ``way`` [m] and ``turn`` [rad] since the encoders
-were read, the pose ``x_vo, y_vo, psi_vo`` at the last frame of visual odometry, the speed ``v_acc``
-at the accelerometer's last reading.
+measurements are the most exact. ``slip_l, slip_r`` (parts of the track speeds that are lost, 2.24)
+and ``<reading>_bias`` are there where the sensors make sense of them; and for sensors that read a
+change, what has changed since their last measurement: ``way`` [m] and ``turn`` [rad] since the
+encoders were read, the pose ``x_vo, y_vo, psi_vo`` at the last frame of visual odometry, the speed
+``v_acc`` at the accelerometer's last measurement.
 """
 
 from collections.abc import Mapping
@@ -217,5 +217,5 @@ def matrix(entries: Mapping[tuple[int, int], Real], rows: int, columns: int, xp:
 
 
 def is_angle(name: str) -> bool:
-    """Whether a state or a reading is a heading, which wraps around."""
+    """Whether a state or a measurement is a heading, which wraps around."""
     return name in {"psi", "psi_vo", "vo_psi", "heading"}

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from sysid.mission.navigation.delays import Slot
+from sysid.mission.navigation.delays import BufferedSample
 from sysid.mission.navigation.design import Design
 from sysid.mission.navigation.fusion import Filter, Sight
 from sysid.mission.navigation.gaussian import (
@@ -37,28 +37,28 @@ class UnscentedKalman(Filter):
     kappa: Annotated[float, Field(ge=0, le=100)] = 0.0
 
     def predicted(
-        self, of: Gaussian, plan: Design, geometry: Geometry, slot: Slot, xp: Any
+        self, of: Gaussian, plan: Design, geometry: Geometry, sample: BufferedSample, xp: Any
     ) -> Gaussian:
-        """What is believed ``slot.dt`` later: mean and spread of the points moved, plus Q."""
+        """What is believed ``sample.dt`` later: mean and spread of the points moved, plus Q."""
         process = plan.process
 
         def moved(points: Any) -> Any:
             s = {name: points[:, i] for i, name in enumerate(process.names)}
-            after = process.advanced(s, slot.dt, slot.drive, geometry, xp)
+            after = process.advanced(s, sample.dt, sample.drive, geometry, xp)
             return xp.array([after[name] for name in process.names]).T
 
         angles = xp.array([is_angle(name) for name in process.names])
         around = self._spread(of)
         x, _, off = transformed(of, moved, angles, around, xp)
         before = {name: of.x[i] for i, name in enumerate(process.names)}
-        Q = process.slopes(before, slot.dt, slot.drive, geometry, xp)[1]
+        Q = process.slopes(before, sample.dt, sample.drive, geometry, xp)[1]
         P = (off.T * weights(around, len(x), xp)[1]) @ off + Q
         return Gaussian(wrapped(x, PSI, xp), symmetric(P))
 
     def corrected(
         self, of: Gaussian, plan: Design, sight: Sight, xp: Any
     ) -> tuple[Gaussian, Innovation]:
-        """What is believed after one group of readings, with points drawn anew."""
+        """What is believed after one group of measurements, with points drawn anew."""
         names, group = plan.process.names, sight.group
 
         def seen(points: Any) -> Any:
@@ -73,10 +73,10 @@ class UnscentedKalman(Filter):
         after = xp.where(present, after, 0.0)
         share = weights(around, len(of.x), xp)[1]
         S = (after.T * share) @ after + sight.variance * xp.eye(len(nu))
-        found, inverse = innovation(nu, S, sight.variance, present, sight.quantiles, xp)
-        K = (before.T * share) @ after @ inverse * (1.0 - found.rejected)
+        innovated, inverse = innovation(nu, S, sight.variance, present, sight.quantiles, xp)
+        K = (before.T * share) @ after @ inverse * (1.0 - innovated.rejected)
         P = of.P - K @ S @ K.T
-        return Gaussian(wrapped(of.x + K @ nu, PSI, xp), symmetric(P)), found
+        return Gaussian(wrapped(of.x + K @ nu, PSI, xp), symmetric(P)), innovated
 
     def _spread(self, of: Gaussian) -> Spread:
         return spread(len(of.x), self.alpha, self.beta, self.kappa)

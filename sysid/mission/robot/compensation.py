@@ -7,7 +7,7 @@ from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.effects.compensation import Identified, can_be_compensated
 from sysid.errors import ModelError
 from sysid.mission.contracts import Body, Command, SteppablePlant
-from sysid.mission.robot.robot_plant import RobotPlant, held_by
+from sysid.mission.robot.robot_plant import RobotPlant, identified_effects
 from sysid.mission.settings import IDENTIFIED, Compensate
 from sysid.vehicle.kinematics import Geometry, Real, wheel_speeds
 
@@ -72,22 +72,23 @@ def compensation_of(
     if not compensate:
         return None
     identified = plant.identified if isinstance(plant, RobotPlant) else Identified()
-    held = [id for id in identified.effects if id in can_be_compensated()]
+    known = [id for id in identified.effects if id in can_be_compensated()]
     if compensate != IDENTIFIED:
-        missing = [id for id in compensate if id not in held]
+        missing = [id for id in compensate if id not in known]
         if missing:
             raise ModelError(
-                f"control.compensate names {missing[0]}, which the plant does not hold: it holds "
-                f"{', '.join(held) or 'nothing that can be undone'}; export a model that a "
-                "diagnosis has augmented, or take it out"
+                f"control.compensate names {missing[0]}, which the plant does not contain; it "
+                "contains "
+                f"{', '.join(known) or 'nothing that can be undone'}; export an augmented model "
+                "of a diagnosis, or remove the name"
             )
-        held = [id for id in held if id in compensate]
-    if not held or not isinstance(plant, RobotPlant):
+        known = [id for id in known if id in compensate]
+    if not known or not isinstance(plant, RobotPlant):
         return None
     at = list(plant.driven)
     full = identified.full
     return Compensation(
-        ids=tuple(held),
+        ids=tuple(known),
         identified=identified,
         at_zero=(plant.centre - plant.plant.u_offset)[at] / full,
         per_drive=plant.span / full,
@@ -99,10 +100,10 @@ def compensation_of(
 
 def nothing_to_undo(plant: SteppablePlant, compensate: Compensate) -> tuple[str, ...]:
     """A sentence where all that was identified is to be made up for, and nothing was."""
-    held = held_by(plant)
-    if compensate != IDENTIFIED or set(held) & set(can_be_compensated()):
+    known = identified_effects(plant)
+    if compensate != IDENTIFIED or set(known) & set(can_be_compensated()):
         return ()
     return (
-        "Nothing is compensated: the plant holds no effect that can be undone; export a model that "
-        "a diagnosis has augmented.",
+        "Nothing is compensated, because the plant contains no invertible effect; export an "
+        "augmented model of a diagnosis.",
     )

@@ -14,7 +14,7 @@ from sysid.errors import ModelError
 from sysid.mission.contracts import SteppablePlant, TurnsTracks
 from sysid.mission.navigation.equipment import assumed
 from sysid.mission.registry import default_sensor
-from sysid.mission.robot.robot_plant import RobotPlant, held_by
+from sysid.mission.robot.robot_plant import RobotPlant, identified_effects
 from sysid.mission.robot.settling import Ending, Settling, settle
 from sysid.mission.robot.torque import check_lifted
 from sysid.mission.robot.wiring import Wiring, wirings
@@ -104,7 +104,7 @@ def as_robot(
     """
     robot, notes = _driving(plant, mission, top_speed)
     volts = all(_is_voltage(plant.inputs[i]) for i in robot.driven)
-    notes = (*notes, *supply_notes(mission.vehicle.supply, held_by(robot), volts))
+    notes = (*notes, *supply_notes(mission.vehicle.supply, identified_effects(robot), volts))
     said = assumed(mission.navigation, mission.sensors, robot.dt, default_sensor)
     return robot, (*notes, *said, *_about_motion(robot, mission))
 
@@ -116,8 +116,8 @@ def _scaled(mission: Mission) -> VehicleSpec:
         return vehicle
     if vehicle.speed_scale not in (None, 1.0):
         raise ModelError(
-            f"vehicle.speed_scale is {vehicle.speed_scale:g}, but the motion turns the tracks by "
-            "the torque of the motors, whose speeds are what they are: leave it out"
+            f"vehicle.speed_scale is {vehicle.speed_scale:g}, but this motion computes the speeds "
+            "from the motors' torque; omit it"
         )
     return vehicle.model_copy(update={"speed_scale": 1.0})
 
@@ -148,13 +148,13 @@ def _driving(
         turning, drift = _opposite(robot, top_speed / mission.vehicle.r)
         if wiring.named:
             weak = () if turning >= RULE.turns[0] else (_WEAK_STEERING,)
-            return robot, (*_held_note(plant, wiring), *notes, *weak)
+            return robot, (*_fixed_note(plant, wiring), *notes, *weak)
         if RULE.turns[0] <= abs(turning) <= RULE.turns[1] and abs(drift) <= RULE.drifts:
             if turning < 0:  # the first output answers more to the second input
                 wiring = Wiring(False, wiring.driven, wiring.read[::-1])
                 wired = _wired(plant, wiring, vehicle, top_speed)
             if not isinstance(wired, _Refused):
-                taken = (_order_note(plant, wiring), *_held_note(plant, wiring))
+                taken = (_order_note(plant, wiring), *_fixed_note(plant, wiring))
                 return wired[0], (*taken, *wired[1])
         complaint = "its first two inputs and outputs do not steer as two tracks do"
     raise ModelError(f"the plant cannot drive a robot: {complaint}")
@@ -181,8 +181,8 @@ def _unsettled(
     )
     return robot, (
         *drive.notes,
-        "The plant has a mode too slow to settle: its speed drifts under a constant command, "
-        "which a robot's does not; prefer a model of lower order or fitted to a longer log.",
+        "The plant has a mode too slow to settle: its speed drifts under a constant command; "
+        "prefer a model of lower order, or one fitted to a longer log.",
     )
 
 
@@ -222,13 +222,13 @@ def _wired(
         if direct and abs(rise[k]) * vehicle.r < RULE.hardly * top_speed:
             falls[k] = False
             notes.append(
-                f"{_quantity(y[at[k]])} hardly moves when both tracks are driven forward: straight "
-                "driving is not in the data the plant was identified from, so this run means "
-                "little; identify it from a log in which the robot also drives straight."
+                f"{_quantity(y[at[k]])} hardly moves when both tracks are driven forward. The "
+                "plant's data lack straight driving, so this run means little; identify it from a "
+                "log with straight drives."
             )
         elif falls[k]:
             notes.append(
-                f"{_quantity(y[at[k]])} falls where the drive rises and is turned over: "
+                f"{_quantity(y[at[k]])} falls where the drive rises, so its sign was reversed; "
                 "check the wiring or the sign of the data."
             )
     robot = RobotPlant(
@@ -291,7 +291,7 @@ def _refusal(
     for i, j in zip(wiring.driven, wiring.read, strict=True):
         if abs(answer.y[j] - rest.y[j]) <= RULE.answers * max(abs(answer.y[j]), abs(rest.y[j])):
             return _Refused(
-                f"output {plant.outputs[j].name} does not answer a constant input "
+                f"output {plant.outputs[j].name} does not respond to a constant input "
                 f"{plant.inputs[i].name}; fit it with other inputs or outputs"
             )
     return None
@@ -355,7 +355,7 @@ def _twins_note(plant: SteppablePlant, wiring: Wiring, complaint: str) -> str:
         f"{plant.outputs[wiring.read[0]].name}"
     )
     if names:
-        note += f", with {', '.join(names)} held at the operating point"
+        note += f", with {', '.join(names)} fixed at the operating point"
     return f"{note}, because {complaint}." if complaint else f"{note}."
 
 
@@ -368,6 +368,6 @@ def _order_note(plant: SteppablePlant, wiring: Wiring) -> str:
     )
 
 
-def _held_note(plant: SteppablePlant, wiring: Wiring) -> tuple[str, ...]:
-    held = [c.name for i, c in enumerate(plant.inputs) if i not in wiring.driven]
-    return (f"Held at the operating point: {', '.join(held)}.",) if held else ()
+def _fixed_note(plant: SteppablePlant, wiring: Wiring) -> tuple[str, ...]:
+    fixed = [c.name for i, c in enumerate(plant.inputs) if i not in wiring.driven]
+    return (f"Fixed at the operating point: {', '.join(fixed)}.",) if fixed else ()

@@ -21,11 +21,11 @@ A nonlinear plant answers others a little differently; missions drive at about t
 SETTLED = 1e-3
 """Share of a step's height below which what is left of it no longer counts for the lag."""
 
-Drive = Callable[[Command], tuple[float, float]]
+CommandMixer = Callable[[Command], tuple[float, float]]
 """Both commands → PWM of the left and the right track [µs]."""
 
 
-def nominal_of(plant: SteppablePlant, geometry: Geometry, drive: Drive) -> Nominal:
+def nominal_of(plant: SteppablePlant, geometry: Geometry, mixer: CommandMixer) -> Nominal:
     """Measure gain and lag of a robot plant by a step of either command from rest.
 
     g = Δv/Δd at rest after the step, τ = ∫ (v∞ − v)/(v∞ − v₀) dt: the area above the step response,
@@ -34,24 +34,24 @@ def nominal_of(plant: SteppablePlant, geometry: Geometry, drive: Drive) -> Nomin
     Args:
         plant: a robot plant.
         geometry: of the vehicle.
-        drive: what commands become on the tracks.
+        mixer: what commands become on the tracks.
 
     Raises:
         ModelError: the plant does not come to rest after a step, or does not answer it.
 
     Source: Åström and Hägglund, Advanced PID Control (2006), section 2.7 (average residence time).
     """
-    speed = _answer(plant, geometry, drive, Command(AMID.v_cmd, 0.0))
-    yaw = _answer(plant, geometry, drive, Command(0.0, AMID.psi_cmd))
+    speed = _answer(plant, geometry, mixer, Command(AMID.v_cmd, 0.0))
+    yaw = _answer(plant, geometry, mixer, Command(0.0, AMID.psi_cmd))
     return Nominal(speed, yaw)
 
 
 def _answer(
-    plant: SteppablePlant, geometry: Geometry, drive: Drive, command: Command
+    plant: SteppablePlant, geometry: Geometry, mixer: CommandMixer, command: Command
 ) -> FirstOrder:
     """The step response to one command as a first-order lag."""
     axis, size = (0, command.v_cmd) if command.v_cmd else (1, command.psi_cmd)
-    u = np.array(drive(command))
+    u = np.array(mixer(command))
 
     def motion(y: Array) -> float:
         return float(body_velocity(y[0], y[1], geometry)[axis])
@@ -64,16 +64,16 @@ def _answer(
         why = "rises" if settled.ending is Ending.RESTS else "comes to rest"
         what = ("forward speed", "yaw rate")[axis]
         raise ModelError(
-            f"the plant's {what} never {why} after a step of the command, so a controller that "
-            "needs a model of it has none: choose control of kind p, pi, pd or pid without "
+            f"the plant's {what} never {why} after a step of the command, so model-based "
+            "controllers cannot be used; choose control of kind p, pi, pd or pid without "
             "feed_forward"
         )
     area = 0.0
     for _ in range(RULE.most_steps):
         state, y = plant.step(state, u)
-        left = 1.0 - (motion(y) - first) / rise
-        area += left
-        if abs(left) < SETTLED:
+        remaining = 1.0 - (motion(y) - first) / rise
+        area += remaining
+        if abs(remaining) < SETTLED:
             break
     # The first sample counts half: the response is read at the ends of its steps.
     return FirstOrder(rise / size, max(area - 0.5, 0.5) * plant.dt)

@@ -69,9 +69,9 @@ class GroundedPlant:
         scheme = substeps_for(self.dt)
         after = step(now, drive, self.dt, self.car, self.motors, self.floor, floats, scheme)
         a = after.forces
-        held = (*a.motors, *a.thrust, *a.rolling, a.side, a.turning)
+        values = (*a.motors, *a.thrust, *a.rolling, a.side, a.turning)
         return (
-            np.array((after.vx, after.vy, after.yaw_rate, *after.omega, *held)),
+            np.array((after.vx, after.vy, after.yaw_rate, *after.omega, *values)),
             np.array((left, right)),
         )
 

@@ -69,16 +69,16 @@ class RobotPlant:
     def ground(self) -> Ground:
         """What stands between tracks and ground; copies of one plant bring no such thing."""
         ground = self.plant.ground
-        own = ground.ordered(self.read) if ground and not self.twins else Ground()
-        return own if self.slip is None else slipping(own, self.slip)
+        ordered = ground.ordered(self.read) if ground and not self.twins else Ground()
+        return ordered if self.slip is None else slipping(ordered, self.slip)
 
     @cached_property
     def identified(self) -> Identified:
         """What acts between commands and torques, left and right, in the plant's own units."""
         known = getattr(self.plant, "identified", Identified())
         # An effect belongs to the input and the output of one track.
-        own = known.effects and self.driven == self.read
-        return known.on(self.driven) if own else Identified()
+        applies = known.effects and self.driven == self.read
+        return known.on(self.driven) if applies else Identified()
 
     @property
     def input_range(self) -> tuple[tuple[float, float], ...]:
@@ -141,6 +141,6 @@ def _pair(left: Any, right: Any) -> Any:
     return left.__array_namespace__().stack((left, right))
 
 
-def held_by(plant: SteppablePlant) -> tuple[str, ...]:
+def identified_effects(plant: SteppablePlant) -> tuple[str, ...]:
     """Effects that a robot plant was identified with."""
     return plant.identified.effects if isinstance(plant, RobotPlant) else ()

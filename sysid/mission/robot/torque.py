@@ -16,18 +16,18 @@ lifted: estimates from lifted tracks scatter about 0 by some hundredths, and a b
 adds tenths and more (the thesis's robot: 0.2)."""
 
 _SPEEDS_ONLY = (
-    "motion of kind dynamic turns the tracks by the torque of two motors, and the plant tells "
-    "speeds only: identify a dc-motor with the tracks lifted, with parameters=bench or with its "
+    "motion of kind dynamic needs the torque of two motors, and the plant has speeds only; "
+    "identify a dc-motor with the tracks lifted, with parameters=bench or with its "
     "torque_constant (or take the one of `sysid bench motor`), or choose motion of kind slip"
 )
 _DRIVEN = (
     "motion of kind dynamic needs the motors alone, but the plant was identified from a log driven "
     "on the ground, which already contains the vehicle's mass and friction: identify it with the "
-    "tracks lifted (or say vehicle: {lifted: true} if they were)"
+    "tracks lifted (or set vehicle: {lifted: true} if they were)"
 )
 _LIFTED = (
-    "The plant is taken as identified with its tracks lifted: its numbers do not tell, and a log "
-    "driven on the ground would count mass and friction twice (vehicle.lifted says it)."
+    "The plant is assumed to be identified with its tracks lifted. A log driven on the ground "
+    "would count mass and friction twice; set vehicle.lifted to say which it was."
 )
 
 
@@ -73,8 +73,8 @@ def _motor(robot: RobotPlant, source: TorqueSource, track: int) -> Motor:
     if unit not in ("rad/s", "rad"):
         raise ModelError(
             f"motion of kind dynamic needs the speed of the sprockets in rad/s, and the plant's "
-            f"{robot.plant.outputs[read].name} is in {unit or 'no unit'}: say its unit when the "
-            "log is read"
+            f"{robot.plant.outputs[read].name} is in {unit or 'no unit'}: give its unit when "
+            "reading the log"
         )
     if driven != read or robot.scale[track] < 0.0:
         raise ModelError(
@@ -85,8 +85,8 @@ def _motor(robot: RobotPlant, source: TorqueSource, track: int) -> Motor:
     zero = float(robot.centre[driven]) - float(robot.plant.u_offset[driven])
     if abs(zero) > 1e-9 * abs(span):
         raise ModelError(
-            f"motion of kind dynamic needs motors that zero drive leaves alone, and zero drive is "
-            f"{zero:g} {robot.plant.inputs[driven].unit} here: say vehicle.command_scale"
+            f"motion of kind dynamic needs motors at rest at zero drive, and zero drive is "
+            f"{zero:g} {robot.plant.inputs[driven].unit} here: set vehicle.command_scale"
         )
     motor = source.motors[read if len(source.motors) > 1 else 0]
     return motor._replace(

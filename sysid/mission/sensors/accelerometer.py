@@ -14,9 +14,9 @@ _G = 9.80665
 class Accelerometer(ImperfectSensor):
     """Reads the acceleration of the body, ``acc_x`` forward and ``acc_y`` to the left [m/s²].
 
-    a_x is the mean of V̇_x since the last instant less V_yψ̇ of the instant: without V_y, readings
-    times intervals add up to V. a_y is V_xψ̇ of the instant and the mean of V̇_y (thesis 2.9
-    for the middle of the vehicle). Gravity is not in it: a tilt is a bias.
+    a_x is the mean of V̇_x since the last instant less V_yψ̇ of the instant: without V_y,
+    measurements times intervals add up to V. a_y is V_xψ̇ of the instant and the mean of V̇_y
+    (thesis 2.9 for the middle of the vehicle). Gravity is not in it: a tilt is a bias.
 
     Noise, range and resolution are those of the MPU-9250 (data sheet PS-MPU-9250A-01, §3.2: 300
     µg/√Hz, ±2 g in 16 bit); the bias walks as in the EuRoC records (Burri et al. 2016: 3e-3
@@ -38,10 +38,10 @@ class Accelerometer(ImperfectSensor):
         return 0.0, 0.0, 0.0, 0.0
 
     def measure(
-        self, own: Reals, inputs: SensorInputs, since: Real, dt: Real, xp: Any
+        self, memory: Reals, inputs: SensorInputs, since: Real, dt: Real, xp: Any
     ) -> tuple[Reals, Reals]:
         """V̇_x − V_yψ̇ and V_xψ̇ + V̇_y; no changes at t = 0."""
-        body, (_, _, speed, lateral) = inputs.body, own
+        body, (_, _, speed, lateral) = inputs.body, memory
         time, passed = xp.maximum(since, AT_ONCE), since > 0
         forward = xp.where(passed, (body.speed - speed) / time, 0.0)
         aside = xp.where(passed, (body.lateral - lateral) / time, 0.0)
@@ -51,9 +51,9 @@ class Accelerometer(ImperfectSensor):
         )
 
     def read(
-        self, own: Reals, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
+        self, memory: Reals, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
     ) -> tuple[Reals, Reals]:
-        """The readings; the speeds are kept at an instant."""
-        speed, lateral, before, lateral_before = own
+        """The measurements; the speeds are kept at an instant."""
+        speed, lateral, before, lateral_before = memory
         kept = xp.where(now, speed, before), xp.where(now, lateral, lateral_before)
         return (speed, lateral, *kept), measured

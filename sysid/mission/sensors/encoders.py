@@ -19,8 +19,8 @@ class Counted(NamedTuple):
         turned: angles of the wheels at the sample before [rad].
         before: angles of the wheels at the last instant [rad].
         counted: those angles with the errors of counting [rad].
-        ticks: what the last reading had.
-        waiting: from the last reading to the last instant [s].
+        ticks: what the last measurement had.
+        waiting: from the last measurement to the last instant [s].
     """
 
     speeds: Reals
@@ -34,9 +34,9 @@ class Counted(NamedTuple):
 class Encoders(ImperfectSensor):
     """Reads counts of ticks, ticks = ⌊φ/q + ½⌋ with q = 2π/ticks_per_turn, and speeds from them.
 
-    A speed is that of the ticks since the last reading, ω = q·Δticks/Δt: the mean over that time
-    and not the speed of the instant. Ticks whose reading is lost are in the next one, so that none
-    is lost; φ is the angle since t = 0, for which wheel speeds vary linearly between samples.
+    A speed is that of the ticks since the last measurement, ω = q·Δticks/Δt: the mean over that
+    time and not the speed of the instant. Ticks whose reading is lost are in the next one, so that
+    none is lost; φ is the angle since t = 0, for which wheel speeds vary linearly between samples.
     Noise and bias act on the speed, as ticks that are counted wrongly; by default none is.
 
     1200 ticks are those of small gear motors: 12 a turn of the motor behind a gear of 100 : 1.
@@ -73,39 +73,42 @@ class Encoders(ImperfectSensor):
         return Counted(zero, zero, zero, zero, zero, 0.0)
 
     def measure(
-        self, own: Counted, inputs: SensorInputs, since: Real, dt: Real, xp: Any
+        self, memory: Counted, inputs: SensorInputs, since: Real, dt: Real, xp: Any
     ) -> tuple[Counted, Reals]:
         """The mean speeds since the last instant [rad/s]."""
         speeds = inputs.omega_l, inputs.omega_r
         turned = tuple(
             angle + 0.5 * (last + now) * dt
-            for angle, last, now in zip(own.turned, own.speeds, speeds, strict=True)
+            for angle, last, now in zip(memory.turned, memory.speeds, speeds, strict=True)
         )
         time = xp.maximum(since, AT_ONCE)
-        means = tuple((a - b) / time for a, b in zip(turned, own.before, strict=True))
-        return own._replace(speeds=speeds, turned=turned), means
+        means = tuple((a - b) / time for a, b in zip(turned, memory.before, strict=True))
+        return memory._replace(speeds=speeds, turned=turned), means
 
     def read(
-        self, own: Counted, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
+        self, memory: Counted, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
     ) -> tuple[Counted, Reals]:
         """Speeds and counts."""
-        counted = tuple(a + omega * since for a, omega in zip(own.counted, measured, strict=True))
+        counted = tuple(
+            a + omega * since for a, omega in zip(memory.counted, measured, strict=True)
+        )
         ticks = tuple(xp.floor(angle / self.tick + 0.5) for angle in counted)
-        waited = own.waiting + since
+        waited = memory.waiting + since
         time = xp.maximum(waited, AT_ONCE)
         speeds = tuple(
-            (count - last) * self.tick / time for count, last in zip(ticks, own.ticks, strict=True)
+            (count - last) * self.tick / time
+            for count, last in zip(ticks, memory.ticks, strict=True)
         )
 
         def kept(condition: Real, new: Reals, old: Reals) -> Reals:
             return tuple(xp.where(condition, n, o) for n, o in zip(new, old, strict=True))
 
         after = Counted(
-            speeds=own.speeds,
-            turned=own.turned,
-            before=kept(now, own.turned, own.before),
-            counted=kept(now, counted, own.counted),
-            ticks=kept(arrives, ticks, own.ticks),
-            waiting=xp.where(arrives, 0.0, xp.where(now, waited, own.waiting)),
+            speeds=memory.speeds,
+            turned=memory.turned,
+            before=kept(now, memory.turned, memory.before),
+            counted=kept(now, counted, memory.counted),
+            ticks=kept(arrives, ticks, memory.ticks),
+            waiting=xp.where(arrives, 0.0, xp.where(now, waited, memory.waiting)),
         )
         return after, (*speeds, *ticks)

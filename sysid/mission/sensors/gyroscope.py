@@ -35,7 +35,7 @@ class Gyroscope(ImperfectSensor):
     resolution: NotNegative = (250.0 * _DEGREE / 2**15,)
 
     def measure(
-        self, own: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
+        self, memory: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
     ) -> tuple[State, Reals]:
         """ψ̇ at this sample."""
-        return own, (inputs.body.yaw_rate,)
+        return memory, (inputs.body.yaw_rate,)

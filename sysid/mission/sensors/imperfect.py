@@ -38,13 +38,13 @@ class Remembered(NamedTuple):
     """What a sensor remembers.
 
     Attributes:
-        own: what its kind needs besides.
+        memory: what its kind needs besides.
         bias: of each measured quantity, now.
         taken: the last instant at which it measured [s].
-        late: readings on their way, the next to come first.
+        late: measurements on their way, the next to come first.
     """
 
-    own: State
+    memory: State
     bias: Reals
     taken: Real
     late: tuple[Reals, ...]
@@ -62,23 +62,23 @@ class ImperfectSensor(Settings):
     are those of what is measured.
 
     Attributes:
-        rate: readings a second [Hz].
+        rate: measurements a second [Hz].
         noise: density of the white noise [unit/√Hz].
         bias: what it reads too much [unit].
-        bias_std: standard deviation of what is added to the bias from run to run [unit].
-        bias_walk: how fast the bias walks at random [unit/√s].
-        dropout: probability that a reading is lost, each for itself.
-        latency: from the instant a reading is of to navigation [s], rounded up to whole samples of
-            the plant.
+        bias_std: standard deviation of the bias between runs [unit].
+        bias_walk: random walk of the bias [unit/√s].
+        dropout: probability that a measurement is lost, each for itself.
+        latency: from measuring to arrival at navigation [s], rounded up to whole samples
+            of the plant.
         saturation: largest size of what it can measure [unit]; None for no limit.
         resolution: step of the numbers that come out [unit]; 0 for none.
     """
 
     measured: ClassVar[tuple[str, ...]] = ()
-    """What it measures with these figures, the first of its readings."""
+    """What it measures with these figures, the first of its measurements."""
     adds_up: ClassVar[bool] = False
-    """Whether its readings are sums of what it measured, so that noise averages over the time since
-    the last instant, however long that was."""
+    """Whether its measurements are sums of what it measured, so that noise averages over the time
+    since the last instant, however long that was."""
 
     rate: Positive
     noise: NotNegative
@@ -120,19 +120,19 @@ class ImperfectSensor(Settings):
 
     @property
     def draws(self) -> int:
-        """Noise and bias of each measured quantity, and whether the reading is lost."""
+        """Noise and bias of each measured quantity, and whether the measurement is lost."""
         return 2 * len(self.measured) + 1
 
     def interval(self, dt: float) -> float:
-        """Time between two readings [s] where the plant's sample time is ``dt`` [s]."""
+        """Time between two measurements [s] where the plant's sample time is ``dt`` [s]."""
         return max(1.0 / self.rate, dt)
 
     def delay(self, dt: float) -> int:
-        """Samples of the plant from the instant a reading is of to navigation."""
+        """Samples of the plant from the instant a measurement is of to navigation."""
         return math.ceil(self.latency / dt * (1.0 - ROUNDING) - ROUNDING)
 
     def variance(self, dt: float) -> tuple[float, ...]:
-        """Variance of the white error of a reading, in the order of ``measured`` [unit²]."""
+        """Variance of the white error of a measurement, in the order of ``measured`` [unit²]."""
         n, span = len(self.measured), self.interval(dt)
         figures = zip(each(self.noise, n), each(self.resolution, n), strict=True)
         return tuple(noise**2 / span + step**2 / 12.0 for noise, step in figures)
@@ -166,7 +166,7 @@ class ImperfectSensor(Settings):
 
     @abstractmethod
     def measure(
-        self, own: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
+        self, memory: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
     ) -> tuple[State, Reals]:
         """What it would measure without errors, asked at every sample of the plant.
 
@@ -182,22 +182,22 @@ class ImperfectSensor(Settings):
         """
 
     def read(
-        self, own: State, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
+        self, memory: State, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
     ) -> tuple[State, Reals]:
-        """The readings of what was measured with errors.
+        """The measurements of what was measured with errors.
 
         Args:
             own: what its kind remembers.
             measured: one value each.
             since: time since it measured last [s]; 0 at first.
             now: whether this sample is an instant at which it measures.
-            arrives: whether it is, and the reading is not lost.
+            arrives: whether it is, and the measurement is not lost.
             xp: array namespace.
 
         Returns:
-            What its kind remembers now, and the readings in the order of ``names``.
+            What its kind remembers now, and the measurements in the order of ``names``.
         """
-        return own, measured
+        return memory, measured
 
     # The errors -----------------------------------------------------------------------------------
 
@@ -211,7 +211,8 @@ class ImperfectSensor(Settings):
         if delay > LONGEST_DELAY:
             raise ModelError(
                 f"the latency of {self.latency:g} s of {', '.join(self.names)} is {delay} samples "
-                f"of the plant and {LONGEST_DELAY} is the most: shorten it, or use a plant of a "
+                f"of the plant, and at most {LONGEST_DELAY} are allowed; shorten it, or use a "
+                "plant of a "
                 "longer sample time"
             )
         nothing = (xp.nan,) * len(self.names)
@@ -221,12 +222,12 @@ class ImperfectSensor(Settings):
     def step(
         self, state: Remembered, inputs: SensorInputs, dt: Real, xp: Any
     ) -> tuple[Remembered, Reals]:
-        """The readings that come at this sample; NaN where none does."""
+        """The measurements that come at this sample; NaN where none does."""
         n, draws = len(self.measured), inputs.draws
         since = inputs.t - state.taken
         now = self._measures(inputs, dt, xp)
         arrives = now & xp.logical_not(draws[2 * n] < _quantile(self.dropout))
-        own, ideal = self.measure(state.own, inputs, since, dt, xp)
+        memory, ideal = self.measure(state.memory, inputs, since, dt, xp)
         bias = self._walked(state.bias, draws[n : 2 * n], dt, xp)
         span = self.interval(inputs.scene.dt)
         root = xp.sqrt(xp.maximum(since, AT_ONCE) if self.adds_up else span)
@@ -235,10 +236,10 @@ class ImperfectSensor(Settings):
         if self.saturation is not None:
             limits = zip(measured, each(self.saturation, n), strict=True)
             measured = tuple(xp.clip(value, -limit, limit) for value, limit in limits)
-        own, readings = self.read(own, measured, since, now, arrives, xp)
-        readings = tuple(xp.where(arrives, r, xp.nan) for r in self._rounded(readings, xp))
-        late = (*state.late, readings)
-        after = Remembered(own, bias, xp.where(now, inputs.t, state.taken), late[1:])
+        memory, measurements = self.read(memory, measured, since, now, arrives, xp)
+        measurements = tuple(xp.where(arrives, r, xp.nan) for r in self._rounded(measurements, xp))
+        late = (*state.late, measurements)
+        after = Remembered(memory, bias, xp.where(now, inputs.t, state.taken), late[1:])
         return after, late[0]
 
     def _measures(self, inputs: SensorInputs, dt: Real, xp: Any) -> Real:
@@ -258,12 +259,12 @@ class ImperfectSensor(Settings):
         figures = zip(bias, each(self.bias_std, n), each(self.bias_walk, n), draws, strict=True)
         return tuple(b + xp.where(dt > 0, walk * root, std) * z for b, std, walk, z in figures)
 
-    def _rounded(self, readings: Reals, xp: Any) -> Reals:
-        """The readings in steps of the resolution."""
+    def _rounded(self, measurements: Reals, xp: Any) -> Reals:
+        """The measurements in steps of the resolution."""
         if not any(self.resolution):
-            return readings
-        steps = (*each(self.resolution, len(self.measured)), *(0.0,) * len(readings))
-        pairs = zip(readings, steps, strict=False)
+            return measurements
+        steps = (*each(self.resolution, len(self.measured)), *(0.0,) * len(measurements))
+        pairs = zip(measurements, steps, strict=False)
         return tuple(step * xp.floor(r / step + 0.5) if step else r for r, step in pairs)
 
 

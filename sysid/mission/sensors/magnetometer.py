@@ -22,7 +22,8 @@ class Magnetometer(ImperfectSensor):
     s·(3(ĥ·d)d/R² − ĥ)/R³ with d from the iron to the robot and R² = |d|² + 0.1².
 
     Range and resolution are those of the AK8963 in the MPU-9250 (±4912 µT in steps of 0.15 µT);
-    0.5 µT of noise at 100 readings a second and 1 µT of bias left after calibration are assumed.
+    0.5 µT of noise at 100 measurements a second and 1 µT of bias left after calibration are
+    assumed.
 
     Attributes:
         field: horizontal field of the earth H [µT]; 20 in middle latitudes.
@@ -53,13 +54,13 @@ class Magnetometer(ImperfectSensor):
         return tuple(tuple(place) for place in places)
 
     def measure(
-        self, own: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
+        self, memory: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
     ) -> tuple[State, Reals]:
         """The field at this place, turned into the body frame."""
         pose = inputs.body.pose
         along_x, along_y = self.world_field(pose, xp)
         c, s = xp.cos(pose.psi), xp.sin(pose.psi)
-        return own, (c * along_x + s * along_y, c * along_y - s * along_x)
+        return memory, (c * along_x + s * along_y, c * along_y - s * along_x)
 
     def world_field(self, pose: Pose, xp: Any) -> tuple[Real, Real]:
         """The field along X and Y at a place [µT], the earth's and that of iron."""

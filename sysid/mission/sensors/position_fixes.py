@@ -23,7 +23,7 @@ class PositionFixes(ImperfectSensor):
     noise: NotNegative = (0.01 / math.sqrt(10.0),)
 
     def measure(
-        self, own: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
+        self, memory: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
     ) -> tuple[State, Reals]:
         """X and Y at this sample."""
-        return own, (inputs.body.pose.x, inputs.body.pose.y)
+        return memory, (inputs.body.pose.x, inputs.body.pose.y)

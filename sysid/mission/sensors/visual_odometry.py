@@ -28,8 +28,8 @@ class VisualOdometry(ImperfectSensor):
 
     From frame to frame it measures the motion (Δx, Δy, Δψ) in the body frame of the earlier frame,
     with errors, and adds it to its pose, which starts in the start pose of the mission. So the
-    pose's error grows without bound and is not white; the motion between two readings,
-    :func:`motion_between`, has a white one. A reading that is lost loses no motion.
+    pose's error grows without bound and is not white; the motion between two measurements,
+    :func:`motion_between`, has a white one. A measurement that is lost loses no motion.
 
     ``noise``, ``bias`` and ``saturation`` are those of the velocities that are measured: forward,
     sideways [m/s] and turning [rad/s]. After a time t the noise alone has let the heading drift by
@@ -47,7 +47,7 @@ class VisualOdometry(ImperfectSensor):
     latency: Latency = 0.05
 
     def variance(self, dt: float) -> tuple[float, ...]:
-        """Variance of the motion from one reading to the next: noise²·T [m², rad²]."""
+        """Variance of the motion from one measurement to the next: noise²·T [m², rad²]."""
         n, span = len(self.measured), self.interval(dt)
         figures = zip(each(self.noise, n), each(self.resolution, n), strict=True)
         return tuple(noise**2 * span + step**2 / 6.0 for noise, step in figures)
@@ -57,19 +57,19 @@ class VisualOdometry(ImperfectSensor):
         return Followed(scene.start, scene.start, scene.start)
 
     def measure(
-        self, own: Followed, inputs: SensorInputs, since: Real, dt: Real, xp: Any
+        self, memory: Followed, inputs: SensorInputs, since: Real, dt: Real, xp: Any
     ) -> tuple[Followed, Reals]:
         """The mean velocities since the last frame, in that frame."""
         pose, time = inputs.body.pose, xp.maximum(since, AT_ONCE)
-        motion = motion_between(own.frame, pose, xp)
-        return own._replace(pose=pose), tuple(part / time for part in motion)
+        motion = motion_between(memory.frame, pose, xp)
+        return memory._replace(pose=pose), tuple(part / time for part in motion)
 
     def read(
-        self, own: Followed, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
+        self, memory: Followed, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
     ) -> tuple[Followed, Reals]:
         """The pose as it is seen."""
         forward, sideways, turned = (velocity * since for velocity in measured)
-        x, y, psi = own.seen
+        x, y, psi = memory.seen
         c, s = xp.cos(psi), xp.sin(psi)
         seen = Pose(
             x + c * forward - s * sideways,
@@ -80,7 +80,9 @@ class VisualOdometry(ImperfectSensor):
         def kept(new: Pose, old: Pose) -> Pose:
             return Pose(*(xp.where(now, n, o) for n, o in zip(new, old, strict=True)))
 
-        return Followed(own.pose, kept(own.pose, own.frame), kept(seen, own.seen)), tuple(seen)
+        return Followed(
+            memory.pose, kept(memory.pose, memory.frame), kept(seen, memory.seen)
+        ), tuple(seen)
 
 
 def motion_between(earlier: Pose, later: Pose, xp: Any) -> tuple[Real, Real, Real]:

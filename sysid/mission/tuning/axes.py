@@ -93,7 +93,7 @@ def answer(plant: SteppablePlant, geometry: Geometry, axis: Axis) -> AxisAnswer:
     speed, yaw_rate = body_velocity(omega[:, 0], omega[:, 1], geometry)
     step = speed if axis is Axis.SPEED else yaw_rate
     if not abs(step[-1]) > 0:
-        raise ModelError(f"no controller can be tuned: the plant's {axis.value} does not answer")
+        raise ModelError(f"no controller can be tuned: the plant's {axis.value} does not respond")
     return AxisAnswer(axis, plant.dt, _cut(step))
 
 

@@ -153,8 +153,8 @@ class Criteria(NamedTuple):
 
     def of(self, k: int) -> dict[str, float | None]:
         """Those of one set, by name; None where there is none to be had."""
-        found = {name: float(getattr(self, name)[k]) for name in NAMES}
-        return {n: v if math.isfinite(v) else None for n, v in found.items()}
+        values = {name: float(getattr(self, name)[k]) for name in NAMES}
+        return {n: v if math.isfinite(v) else None for n, v in values.items()}
 
     @property
     def answers(self) -> Array:
@@ -204,9 +204,9 @@ class Resolution:
     def of(self, objectives: Array, period: float) -> Array:
         """For every column of :meth:`Criteria.objectives`."""
         _, _, time, effort = objectives.min(axis=0)[:4]
-        found = [max(self.rise, period), self.overshoot, self.time * time, self.effort * effort]
-        found.append(self.clearance)
-        return np.maximum(found[: objectives.shape[1]], 1e-9)  # an effort of 0 is told apart, too
+        steps = [max(self.rise, period), self.overshoot, self.time * time, self.effort * effort]
+        steps.append(self.clearance)
+        return np.maximum(steps[: objectives.shape[1]], 1e-9)  # an effort of 0 is told apart, too
 
 
 def criteria(test: StepTest, answers: Driven, drives: Driven) -> Criteria:
@@ -260,5 +260,5 @@ def _reached(t: Array, share: Array, level: float) -> Array:
     low, up = share[before, columns], share[k, columns]
     with np.errstate(divide="ignore", invalid="ignore"):
         part = np.where(k > 0, (level - low) / (up - low), 0.0)
-    found = t[before] + part * (t[k] - t[before])
-    return np.where(beyond.any(axis=0), found, np.inf)
+    instant = t[before] + part * (t[k] - t[before])
+    return np.where(beyond.any(axis=0), instant, np.inf)

@@ -11,7 +11,7 @@ from sysid.data.logs.sensor_log import SensorLog
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array
 from sysid.errors import DataError
-from sysid.mission.estimate import Estimation, estimated, read_sensors, scene_of
+from sysid.mission.localize import Localization, localize_log, read_sensors, scene_of
 from sysid.mission.navigation.fusion import Filter
 from sysid.mission.spec import Mission
 
@@ -26,8 +26,8 @@ class SearchRule:
         known: standard deviation of the figures of sensors and of a small robot's motion [powers of
             ten]: it holds what the log says nothing of, and weighs nothing against what it says.
         rows: of a log that are used, from its start: enough for variances to within 5 %.
-        rejects: share of rejected readings beyond which a gate is opened: a few per mille of right
-            ones lie outside; more say that the robot moves as the filter does not expect.
+        rejects: share of rejected measurements beyond which a gate is opened: a few per mille of
+            right ones lie outside; more say that the robot moves as the filter does not expect.
         steps: of the factors, one after the other [powers of ten]; the last is 12 % of a variance,
             of which some hundred samples know no more.
         sweeps: through all factors with one step at most.
@@ -48,13 +48,13 @@ RULE = SearchRule()
 
 @dataclass(frozen=True, eq=False)
 class FilterTuning:
-    """Densities and variances of a filter that make a log's readings most likely.
+    """Densities and variances of a filter that make a log's measurements most likely.
 
     Attributes:
         q: densities of what walks at random, by state.
-        r: variances of readings, by name.
+        r: variances of measurements, by name.
         gate: the filter's, opened (1) where it would reject much with this noise.
-        log_likelihood: of the readings before and after.
+        log_likelihood: of the measurements before and after.
         before, after: what the filter makes of the whole log.
         at_bound: keys whose value went as far as it may.
         notes: what was assumed.
@@ -64,8 +64,8 @@ class FilterTuning:
     r: Mapping[str, float]
     gate: float
     log_likelihood: tuple[float, float]
-    before: Estimation
-    after: Estimation
+    before: Localization
+    after: Localization
     at_bound: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -73,7 +73,7 @@ class FilterTuning:
     def sentence(self) -> str:
         """What was gained."""
         gained = self.log_likelihood[1] - self.log_likelihood[0]
-        text = f"The log likelihood of the readings rose by {gained:.4g}"
+        text = f"The log likelihood of the measurements rose by {gained:.4g}"
         figures = self.after.consistency
         if figures.get("nis_mean") is None:
             return f"{text}."
@@ -112,9 +112,9 @@ def tuned_filter(
     """Estimate the noise of a mission's filter from a log.
 
     Maximises Σ ln p(z_k | z_1 … z_{k−1}) = Σ −½(νᵀS⁻¹ν + ln det S + m ln 2π) over the densities q
-    and the variances r, as powers of ten, with slopes by differences. Readings of one sensor share
-    a factor. Nothing is rejected meanwhile: a gate would hide what does not fit. Where the log
-    holds the true pose, the run starts in it and errors are counted.
+    and the variances r, as powers of ten, with slopes by differences. Measurements of one sensor
+    share a factor. Nothing is rejected meanwhile: a gate would hide what does not fit. Where the
+    log holds the true pose, the run starts in it and errors are counted.
 
     Args:
         path: log of the sensors.
@@ -147,21 +147,21 @@ def tuned_filter(
 
     def likelihood(powers: Array) -> float:
         taken = with_noise(powers).model_copy(update={"gate": 1.0})
-        found = estimated(short, mission.model_copy(update={"navigation": taken}))
+        localization = localize_log(short, mission.model_copy(update={"navigation": taken}))
         prior = 0.5 * float(np.sum((powers / rule.known) ** 2))
-        return float(np.nansum(found.columns["log_likelihood"])) - prior
+        return float(np.nansum(localization.columns["log_likelihood"])) - prior
 
     powers, *likelihoods = _climbed(likelihood, len(knobs), rule)
     best = with_noise(powers)
-    after = estimated(log, mission.model_copy(update={"navigation": best}))
+    after = localize_log(log, mission.model_copy(update={"navigation": best}))
     if law.gate < 1 and _rejected(after) > rule.rejects:
         notes = (
             *notes,
-            f"Its gate would reject {_rejected(after):.0%} of the readings, because the robot "
-            "moves less evenly than a random walk; the gate is opened (1).",
+            f"Its gate would reject {_rejected(after):.0%} of the measurements, because the robot "
+            "moves less evenly than a random walk; the gate was opened (1).",
         )
         best = best.model_copy(update={"gate": 1.0})
-        after = estimated(log, mission.model_copy(update={"navigation": best}))
+        after = localize_log(log, mission.model_copy(update={"navigation": best}))
     edge = rule.decades - rule.steps[-1]
     bound = [f"{kind}.{name}" for knob, p in zip(knobs, powers, strict=True) if abs(p) >= edge
              for kind, name, _ in knob]  # fmt: skip
@@ -172,17 +172,17 @@ def tuned_filter(
         r=best.r,
         gate=best.gate,
         log_likelihood=(likelihoods[0], likelihoods[1]),
-        before=estimated(log, mission),
+        before=localize_log(log, mission),
         after=after,
         at_bound=tuple(bound),
         notes=notes,
     )
 
 
-def _rejected(found: Estimation) -> float:
-    """Share of the readings' groups that the gate let not through."""
-    groups = max(1, int(np.sum(found.columns["nis_dof"] > 0)))
-    return float(np.sum(found.columns["rejected"])) / groups
+def _rejected(localization: Localization) -> float:
+    """Share of the measurements' groups that the gate let not through."""
+    groups = max(1, int(np.sum(localization.columns["nis_dof"] > 0)))
+    return float(np.sum(localization.columns["rejected"])) / groups
 
 
 Knob = tuple[tuple[str, str, float], ...]
@@ -190,7 +190,7 @@ Knob = tuple[tuple[str, str, float], ...]
 
 
 def _knobs(law: Filter, scene: Any) -> tuple[Knob, ...]:
-    """What may be scaled: each walk of the motion, and the readings of each sensor together."""
+    """What may be scaled: each walk of the motion, and the measurements of each sensor together."""
     plan = law.plan(scene)
     densities = {"speed": plan.process.speed, "yaw_rate": plan.process.yaw_rate}
     walks = dict(zip(plan.process.names, plan.process.walks, strict=True))
@@ -207,9 +207,9 @@ def _knobs(law: Filter, scene: Any) -> tuple[Knob, ...]:
 def _cut(log: SensorLog, most: int) -> SensorLog:
     """The rows that the search uses."""
     rows = slice(0, most)
-    readings = {name: values[rows] for name, values in log.readings.items()}
+    measurements = {name: values[rows] for name, values in log.measurements.items()}
     pose = None if log.pose is None else log.pose[rows]
-    return replace(log, t=log.t[rows], readings=readings, pose=pose)
+    return replace(log, t=log.t[rows], measurements=measurements, pose=pose)
 
 
 def _climbed(
@@ -224,7 +224,9 @@ def _climbed(
     powers = np.zeros(n)
     first = best = likelihood(powers)
     if not np.isfinite(first):
-        raise DataError("the readings have no likelihood under the filter's figures: check r and q")
+        raise DataError(
+            "the measurements have zero likelihood under the filter's noise; check r and q"
+        )
     for step in rule.steps:
         for _ in range(rule.sweeps):
             before = best

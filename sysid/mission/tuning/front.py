@@ -64,7 +64,7 @@ def front(values: Array, resolution: Array) -> Front:
     chosen = np.array(list(best.values()), dtype=np.intp)
     chosen = chosen[non_dominated(values[chosen])]
     chosen = chosen[np.lexsort(values[chosen].T[::-1])]
-    own = values[chosen]
-    least = own.min(axis=0)
-    usual = np.maximum(np.median(own, axis=0) - least, resolution)
-    return Front(chosen, (own - least) / usual)
+    members = values[chosen]
+    least = members.min(axis=0)
+    usual = np.maximum(np.median(members, axis=0) - least, resolution)
+    return Front(chosen, (members - least) / usual)

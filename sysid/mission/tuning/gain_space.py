@@ -63,8 +63,8 @@ class GainSpace:
         free = self.low == 0.0
         share = np.where(free, (points - ZERO) / (1.0 - ZERO), points)
         lowest = np.where(free, self.high / SPAN, self.low)
-        found = lowest * (self.high / lowest) ** np.maximum(share, 0.0)
-        kept = np.clip(rounded(found), self.low, self.high)
+        gains = lowest * (self.high / lowest) ** np.maximum(share, 0.0)
+        kept = np.clip(rounded(gains), self.low, self.high)
         return np.asarray(np.where(free & (points < ZERO), 0.0, kept))
 
     def points(self, values: Array) -> Array:

@@ -58,18 +58,18 @@ class LinearLoops:
     @cached_property
     def keys(self) -> Mapping[Axis, Mapping[str, str]]:
         """Names of kp, ki and kd of each axis whose law is of such gains alone."""
-        control, found = self.mission.control, {}
+        control, by_axis = self.mission.control, {}
         if not isinstance(control, TunedSettings):
             return {}
         for axis in Axis:
             law = getattr(control, axis.value, None)
             if isinstance(law, P):
-                found[axis] = {n: f"{axis.value}.{n}" for n in law.gains}
+                by_axis[axis] = {n: f"{axis.value}.{n}" for n in law.gains}
             elif law is None:
-                own = {n: key for n, key in _FLAT[axis].items() if key in control.gains}
-                if frozenset(own) in _PARTS:
-                    found[axis] = own
-        return found
+                keys = {n: key for n, key in _FLAT[axis].items() if key in control.gains}
+                if frozenset(keys) in _PARTS:
+                    by_axis[axis] = keys
+        return by_axis
 
     @cached_property
     def _answers(self) -> Mapping[Axis, SampledLoop]:
@@ -78,13 +78,13 @@ class LinearLoops:
 
     def margins(self, gains: Mapping[str, float]) -> dict[str, Margins]:
         """Margins of each axis whose law is linear; of the others there are none."""
-        found = {}
+        margins = {}
         for axis, names in self.keys.items():
-            own = Gains(**{n: gains[key] for n, key in names.items()})
+            axis_gains = Gains(**{n: gains[key] for n, key in names.items()})
             law = getattr(self.mission.control, axis.value, None)
-            own = replace(own, filter_time=float(getattr(law, "filter_time", 0.0)))
-            found[axis.value] = self._answers[axis].margins(own)
-        return found
+            axis_gains = replace(axis_gains, filter_time=float(getattr(law, "filter_time", 0.0)))
+            margins[axis.value] = self._answers[axis].margins(axis_gains)
+        return margins
 
     def stable(self, gains: Mapping[str, float]) -> bool:
         """Whether no linear loop is unstable; such a one swings between limits of the command."""
@@ -104,12 +104,14 @@ class LinearLoops:
                 sets["ziegler-nichols-edge"] = from_edge(*edge)
             for rule, kinds in sets.items():
                 if kind in kinds:
-                    own = {key: getattr(kinds[kind], n) for n, key in names.items()}
-                    by_rule.setdefault(rule, {}).update(own)
+                    axis_gains = {key: getattr(kinds[kind], n) for n, key in names.items()}
+                    by_rule.setdefault(rule, {}).update(axis_gains)
                     axes.setdefault(rule, []).append(axis.value)
         control = self.mission.control
         whole = control.gains if isinstance(control, TunedSettings) else {}
         return tuple(
-            RuleGains(rule, tuple(axes[rule]), {n: own.get(n, gain_of(control, n)) for n in whole})
-            for rule, own in by_rule.items()
+            RuleGains(
+                rule, tuple(axes[rule]), {n: axis_gains.get(n, gain_of(control, n)) for n in whole}
+            )
+            for rule, axis_gains in by_rule.items()
         )

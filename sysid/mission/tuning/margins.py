@@ -48,8 +48,8 @@ class SampledLoop:
     """The plant of one axis as its controller meets it, once a period.
 
     G(z) = Σ g_k z^{−k} of the answer's differences, times T/2·(z + 1)/(z − 1) for the yaw, whose
-    rate is integrated by the trapezoidal rule. The reading of an instant and the command it leads
-    to share the instant, as in the simulated loop.
+    rate is integrated by the trapezoidal rule. The measurement of an instant and the command it
+    leads to share the instant, as in the simulated loop.
 
     Attributes:
         omega: frequencies up to Nyquist's, (N,) [rad/s].
@@ -84,10 +84,10 @@ class SampledLoop:
         z, T = np.exp(1j * self.omega * self.period), self.period
         share = T / (gains.filter_time + T)
         filtered = share * z / (z - 1 + share)
-        found: NDArray[np.complex128] = (
+        response: NDArray[np.complex128] = (
             gains.kp + gains.ki * T * z / (z - 1) + gains.kd * filtered * (z - 1) / (T * z)
         )
-        return found
+        return response
 
     def edge(self) -> tuple[float, float] | None:
         """Gain and period [s] of a proportional loop on the edge of stability; None: no edge."""
@@ -111,8 +111,8 @@ def _crossings(omega: Array, value: Array) -> Array:
     at = np.flatnonzero(np.sign(value[1:]) != np.sign(value[:-1]))
     share = value[at] / (value[at] - value[at + 1])
     x = np.log(omega)
-    found: Array = np.exp(x[at] + share * (x[at + 1] - x[at]))
-    return found
+    frequencies: Array = np.exp(x[at] + share * (x[at + 1] - x[at]))
+    return frequencies
 
 
 def _gain_margin(omega: Array, loop: NDArray[np.complex128]) -> tuple[float, float]:

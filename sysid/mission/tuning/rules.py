@@ -65,8 +65,8 @@ def lag_model(answer: AxisAnswer, period: float) -> LagModel:
             return float(np.sum((share + np.expm1(-after / lag)) ** 2))
 
         high = max(4.0 * abs(area), 4.0 * answer.dt)
-        found = minimize_scalar(error, bounds=(1e-3 * answer.dt, high), method="bounded")
-        return float(found.x), float(found.fun)
+        minimum = minimize_scalar(error, bounds=(1e-3 * answer.dt, high), method="bounded")
+        return float(minimum.x), float(minimum.fun)
 
     first = t[np.flatnonzero(np.abs(share) > 0.5)[0]]  # the dead time ends before the middle
     dead = minimize_scalar(

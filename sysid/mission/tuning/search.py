@@ -12,14 +12,14 @@ from sysid.data.record import Array, Index
 from sysid.errors import ModelError, UsageError
 from sysid.mission.clearance import has_surfaces
 from sysid.mission.contracts import SteppablePlant
-from sysid.mission.monte_carlo.draws import run_seeds
-from sysid.mission.monte_carlo.setup import Driver, Setup
+from sysid.mission.monte_carlo.sampler import run_seeds
+from sysid.mission.monte_carlo.setup import PlantVariant, Setup
 from sysid.mission.monte_carlo.workers import why_not_at_once
 from sysid.mission.settings import TunedSettings
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
+from sysid.mission.tuning.batch_runner import BATCH_SIZE, BatchRunner, Runs
 from sysid.mission.tuning.criteria import Criteria, Resolution, StepTest, criteria
-from sysid.mission.tuning.drives import LANES, Course, Runs
 from sysid.mission.tuning.front import Front, front
 from sysid.mission.tuning.gain_space import GainSpace
 from sysid.mission.tuning.linear_loops import LinearLoops, RuleGains
@@ -90,7 +90,7 @@ class Judge:
         options: how much.
 
     Attributes:
-        driver: mission and estimated plant.
+        variant: mission and estimated plant.
         test: the steps.
         plants: parameters of the plants, (M, n).
         notes: sentences about what was assumed.
@@ -100,24 +100,24 @@ class Judge:
         self, mission: Mission, plant: Model | SteppablePlant, options: SearchOptions
     ) -> None:
         setup = Setup.of(mission, [plant], ["parameters"])
-        self.driver = setup.drivers[0]
-        self.test = StepTest.of(mission, self.driver.robot)
-        varied = self.driver.drawing.plant
+        self.variant = setup.plant_variants[0]
+        self.test = StepTest.of(mission, self.variant.robot)
+        varied = self.variant.sampler.plant
         self.seeds = run_seeds(options.seed, options.robust if varied.size else 1)
-        drawn = self.driver.drawing.draw(self.seeds)  # the first stands for the estimated plant
+        drawn = self.variant.sampler.draw(self.seeds)  # the first stands for the estimated plant
         self.plants: Array = np.concatenate([varied.theta[None], drawn.theta[1:]])
-        told = int(drawn.redrawn[1:].sum()), int(drawn.pulled[1:].sum()), len(self.seeds)
-        self.notes = list(setup.notes(*told) if options.robust > 1 else self.driver.warnings)
+        counts = int(drawn.redrawn[1:].sum()), int(drawn.pulled[1:].sum()), len(self.seeds)
+        self.notes = list(setup.notes(*counts) if options.robust > 1 else self.variant.warnings)
         space, steps = GainSpace.of(mission.control), self.test.mission(mission)
         stepping = Setup.of(steps, [plant], ["parameters"])
         quarter = round(options.trials * (1.0 - RULE.spread) / RULE.rounds)
-        lanes = max(1, min(LANES, quarter * len(self.plants)))
+        batch_size = max(1, min(BATCH_SIZE, quarter * len(self.plants)))
         alone = why_not_at_once(setup) or why_not_at_once(stepping)
         if alone:
             self.notes.append(f"The runs went one after the other, in processes: {alone}.")
-        self._courses = (
-            Course(stepping, space.names, lanes, recorded=True, alone=bool(alone)),
-            Course(setup, space.names, lanes, recorded=False, alone=bool(alone)),
+        self._runners = (
+            BatchRunner(stepping, space.names, batch_size, recorded=True, alone=bool(alone)),
+            BatchRunner(setup, space.names, batch_size, recorded=False, alone=bool(alone)),
         )
 
     def __call__(self, gains: Array) -> Criteria:
@@ -129,8 +129,8 @@ class Judge:
             np.tile(self.plants, (k, 1)),
             tuple(noise[i % m] for i in range(k * m)),
         )
-        with ThreadPoolExecutor(len(self._courses)) as pool:
-            answers, drives = pool.map(lambda course: course.drive(runs), self._courses)
+        with ThreadPoolExecutor(len(self._runners)) as pool:
+            answers, drives = pool.map(lambda runner: runner.drive(runs), self._runners)
         return criteria(self.test, answers, drives).worst(m)
 
 
@@ -165,18 +165,18 @@ def tune(
     space = GainSpace.of(mission.control)
     control = cast(TunedSettings, mission.control)
     judge = Judge(mission, plant, given)
-    loops = LinearLoops(mission, judge.driver.robot)
+    loops = LinearLoops(mission, judge.variant.robot)
     rules = loops.rules()
     known = np.array([space.of_controller(control), *(_row(space, r) for r in rules)])
     search = _Search(space, judge, loops, given, progress)
     search.explore(known)
     search.refine()
-    found = search.front(np.arange(1, len(rules) + 1))
-    if found is None:
-        raise ModelError(_hopeless(mission, judge.driver, given))
+    ranked = search.front(np.arange(1, len(rules) + 1))
+    if ranked is None:
+        raise ModelError(_hopeless(mission, judge.variant, given))
     sets = _Sets(space, search.gains, search.criteria, loops)
-    members = tuple(sets.one(k) for k in found.members.tolist())
-    proposed = _proposed(found, members)
+    members = tuple(sets.one(k) for k in ranked.members.tolist())
+    proposed = _proposed(ranked, members)
     return Tuning(
         mission=mission.model_copy(update={"control": control.with_gains(members[proposed].gains)}),
         front=members,
@@ -209,7 +209,7 @@ class _Search:
         self.gains = np.zeros((0, len(space.names)))
         self.criteria = Criteria(*(np.zeros(0) for _ in Criteria._fields))
         self._stable = np.zeros(0, dtype=bool)
-        self._mission = judge.driver.drawing.mission
+        self._mission = judge.variant.sampler.mission
 
     def explore(self, known: Array) -> None:
         """Drive known sets and others spread over the bounds."""
@@ -223,16 +223,16 @@ class _Search:
     def refine(self) -> None:
         """Drive sets around the front, closer and closer."""
         rng = np.random.default_rng((self.options.seed, 1))
-        left = self.options.trials - round(self.options.trials * RULE.spread)
-        shares = np.diff(np.linspace(0, left, RULE.rounds + 1).round().astype(int))
+        remaining = self.options.trials - round(self.options.trials * RULE.spread)
+        shares = np.diff(np.linspace(0, remaining, RULE.rounds + 1).round().astype(int))
         for count, width in zip(
             shares.tolist(), np.geomspace(*RULE.widths, RULE.rounds), strict=True
         ):
-            found = self.front()
-            if found is None:
+            members = self.front()
+            if members is None:
                 points = rng.random((count, len(self.space.names)))
             else:
-                order = found.members[np.argsort(found.distance, kind="stable")]
+                order = members.members[np.argsort(members.distance, kind="stable")]
                 parents = self.space.points(self.gains[order[np.arange(count) % len(order)]])
                 points = _reflected(parents + width * rng.standard_normal(parents.shape))
             self._drive(self.space.values(points))
@@ -258,13 +258,13 @@ class _Search:
         if not len(rows):
             return None
         values = self.criteria.objectives(has_surfaces(self._mission.scene()))[rows]
-        found = front(values, Resolution().of(values, self._mission.control.period))
-        return Front(rows[found.members], found.scaled)
+        members = front(values, Resolution().of(values, self._mission.control.period))
+        return Front(rows[members.members], members.scaled)
 
     def _drive(self, gains: Array) -> None:
-        found = self.judge(gains)
+        criteria = self.judge(gains)
         self.gains = np.concatenate([self.gains, gains])
-        both = zip(self.criteria, found, strict=True)
+        both = zip(self.criteria, criteria, strict=True)
         self.criteria = Criteria(*(np.concatenate(pair) for pair in both))
         stable = [self.loops.stable(self.space.named(row)) for row in gains]
         self._stable = np.concatenate([self._stable, stable])
@@ -298,18 +298,20 @@ def _reflected(points: Array) -> Array:
     return np.asarray(1.0 - np.abs(1.0 - np.mod(points, 2.0)))
 
 
-def _proposed(found: Front, members: tuple[GainSet, ...]) -> int:
+def _proposed(members_front: Front, members: tuple[GainSet, ...]) -> int:
     """The member nearest to the best of everything, with the usual margins where one has them."""
     safe = np.array([SAFE.kept(member.margins) for member in members])
-    distance = np.where(safe, found.distance, np.inf) if safe.any() else found.distance
+    distance = (
+        np.where(safe, members_front.distance, np.inf) if safe.any() else members_front.distance
+    )
     return int(np.argmin(distance))
 
 
-def _hopeless(mission: Mission, driver: Driver, options: SearchOptions) -> str:
+def _hopeless(mission: Mission, variant: PlantVariant, options: SearchOptions) -> str:
     """Why there is no front: what becomes of the mission with its own gains."""
-    own = simulate(mission, driver.robot)
+    result = simulate(mission, variant.robot)
     plants = "every plant" if options.robust > 1 else "the plant"
     head = f"none of {options.trials} sets of gains brings the robot to the goal with {plants}"
-    if own.outcome == "arrived":
-        return f"{head}; the present gains do with the estimated one: lower `robust`"
-    return f"{head}; with the present gains it ends as {own.outcome.value}. {own.sentence}"
+    if result.outcome == "arrived":
+        return f"{head}; the present gains succeed with the estimated plant; lower `robust`"
+    return f"{head}; with the present gains it ends as {result.outcome.value}. {result.sentence}"

@@ -57,13 +57,13 @@ class GainSet:
 
     def summary(self) -> dict[str, Any]:
         """As plain values."""
-        found: dict[str, Any] = {
+        facts: dict[str, Any] = {
             "gains": dict(self.gains),
             "criteria": dict(self.criteria),
             "margins": {axis: _plain(m) for axis, m in self.margins.items()},
             "arrives": self.arrives,
         }
-        return {"name": self.name, **found} if self.name else found
+        return {"name": self.name, **facts} if self.name else facts
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +117,10 @@ class Tuning:
             }
 
         table = [worth(member) for member in self.front]
-        found = {w: min(range(len(table)), key=lambda k: table[k][w]) for w in table[0]}
+        best_rows = {w: min(range(len(table)), key=lambda k: table[k][w]) for w in table[0]}
         if self.best.criteria["min_clearance_m"] is None:  # no obstacles
-            del found["widest clearance"]
-        return found
+            del best_rows["widest clearance"]
+        return best_rows
 
     @property
     def sentence(self) -> str:
@@ -134,14 +134,14 @@ class Tuning:
         head = f"Proposed: {named}; of {len(self.front)} sets to choose from it is {why}."
         if self.best.margins and not SAFE.kept(self.best.margins):
             head += " No set of the front has the usual margins."
-        own, new = self.present.criteria["time_s"], self.best.criteria["time_s"]
+        present, new = self.present.criteria["time_s"], self.best.criteria["time_s"]
         if not self.present.arrives:
             return f"{head} With the present gains the mission does not arrive."
-        if own is None or new is None:
+        if present is None or new is None:
             return head
-        if f"{own:.1f}" == f"{new:.1f}":
+        if f"{present:.1f}" == f"{new:.1f}":
             return f"{head} The mission takes {new:.1f} s, as with the present gains."
-        return f"{head} The mission takes {new:.1f} s, {own:.1f} s with the present gains."
+        return f"{head} The mission takes {new:.1f} s, {present:.1f} s with the present gains."
 
     def summary(self) -> dict[str, Any]:
         """Everything but the sets that were beaten, as plain values for a JSON document."""

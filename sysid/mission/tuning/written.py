@@ -41,7 +41,7 @@ def write_mission(source: Path, target: Path, mission: Mission, role: str = "con
     write_atomic(target, new.encode())
     if getattr(load_mission(target), role) != law:
         raise DataError(
-            f"{target} does not give the law of {role} back: a mission file cannot name it"
+            f"{target} cannot contain the law of {role}, because a mission file cannot name it"
         )
     return target
 
@@ -107,11 +107,11 @@ def section(role: str, control: Any) -> dict[str, Any]:
     """The section of a mission file that describes a law: every gain, and what is no default."""
     if not isinstance(control, AxisController):
         return {"kind": kind_of(role, control), **_keys(control)}
-    found: dict[str, Any] = {}
+    keys: dict[str, Any] = {}
     for axis in AXES:
         law = getattr(control, axis)
-        found[axis] = {"kind": kind_of(f"control.{axis}", law), **_keys(law)}
-    return found | {k: v for k, v in _keys(control).items() if k not in found}
+        keys[axis] = {"kind": kind_of(f"control.{axis}", law), **_keys(law)}
+    return keys | {k: v for k, v in _keys(control).items() if k not in keys}
 
 
 def _keys(law: Any) -> dict[str, Any]:

@@ -131,12 +131,12 @@ def _trade(axes: "Axes", trade: Trade, picture: FrontPicture) -> "PathCollection
         at = np.array([mark.x, mark.y])
         if not np.all((at >= low) & (at <= high)):
             continue
-        own = mark.name == "present"
-        rules += not own
-        label = mark.name if own else "rules" if rules == 1 else None
-        colour, shape = (style.INK, "D") if own else (style.GREEN, "s")
+        is_present = mark.name == "present"
+        rules += not is_present
+        label = mark.name if is_present else "rules" if rules == 1 else None
+        colour, shape = (style.INK, "D") if is_present else (style.GREEN, "s")
         axes.scatter(mark.x, mark.y, s=26, marker=shape, color=colour, label=label, zorder=5)
-        if not own:
+        if not is_present:
             axes.annotate(
                 mark.name, (mark.x, mark.y), textcoords="offset points", xytext=(5, 3),
                 size=style.SMALL - 1.0, color=style.GREEN, zorder=7,

@@ -164,9 +164,9 @@ def _draw_surface(axes: Any, picture: PlanPicture) -> None:
 
 
 def _draw_curves(axes: "Axes", panel: CurvePanel) -> None:
-    own = len(panel.values) // 2
+    chosen = len(panel.values) // 2
     for k, (value, line) in enumerate(zip(panel.values, panel.quantity, strict=True)):
-        width = 2.2 if k == own else 1.2
+        width = 2.2 if k == chosen else 1.2
         axes.plot(panel.distance, line, color=_SHADES[k], linewidth=width, label=f"{value:.3g}")
     axes.set_xlabel(panel.across)
     axes.set_ylabel(panel.up)

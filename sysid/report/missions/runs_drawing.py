@@ -140,4 +140,4 @@ def _drivers(axes: "Axes", picture: RunsPicture) -> None:
     axes.barh(range(len(shown)), shares, color=style.BLUE, alpha=0.55, height=0.7)
     axes.set_yticks(range(len(shown)), labels=names)
     axes.grid(False, axis="y")
-    axes.set_title("what the time depends on [% of its variance]")
+    axes.set_title("contributions to the variance of the time [%]")

@@ -1,1 +1,1 @@
-"""A model with effects around it, as a diagnosis makes it."""
+"""A linear core with effects around it, as a diagnosis makes it."""

@@ -49,7 +49,7 @@ def rest_state(
 
 
 STANDING = 0.1
-"""A first reading below this share of the largest one is a track that stands."""
+"""A first reading below this share of the largest one is a track at standstill."""
 
 
 def drive_before(drive: Array, y: Array) -> Array:
@@ -60,14 +60,14 @@ def drive_before(drive: Array, y: Array) -> Array:
 
     Args:
         drive: the first drive, (tracks,).
-        y: the readings, (N, tracks).
+        y: the measurements, (N, tracks).
     """
     size = np.abs(y)
     return np.asarray(np.where(size[0] <= STANDING * np.max(size, axis=0), 0.0, drive))
 
 
 def first_speed(effects: Sequence[Effect], parameters: Parameters, y: Signal) -> Signal:
-    """The speed that a first reading tells of."""
+    """The speed at a first measurement."""
     for effect in reversed(effects):
         if effect.undone is not None:
             y = effect.undone(y, parameters[effect.id])
@@ -102,7 +102,7 @@ class Sample:
         drive: command as it was given, (tracks,).
         acting: what the effects outside this step have made of it.
         t: time [s].
-        turned, counted: angles of the wheels from their speeds and from the readings [rad].
+        turned, counted: angles of the wheels from their speeds and from the measurements [rad].
         log: which of several logs it belongs to, from 0.
     """
 
@@ -131,12 +131,12 @@ def step_with(
     Args:
         parameters: ``with_constants``.
     """
-    x, held = state
+    x, effect_states = state
     w = x[0]
     n = core.f.shape[0]
     following = x[1] if n > 1 else 0.0 * w
     w_free = following - core.f[0] * w
-    memory = dict(zip((e.id for e in effects), held, strict=True))
+    memory = dict(zip((e.id for e in effects), effect_states, strict=True))
     holds = sum((e.holds(parameters[e.id]) for e in effects if e.holds), 0.0 * w)
 
     def through(place: Place, signal: Signal, torque: Signal) -> Signal:

@@ -1,4 +1,4 @@
-"""Fitting a structure that a diagnosis made: from its own values, by its free run."""
+"""Fit of an augmented structure from its own values, by its free run."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,14 +11,14 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.fitting.uncertainty import with_infinite
 from sysid.structures.base import Structure
-from sysid.structures.outcome import FitOutcome, Warm
+from sysid.structures.outcome import FitOutcome, InitialGuesses
 from sysid.structures.search import by_search
 
 EVALUATIONS = 40
 """Usual limit: the search starts where another one ended."""
 
 TOLERANCE = 1e-6
-"""Usual tolerance: slopes by differences of runs that jump at edges tell no more."""
+"""Usual tolerance: slopes by differences of runs that jump at edges allow no less."""
 
 UNKNOWN = 3.0
 """A combination of parameters with a standard error beyond so many times its size (what its bounds
@@ -33,43 +33,43 @@ def fit(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """The general search from given values.
 
     Raises:
         ModelError: there are none; finding effects and their first values is a diagnosis.
     """
-    if not warm:
+    if not initial_guesses:
         raise ModelError(
             "an augmented model is fitted again from its own values only; make one of a log with "
             "sysid diagnose"
         )
-    own = replace(
+    limited = replace(
         options,
         max_evaluations=options.limit(EVALUATIONS),
         tolerance=options.precision(TOLERANCE),
     )
-    found = by_search(structure, records, own, parameters, warm)
-    more = _undetermined(found)
+    outcome = by_search(structure, records, limited, parameters, initial_guesses)
+    more = _undetermined(outcome)
     if not more.size:
-        return found
+        return outcome
     return replace(
-        found,
-        covariance=with_infinite(found.covariance, more),
-        null=np.column_stack([found.null, more]),
+        outcome,
+        covariance=with_infinite(outcome.covariance, more),
+        null=np.column_stack([outcome.null, more]),
     )
 
 
-def _undetermined(found: FitOutcome) -> Array:
+def _undetermined(outcome: FitOutcome) -> Array:
     """Combinations of parameters known worse than ``UNKNOWN`` times their sizes, (n, k)."""
-    room = np.array([p.upper - p.lower for p in found.parameters])
-    size = np.where(np.isfinite(room), room, np.abs(found.theta))
-    variance = np.diag(found.covariance)
+    room = np.array([p.upper - p.lower for p in outcome.parameters])
+    size = np.where(np.isfinite(room), room, np.abs(outcome.theta))
+    variance = np.diag(outcome.covariance)
     at = np.flatnonzero(np.isfinite(variance) & (variance > 0.0) & (size > 0.0))
     scale = size[at]
-    values, vectors = np.linalg.eigh(found.covariance[np.ix_(at, at)] / np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(outcome.covariance[np.ix_(at, at)] / np.outer(scale, scale))
     open_ = values > UNKNOWN**2
-    directions = np.zeros((len(found.theta), int(np.sum(open_))))
+    directions = np.zeros((len(outcome.theta), int(np.sum(open_))))
     directions[at] = np.where(np.abs(vectors[:, open_]) > TAKES_PART, vectors[:, open_], 0.0)
     return directions

@@ -1,4 +1,4 @@
-"""A model of any structure taken apart into a drive and a first-order core per track."""
+"""A model of any structure split into a drive and a first-order core per track."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ def begins_at_rest(u0: Array, y0: Array, y: Array) -> bool:
 
     Args:
         u0, y0: operating point of the model.
-        y: readings, (N, ny).
+        y: measurements, (N, ny).
     """
     return not (np.any(u0) or np.any(y0)) and bool(
         len(y) and not np.any(drive_before(np.ones(y.shape[1]), y))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 class ChainRuns(Problem):
     """y − ŷ of the free run, output after output, record after record.
 
-    Each run starts in the steady motion that the record's first reading tells of, so that there
+    Each run starts in the steady motion of the record's first measurement, so that there
     are no initial states to estimate.
 
     Args:

@@ -38,10 +38,10 @@ if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter
 
 SLOPE = 1e-5
-"""Relative shift of a number for its slope: the root of what rounding leaves of a long run."""
+"""Relative shift of a parameter for its slope: the root of what rounding leaves of a long run."""
 
 SMALLEST = 1e-3
-"""Size below which a number is shifted as if it had that size."""
+"""Size below which a parameter is shifted as if it had that size."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Augmented(Structure):
     """
 
     name: ClassVar[str] = "augmented"
-    tells: ClassVar[str] = "gain and time constants, and each effect by its numbers"
+    tells: ClassVar[str] = "gain and time constants, and each effect with its parameters"
     title: ClassVar[str] = "Augmented: a linear core with named physical effects"
     equation: ClassVar[str] = "τ ω̇ = T − ω, T = K d, with the effects in their places"
     order_names: ClassVar[tuple[str, ...]] = ("n", "nk")
@@ -91,8 +91,8 @@ class Augmented(Structure):
 
     def settings(self) -> dict[str, Any]:
         """Effects, full drives and sample time."""
-        found = {"effects": list(self.effects), "scales": list(self.scales), "dt": self.dt}
-        return found if self.given is None else {**found, "given": self.given.to_json()}
+        settings = {"effects": list(self.effects), "scales": list(self.scales), "dt": self.dt}
+        return settings if self.given is None else {**settings, "given": self.given.to_json()}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "Augmented":
@@ -119,43 +119,43 @@ class Augmented(Structure):
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[Parameter, ...]:
         """Names such as ``gain[omega_l]`` and ``dead-zone.plus[omega_l]``."""
-        found = []
+        parameters = []
         for out in outputs:
-            found.append(Parameter(f"gain[{out.name}]", out.unit))
-            found += [Parameter(f"f{k + 1}[{out.name}]") for k in range(self.order)]
-            found += [Parameter(f"b{k + 1}[{out.name}]") for k in range(1, self.order)]
+            parameters.append(Parameter(f"gain[{out.name}]", out.unit))
+            parameters += [Parameter(f"f{k + 1}[{out.name}]") for k in range(self.order)]
+            parameters += [Parameter(f"b{k + 1}[{out.name}]") for k in range(1, self.order)]
         for id in self.effects:
             e = effect(id)
             for tag in ("",) if e.shared else tuple(f"[{out.name}]" for out in outputs):
-                found += [
+                parameters += [
                     Parameter(f"{id}.{p.name}{tag}", p.unit.replace("speed", outputs[0].unit))
                     for p in e.parameters
                 ]
-        return tuple(found)
+        return tuple(parameters)
 
     @property
     def n_effect_parameters(self) -> int:
-        """Numbers of all effects, those of each track counted."""
-        own = [effect(id) for id in self.effects]
-        return sum(len(e.parameters) * (1 if e.shared else self.ny) for e in own)
+        """Parameters of all effects, those of each track counted."""
+        effects = [effect(id) for id in self.effects]
+        return sum(len(e.parameters) * (1 if e.shared else self.ny) for e in effects)
 
     def ground(self, theta: Array) -> Ground:
         """The effects of the vehicle, which the chain leaves to those who move it."""
         _, values = self.unpack(theta)
-        found = [id for id in self.effects if effect(id).place is Place.POSE]
-        return Ground(tuple(found), {id: values[id] for id in found})
+        ids = [id for id in self.effects if effect(id).place is Place.POSE]
+        return Ground(tuple(ids), {id: values[id] for id in ids})
 
     def identified(self, theta: Array) -> Identified:
         """The effects of command and torque; none where another model drives the chain."""
         if self.given is not None:  # its outputs, not the commands, are what the effects act on
             return Identified()
         core, values = self.unpack(theta)
-        found = [e.id for e in self.active if e.place in (Place.COMMAND, Place.TORQUE)]
-        numbers = {id: values[id] for id in found}
-        return Identified(tuple(found), numbers, core.gain, np.array(self.scales))
+        ids = [e.id for e in self.active if e.place in (Place.COMMAND, Place.TORQUE)]
+        parameters = {id: values[id] for id in ids}
+        return Identified(tuple(ids), parameters, core.gain, np.array(self.scales))
 
     @cached_property
-    def _places(self) -> tuple[Index, Index, Index, dict[str, Index]]:
+    def _indices(self) -> tuple[Index, Index, Index, dict[str, Index]]:
         """Entries of θ: K (tracks,), f (n, tracks), b₂ … (n − 1, tracks), effects by id."""
         tracks, n = self.ny, self.order
         first = 2 * n * np.arange(tracks)
@@ -165,39 +165,41 @@ class Augmented(Structure):
         for id in self.effects:
             e = effect(id)
             width = len(e.parameters)
-            own = 0 * np.arange(tracks) if e.shared else width * np.arange(tracks)
-            effects[id] = at + np.arange(width)[:, None] + own
+            offsets = 0 * np.arange(tracks) if e.shared else width * np.arange(tracks)
+            effects[id] = at + np.arange(width)[:, None] + offsets
             at += width * (1 if e.shared else tracks)
         return first, f, b, effects
 
     def unpack(self, theta: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
         """θ as a core and as each effect's parameters, one value a track."""
         xp: Any = theta.__array_namespace__()
-        gain, f, b, effects = self._places
+        gain, f, b, effects = self._indices
         denominator, numerator = theta[f], theta[b]
         largest = 1.0 + denominator.sum(axis=0) - numerator.sum(axis=0)
-        found = {
+        parameters = {
             id: {p.name: theta[at[k]] for k, p in enumerate(effect(id).parameters)}
             for id, at in effects.items()
         }
-        return Core(theta[gain], denominator, xp.concatenate([largest[None], numerator])), found
+        return Core(
+            theta[gain], denominator, xp.concatenate([largest[None], numerator])
+        ), parameters
 
     def friction_entries(self) -> tuple[int, ...]:
-        """The parameters with which an effect holds a track that stands."""
-        found: list[int] = []
+        """The parameters with which an effect holds a track at standstill."""
+        entries: list[int] = []
         for e in self.active:
             for k, p in enumerate(e.parameters if e.holds else ()):
                 alone = {q.name: float(q.name == p.name) for q in e.parameters}
                 if e.holds is not None and e.holds(alone):
-                    found += sorted(set(self._places[3][e.id][k].tolist()))
-        return tuple(found)
+                    entries += sorted(set(self._indices[3][e.id][k].tolist()))
+        return tuple(entries)
 
     def problems(
         self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
     ) -> tuple[Problem, ...]:
-        """One: the errors of the free run, from the first readings on.
+        """One: the errors of the free run, from the first measurements on.
 
-        The diagnosis finds effects and their first values in its super-model; from there on the
+        The diagnosis finds effects and their first values in its full model; from there on the
         structure is fitted like any other.
         """
         return (ChainRuns(self, [(r.u, r.y) for r in records]),)
@@ -257,22 +259,22 @@ class Augmented(Structure):
             u: commands of all runs, (N, nu).
             states: initial states, (L, n_states); those of the given model are alike.
         """
-        lag, tracks, own = self.delay - 1, self.ny, self._given_states
+        lag, tracks, n_given = self.delay - 1, self.ny, self._given_states
         core, parameters = self._side_by_side(thetas)
         whole = with_constants(np, self.active, core, parameters, self.dt)
         template, _ = self._shape(thetas[0])
-        parts = [_unflat(x[own:], template, lag, tracks) for x in states]
+        parts = [_unflat(x[n_given:], template, lag, tracks) for x in states]
         state: ChainState = (
             np.stack([p[0][0] for p in parts], axis=1),
             tuple(
-                tuple(np.stack(values) for values in zip(*held, strict=True))
-                for held in zip(*(p[0][1] for p in parts), strict=True)
+                tuple(np.stack(values) for values in zip(*effect_states, strict=True))
+                for effect_states in zip(*(p[0][1] for p in parts), strict=True)
             ),
         )
         before = np.stack([p[1] for p in parts], axis=1)
         clock = float(parts[0][2][0])
         turned, counted = (np.stack([p[3][k] for p in parts]) for k in (0, 1))
-        drive = self._drive(u, states[0, :own])
+        drive = self._drive(u, states[0, :n_given])
         out = np.zeros((len(thetas), len(u), tracks))
         for k in range(len(u)):
             now = np.broadcast_to(drive[k - lag], turned.shape) if k >= lag else before[k]
@@ -312,18 +314,18 @@ class Augmented(Structure):
         return self.traced_step(theta, theta)
 
     def traced_step(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
-        """One sample, its numbers in the namespace of θ."""
+        """One sample, its parameters in the namespace of θ."""
         core, parameters = self.unpack(theta)
         template, _ = self._shape(like)
         active, lag, tracks = self.active, self.delay - 1, self.ny
-        scales, dt, own = np.array(self.scales), self.dt, self._given_states
+        scales, dt, n_given = np.array(self.scales), self.dt, self._given_states
         base = None if self.given is None else self.given.step()
         whole = with_constants(theta.__array_namespace__(), active, core, parameters, dt)
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             xp: Any = x.__array_namespace__()
-            head, drive = (x[:0], u / scales) if base is None else base(x[:own], u)
-            state, line, clock, angles = _unflat(x[own:], template, lag, tracks)
+            head, drive = (x[:0], u / scales) if base is None else base(x[:n_given], u)
+            state, line, clock, angles = _unflat(x[n_given:], template, lag, tracks)
             line = xp.concatenate([line, drive[None]])
             speed = state[0][0]
             sample = Sample(line[0], line[0], clock[0], *angles)
@@ -339,8 +341,8 @@ class Augmented(Structure):
         """The speeds in the state, which the reading is unless an effect changes it."""
         if any(e.place is Place.READING for e in self.active):
             return super().readout(theta)
-        own, tracks = self._given_states, self.ny
-        return lambda x, u: x[own : own + tracks]
+        n_given, tracks = self._given_states, self.ny
+        return lambda x, u: x[n_given : n_given + tracks]
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """Free-run errors: there is no noise model."""
@@ -366,10 +368,10 @@ class Augmented(Structure):
 
     def time_constants(self, theta: Array) -> Array:
         """Those of the core and of a given model."""
-        own, base = super().time_constants(theta), self.given
+        of_core, base = super().time_constants(theta), self.given
         if base is None:
-            return own
-        return np.concatenate([own, base.structure.time_constants(base.theta)])
+            return of_core
+        return np.concatenate([of_core, base.structure.time_constants(base.theta)])
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ by central differences."""
@@ -387,7 +389,7 @@ class Augmented(Structure):
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[str, ...]:
-        """The core of each track, then each effect with its numbers."""
+        """The core of each track, then each effect with its parameters."""
         core, parameters = self.unpack(theta)
         lines = []
         for i, (u, y) in enumerate(zip(inputs, outputs, strict=True)):
@@ -401,13 +403,13 @@ class Augmented(Structure):
                 lines.append(f"{y.name} = core of order {self.order}, gain {core.gain[i]:.5g}")
         for id in self.effects:
             e = effect(id)
-            numbers = ", ".join(
+            values_text = ", ".join(
                 f"{name} = {value:.4g}"
                 for p in e.parameters
                 for name, value in _named(p.name, parameters[id][p.name], e, outputs)
                 if value != p.null
             )
-            lines.append(f"{id}: {e.equation}" + (f" with {numbers}" if numbers else ""))
+            lines.append(f"{id}: {e.equation}" + (f" with {values_text}" if values_text else ""))
         return tuple(lines)
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
@@ -435,8 +437,8 @@ def _flat(
     xp: Any, state: ChainState, line: Array, clock: Array, angles: tuple[Array, Array]
 ) -> Array:
     """State as one vector: core, effects, delayed commands, clock (1,), angles."""
-    held = (s for states in state[1] for s in states)
-    parts = [xp.reshape(p, (-1,)) for p in (state[0], *held, line)]
+    effect_states = (s for states in state[1] for s in states)
+    parts = [xp.reshape(p, (-1,)) for p in (state[0], *effect_states, line)]
     flat: Array = xp.concatenate([*parts, clock, *angles])
     return flat
 
@@ -452,17 +454,17 @@ def _unflat(
 ) -> tuple[ChainState, Array, Array, tuple[Array, Array]]:
     n = template[0].size
     core, at = x[:n].reshape(template[0].shape), n
-    held = []
+    effect_states = []
     for states in template[1]:
         block = []
         for _ in states:
             block.append(x[at : at + tracks])
             at += tracks
-        held.append(tuple(block))
+        effect_states.append(tuple(block))
     line = x[at : at + lag * tracks].reshape(lag, tracks)
     at += lag * tracks
     return (
-        (core, tuple(held)),
+        (core, tuple(effect_states)),
         line,
         x[at : at + 1],
         (x[at + 1 : at + 1 + tracks], x[at + 1 + tracks :]),

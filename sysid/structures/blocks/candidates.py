@@ -17,9 +17,9 @@ from sysid.structures.blocks.fit import (
     descend,
     outer_abscissae,
 )
-from sysid.structures.blocks.outcome import finished
+from sysid.structures.blocks.outcome import final_fit
 from sysid.structures.blocks.structure import BlockStructure
-from sysid.structures.outcome import FitOutcome, StartReport, Warm
+from sysid.structures.outcome import FitOutcome, InitialGuesses, StartReport
 
 Chained = TypeVar("Chained", bound=BlockStructure)
 
@@ -41,6 +41,22 @@ class Candidate(Generic[Chained]):
         """Its parameters by name."""
         names = (p.name for p in self.structure.parameters(records[0].inputs, records[0].outputs))
         return dict(zip(names, self.found.theta.tolist(), strict=True))
+
+
+def preferred(tried: Sequence[Candidate[Chained]], data: ChainData) -> Candidate[Chained]:
+    """Of the models within one standard error of the smallest held-out error that of least BIC.
+
+    Held-out data cannot tell them apart, so the fitted data decide, where a parameter costs ln N.
+    """
+    ahead = min(tried, key=lambda c: c.found.held).found
+    limit = (1.0 + data.held_margin(ahead.chain, ahead.p)) * ahead.held
+    near = [c for c in tried if c.found.held <= limit] or list(tried)
+    size = data.samples * len(data.scales)
+
+    def bic(c: Candidate[Chained]) -> float:
+        return float(size * np.log(max(c.found.cost, 1e-300)) + c.n * np.log(size))
+
+    return min(near, key=lambda c: (bic(c), c.found.held))
 
 
 def by_names(
@@ -99,18 +115,18 @@ def last_search(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """The last search from the best candidate and from further starts that fit its shape.
 
     Args:
         best: where nothing is left to choose.
         tried: every candidate, for the report.
-        records, options, parameters, warm: as the fit was given.
+        records, options, parameters, initial_guesses: as the fit was given.
     """
     starts = [(best.label, best.found.theta)]
-    starts += [(name, theta) for name, theta in warm if len(theta) == best.n]
+    starts += [(name, theta) for name, theta in initial_guesses if len(theta) == best.n]
     reports = tuple(
         StartReport("all", c.label, None, c.found.cost, c.found.evaluations) for c in tried
     )
-    return finished(best.structure, records, options, parameters, starts, reports)
+    return final_fit(best.structure, records, options, parameters, starts, reports)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
+from sysid.fitting.holdout import error_margin
 from sysid.fitting.marquardt import Conditions, loss, marquardt
 from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.errors import ChainErrors, output_scales
@@ -60,6 +61,16 @@ class ChainData:
         e = self.problem(chain, self.held).residual(p)
         size = float(np.sqrt(np.mean(e**2))) if len(e) else float("nan")
         return size if size < 1e6 else float("inf")
+
+    def held_margin(self, chain: BlockChain, p: Array) -> float:
+        """Fraction by which that error is uncertain: one standard error."""
+        problem = self.problem(chain, self.held)
+        parts = np.split(problem.residual(p), np.cumsum(problem.lengths)[:-1])
+        masks = [held for held in self.held for _ in self.scales]
+        series = [np.zeros(len(held)) for held in masks]
+        for whole, held, part in zip(series, masks, parts, strict=True):
+            whole[held] = part
+        return error_margin(series)
 
     def with_states(self, chain: BlockChain, theta: Array) -> Array:
         """θ and, for each experiment, the state that meets the head of its fitted samples best."""

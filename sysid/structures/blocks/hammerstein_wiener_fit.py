@@ -9,15 +9,13 @@ on held-out samples of the estimation data. A sensor without sign has its signs 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from sysid.data.record import Record
 from sysid.data.shortened import shortened
-from sysid.fitting.holdout import hold_out, tie_margin
+from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure
-from sysid.structures.blocks.candidates import last_search
+from sysid.structures.blocks.candidates import last_search, preferred
 from sysid.structures.blocks.fit import ChainData
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.hammerstein_wiener_trials import (
@@ -34,7 +32,7 @@ from sysid.structures.blocks.hammerstein_wiener_trials import (
 )
 from sysid.structures.blocks.static.functions import IDENTITY, Static, parse_static
 from sysid.structures.orders import Orders, spread
-from sysid.structures.outcome import FitOutcome, Warm
+from sysid.structures.outcome import FitOutcome, InitialGuesses
 
 CHOICE_SAMPLES = 5_000
 """Samples that choose statics and orders; the choice is fitted to all."""
@@ -62,7 +60,7 @@ def fit(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """Choose what is open on held-out samples, then fit it to everything."""
     assert isinstance(structure, HammersteinWiener)
@@ -72,29 +70,14 @@ def fit(
     if is_open:
         cut = hold_out(shortened(records, CHOICE_SAMPLES))
         data = ChainData.of(cut.whole, cut.counted)
-        tried = list(Chooser(structure, cut.whole, data, tie_margin(cut.held)).candidates())
-        best = preferred(tried, data, tie_margin(cut.held))
+        tried = list(Chooser(structure, cut.whole, data).candidates())
+        best = preferred(tried, data)
     else:
         data = ChainData.of(records)
         tried = list(at_orders(plain, records, data, plain.inputs, plain.outputs))
         best = min(tried, key=lambda c: c.found.cost)
     best = replace(best, structure=replace(best.structure, requested=None, choose_orders=False))
-    return last_search(best, tried, records, options, parameters, warm)
-
-
-def preferred(tried: Sequence[Candidate], data: ChainData, margin: float) -> Candidate:
-    """Of the models within one standard error of the smallest held-out error that of least BIC.
-
-    Held-out data cannot tell them apart, so the fitted data decide, where a parameter costs ln N.
-    """
-    limit = (1.0 + margin) * min(c.found.held for c in tried)
-    near = [c for c in tried if c.found.held <= limit] or list(tried)
-    size = data.samples * len(data.scales)
-
-    def bic(c: Candidate) -> float:
-        return float(size * np.log(max(c.found.cost, 1e-300)) + c.n * np.log(size))
-
-    return min(near, key=lambda c: (bic(c), c.found.held))
+    return last_search(best, tried, records, options, parameters, initial_guesses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +87,6 @@ class Chooser:
     structure: HammersteinWiener
     records: Sequence[Record]
     data: ChainData
-    margin: float
 
     def candidates(self) -> Iterator[Candidate]:
         """Orders with piecewise-linear statics first, then other kinds at the best orders."""
@@ -124,7 +106,7 @@ class Chooser:
                 before[k] = found
                 seen.append(found)
                 yield found
-        best = preferred(seen, self.data, self.margin)
+        best = preferred(seen, self.data)
         for pair in self._kinds(best):
             yield refined(reshaped(best, *pair, self.data), self.data, ROUGH)
         if min(c.found.held for c in linear.values()) > POOR and self._open(1):

@@ -23,7 +23,7 @@ from sysid.structures.blocks.gains import normalised
 from sysid.structures.blocks.structure import BlockStructure
 from sysid.structures.outcome import FitOutcome, StartReport
 from sysid.structures.search import STATE_LEVEL
-from sysid.structures.solved import outcome_of, valued
+from sysid.structures.solved import outcome_of, with_covariance
 
 EVALUATIONS = 100
 """Limit of the descent on the normal equations before the last search."""
@@ -39,7 +39,7 @@ PATIENCE = 4
 hardly matters they would go on for a hundred."""
 
 
-def finished(
+def final_fit(
     structure: BlockStructure,
     records: Sequence[Record],
     options: FitOptions,
@@ -67,12 +67,12 @@ def finished(
     bare = structure.parameters(records[0].inputs, records[0].outputs)
     table = tuple(given.get(p.name, p) for p in bare)
     data = ChainData.of(records)
-    last = _Last(structure, data, options, table)
-    _check_equations(records, last)
-    runs = [(name, *last.approached(theta)) for name, theta in starts]
+    final = FinalFit(structure, data, options, table)
+    _check_equations(records, final)
+    runs = [(name, *final.approached(theta)) for name, theta in starts]
     rough = min((run[2] for run in runs), key=lambda found: found.cost)
     theta = rough.theta
-    if not last.constrained:
+    if not final.constrained:
         # the same model with its gains pinned; the cost does not change, the covariance exists
         chain, theta, pins = normalised(structure.chain, theta, data.data)
         structure = structure.with_chain(chain)
@@ -80,20 +80,20 @@ def finished(
         table = tuple(
             replace(p, fixed=float(theta[k])) if k in pins else p for k, p in enumerate(table)
         )
-        last = _Last(structure, data, options, table)
-    best = last.from_start(theta)
+        final = FinalFit(structure, data, options, table)
+    best = final.from_start(theta)
     if best.termination is Termination.DIVERGED or not best.cost < HOPELESS:
-        raise ModelError(f"{structure.name}: {Termination.DIVERGED.value}{_because(last)}")
+        raise ModelError(f"{structure.name}: {Termination.DIVERGED.value}{_because(final)}")
     said = [
         StartReport("all", name, before, best.cost, found.evaluations + best.evaluations)
         if found is rough
         else StartReport("all", name, before, found.cost, found.evaluations)
         for name, before, found in runs
     ]
-    return last.outcome(best, (*reports, *said), warnings)
+    return final.outcome(best, (*reports, *said), warnings)
 
 
-def again(
+def refit(
     before: FitOutcome,
     records: Sequence[Record],
     options: FitOptions,
@@ -103,22 +103,24 @@ def again(
     structure = before.structure
     assert isinstance(structure, BlockStructure)
     starts = [("the fit before", before.theta)]
-    return finished(structure, records, options, parameters, starts, before.starts, before.warnings)
+    return final_fit(
+        structure, records, options, parameters, starts, before.starts, before.warnings
+    )
 
 
-def _because(last: "_Last") -> str:
+def _because(final: "FinalFit") -> str:
     """What the user may have done to leave no stable model."""
     named = [
-        p.name for p in last.table if p.fixed is not None or np.isfinite([p.lower, p.upper]).any()
+        p.name for p in final.table if p.fixed is not None or np.isfinite([p.lower, p.upper]).any()
     ]
-    if not last.constrained or not named:
+    if not final.constrained or not named:
         return ""
     return f" No stable model was found with {', '.join(named)} as fixed or bounded."
 
 
-def _check_equations(records: Sequence[Record], last: "_Last") -> None:
-    equations = sum(last.rest.lengths)
-    unknowns = int(last.free.sum())
+def _check_equations(records: Sequence[Record], final: "FinalFit") -> None:
+    equations = sum(final.rest.lengths)
+    unknowns = int(final.free.sum())
     if equations <= unknowns:
         raise DataError(
             f"{records[0].name}: {equations} equations for {unknowns} parameters; record longer "
@@ -126,7 +128,7 @@ def _check_equations(records: Sequence[Record], last: "_Last") -> None:
         )
 
 
-class _Last:
+class FinalFit:
     """The search with what the user asked of it."""
 
     def __init__(
@@ -251,6 +253,6 @@ class _Last:
         states = len(best.p) - n
         counted = self.options.initial is not Initial.BACKCAST
         which = np.flatnonzero(np.concatenate([self.free, np.full(states, counted)]))
-        part = valued(self.moving if states else self.rest, best, which)
+        part = with_covariance(self.moving if states else self.rest, best, which)
         table = tuple(self.table)
         return outcome_of(self.structure, table, best.p[:n], [part], reports, warnings)

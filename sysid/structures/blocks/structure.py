@@ -44,9 +44,9 @@ class BlockStructure(NamedStructure):
 
     def refitter(self) -> "Refitter":
         """The last search alone: nothing is chosen anew."""
-        from sysid.structures.blocks.outcome import again
+        from sysid.structures.blocks.outcome import refit
 
-        return again
+        return refit
 
     @property
     @abstractmethod

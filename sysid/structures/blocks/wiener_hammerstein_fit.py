@@ -11,11 +11,11 @@ from typing import Any
 from sysid.data.record import Record
 from sysid.data.shortened import shortened
 from sysid.errors import ModelError
-from sysid.fitting.holdout import hold_out, tie_margin
+from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure
-from sysid.structures.blocks.candidates import by_names, last_search, points_last
+from sysid.structures.blocks.candidates import by_names, last_search, points_last, preferred
 from sysid.structures.blocks.changed_statics import with_statics
 from sysid.structures.blocks.fit import (
     ChainData,
@@ -26,7 +26,7 @@ from sysid.structures.blocks.static.functions import Static, parse_static
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.blocks.wiener_hammerstein_starts import Candidate, ranked_starts
 from sysid.structures.orders import orders_text
-from sysid.structures.outcome import FitOutcome, Warm
+from sysid.structures.outcome import FitOutcome, InitialGuesses
 
 SHORT, MIDDLE, LONG = 2_500, 10_000, 40_000
 """Samples of the fits that rank, that choose and that settle; the last search sees all."""
@@ -65,7 +65,7 @@ def fit(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """Rank the ways of dealing the poles out, fit the best ones, grow the winner."""
     assert isinstance(structure, WienerHammerstein)
@@ -84,7 +84,7 @@ def fit(
     finer = [_with_static(c, fine, middle) for c in _best_of_each(longer, 1, FINER, _held)]
     finer.sort(key=lambda c: c.found.held)
     models = [_moved(c, settled, 40) for c in finer[:CHOSEN]]
-    best = min(models, key=lambda c: c.found.held)
+    best = preferred(models, settled.data)
     if open_static:
         best, more = _grown(best, settled)
     else:
@@ -94,7 +94,7 @@ def fit(
         best, wider = _widened(best, records, settled)
         more += wider
     every = (*tried, *longer, *finer, *models, *more)
-    return last_search(best, every, records, options, parameters, warm)
+    return last_search(best, every, records, options, parameters, initial_guesses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,12 +103,11 @@ class Part:
 
     records: tuple[Record, ...]
     data: ChainData
-    margin: float
 
 
 def _held_out(records: Sequence[Record], samples: int) -> Part:
     cut = hold_out(shortened(records, samples))
-    return Part(cut.whole, ChainData.of(cut.whole, cut.counted), tie_margin(cut.held))
+    return Part(cut.whole, ChainData.of(cut.whole, cut.counted))
 
 
 def _orders(structure: WienerHammerstein, samples: int) -> Iterator[WienerHammerstein]:
@@ -174,7 +173,7 @@ def _with_static(c: Candidate, statics: Sequence[Static], part: Part) -> Candida
 
 
 def _grown(best: Candidate, part: Part) -> tuple[Candidate, list[Candidate]]:
-    """Finer splines as long as they pay, then simpler kinds that do as well.
+    """Finer splines as long as they pay, then the simpler kinds beside them.
 
     Points moved to where the spline bends gained nothing, even for a sharp diode: what is left
     then is what happens between the samples.
@@ -187,13 +186,8 @@ def _grown(best: Candidate, part: Part) -> tuple[Candidate, list[Candidate]]:
         if finer.found.held > PAYS * best.found.held:
             break
         best = finer
-    limit = (1.0 + part.margin) * best.found.held
-    for kind in KINDS:
-        other = _with_static(best, [parse_static(kind)] * nu, part)
-        tried.append(other)
-        if other.found.held <= limit and other.structure.chain.n < best.structure.chain.n:
-            best = other
-    return best, tried
+    kinds = [_with_static(best, [parse_static(kind)] * nu, part) for kind in KINDS]
+    return preferred([best, *kinds], part.data), [*tried, *kinds]
 
 
 def _widened(
@@ -211,10 +205,8 @@ def _widened(
         nonlocal best
         wide = _wider(best, records, part, more)
         tried.append(wide)
-        if wide.found.held < PAYS * best.found.held:
-            best = wide
-            return True
-        return False
+        before, best = best, preferred([best, wide], part.data)
+        return best is not before
 
     while min(min(row) for row in best.structure.orders.nk) > 0 and paid(nk=-1, nb=1):
         pass

@@ -19,8 +19,8 @@ from sysid.structures.grey_box.constants import Rung
 from sysid.structures.grey_box.runs import Masks
 from sysid.structures.grey_box.starts import Setting, cost_of, started
 from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.outcome import FitOutcome, StartReport, Warm
-from sysid.structures.solved import Part, outcome_of, valued
+from sysid.structures.outcome import FitOutcome, InitialGuesses, StartReport
+from sysid.structures.solved import Part, outcome_of, with_covariance
 
 Mask = NDArray[np.bool_]
 
@@ -56,7 +56,7 @@ def by_multi_start(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """Fit a grey box: starts, ladder, polish, uncertainty.
 
@@ -89,7 +89,9 @@ def by_multi_start(
     )
     free = np.array([p.fixed is None for p in table])
     guesses = [(n, _admissible(t, table, free)) for n, t in structure.first_guess(records)]
-    guesses += [(n, _admissible(t, table, free)) for n, t in warm if len(t) == len(table)]
+    guesses += [
+        (n, _admissible(t, table, free)) for n, t in initial_guesses if len(t) == len(table)
+    ]
     if structure.substeps == 0:
         structure = replace(structure, substeps=_substeps(structure, [t for _, t in guesses]))
     coarse = replace(structure, substeps=-(-structure.substeps // COARSER))
@@ -220,7 +222,7 @@ def _part(s: Setting, found: Solution, free: Mask, kept: Masks | None = None) ->
     """The free entries and the states that matter, with their covariance and null space."""
     # a state nothing depends on (a track that stands) is no unknown
     states = np.linalg.norm(found.jacobian[:, len(free) :], axis=0) > 0.0
-    return valued(s.problem(kept), found, np.flatnonzero(np.concatenate([free, states])))
+    return with_covariance(s.problem(kept), found, np.flatnonzero(np.concatenate([free, states])))
 
 
 def _profiled(

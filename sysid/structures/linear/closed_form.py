@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Record
 from sysid.errors import Termination
 from sysid.fitting import normal_equations as ne
@@ -11,6 +12,7 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Parameter
 from sysid.fitting.uncertainty import (
     AR_ORDER,
+    PART,
     half_of,
     portmanteau_white,
     sandwich,
@@ -19,7 +21,7 @@ from sysid.fitting.uncertainty import (
 from sysid.structures.base import Structure
 from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.predictor import RowLayout
-from sysid.structures.outcome import FitOutcome, StartReport, Warm
+from sysid.structures.outcome import FitOutcome, InitialGuesses, StartReport
 from sysid.structures.search import by_search
 
 SANDWICH_SAMPLES = 100_000
@@ -31,12 +33,12 @@ def fit(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Warm,
+    initial_guesses: InitialGuesses,
 ) -> FitOutcome:
     """Least squares in one step, or a search where constraints or another loss forbid it."""
     weighted = any(r.weights is not None for r in records)
     if weighted or not (isinstance(structure, ARX) and _linear(options, parameters)):
-        return by_search(structure, records, options, parameters, warm)
+        return by_search(structure, records, options, parameters, initial_guesses)
     theta, covariance, null = solve(structure, records)
     return FitOutcome(
         structure,
@@ -71,12 +73,21 @@ def signs(lay: RowLayout) -> Array:
     return np.where(np.array([s for s, _ in lagged_terms(lay)]) < len(lay.na), -1.0, 1.0)
 
 
-def solve(structure: ARX, records: Sequence[Record]) -> tuple[Array, Array, Array]:
-    """θ, its covariance, and the directions without information (n, n_null)."""
+def solve(
+    structure: ARX, records: Sequence[Record], along: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """θ, its covariance, and the directions without information (n, n_null).
+
+    Args:
+        structure, records: what is fitted to what.
+        along: combinations of θ, (n, m), whose covariance (m, m) is wanted instead; where errors
+            are coloured, few of them cost a fraction of all.
+    """
     ny = structure.ny
     layouts = [structure.layout(i) for i in range(ny)]
     n = sum(lay.n for lay in layouts)
-    theta, covariance = np.zeros(n), np.zeros((n, n))
+    m = n if along is None else along.shape[1]
+    theta, covariance = np.zeros(n), np.zeros((m, m))
     null: list[Array] = []
     grams: dict[int, ne.LagGram] = {}
     for i, lay in enumerate(layouts):
@@ -91,19 +102,21 @@ def solve(structure: ARX, records: Sequence[Record]) -> tuple[Array, Array, Arra
             solved = ne.solve_by_blocks(records, start, i, terms)
         sign = signs(lay)
         theta[index] = sign * solved.theta
-        errors = [
-            ne.residual_row(
-                r, start, i, [(s, k, c) for (s, k), c in zip(terms, solved.theta, strict=True)]
-            )
-            for r in records
-        ]
-        block = _covariance(records, errors, start, terms, solved)
-        covariance[np.ix_(index, index)] = np.outer(sign, sign) * block
+        weighed = [(s, k, float(c)) for (s, k), c in zip(terms, solved.theta, strict=True)]
+        errors = [ne.residual_row((*r.y.T, *r.u.T), start, i, weighed) for r in records]
+        if along is None:
+            block = _covariance(records, errors, start, terms, solved)
+            covariance[np.ix_(index, index)] = np.outer(sign, sign) * block
+        else:
+            weights = sign[:, None] * along[index]
+            covariance += _covariance(records, errors, start, terms, solved, weights)
         for direction in solved.null.T:
             spread = np.zeros(n)
             spread[index] = sign * direction
             null.append(spread)
-    return theta, covariance, np.array(null).T if null else np.zeros((n, 0))
+    unseen = np.array(null).T if null else np.zeros((n, 0))
+    touched = unseen if along is None else (along != 0.0).T @ (np.abs(unseen) > PART)
+    return theta, with_infinite(covariance, touched), unseen
 
 
 def _covariance(
@@ -112,12 +125,14 @@ def _covariance(
     start: int,
     terms: Sequence[tuple[int, int]],
     solved: ne.LeastSquares,
+    along: Array | None = None,
 ) -> Array:
-    """σ²(ΦᵀΦ)⁻¹, or the sandwich form when the errors are not white."""
+    """σ²(ΦᵀΦ)⁻¹, or the sandwich form when the errors are not white; of combinations if asked."""
     samples = sum(len(e) for e in errors)
     dof = max(samples - (len(terms) - solved.null.shape[1]), 1)
     variance = sum(float(e @ e) for e in errors) / dof
-    covariance = variance * solved.inverse
+    inverse = solved.inverse if along is None else along.T @ solved.inverse @ along
+    covariance = variance * inverse
     if not portmanteau_white(errors) and samples > 5 * AR_ORDER:
         phis, kept, room = [], [], SANDWICH_SAMPLES
         for r, e in zip(records, errors, strict=True):
@@ -130,6 +145,10 @@ def _covariance(
                 kept.append(e[:m])
                 room -= m
         used = sum(len(e) for e in kept)
-        covariance = sandwich(half_of(solved.inverse), phis, kept)
+        if along is None:
+            covariance = sandwich(half_of(solved.inverse), phis, kept)
+        else:
+            columns = solved.inverse @ along
+            covariance = coloured_gram([phi @ columns for phi in phis], kept, AR_ORDER)
         covariance *= (samples / used) * (samples / dof)
-    return with_infinite(covariance, solved.null)
+    return np.asarray(covariance)

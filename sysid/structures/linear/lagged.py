@@ -10,12 +10,14 @@ def through(D: Array, C: Array, h: Array | None, rows: Array, out: Array) -> Non
     """(D/C) of rows that are consecutive lags of one signal; h is the impulse response of D/C.
 
     Each row is the one before it a sample later, but for its first value: so is its response, but
-    for that value times h. One filter run serves all lags. Without h the rows are copied.
+    for that value times h, which may be longer. One filter run serves all lags. Without h the rows
+    are copied.
     """
     if h is None or not rows.size:
         out[:] = rows
         return
     out[0] = lfilter(D, C, rows[0])
+    h = h[: out.shape[1]]
     for k in range(1, len(rows)):
         np.multiply(h, rows[k, 0], out=out[k])
         out[k, 1:] += out[k - 1, :-1]

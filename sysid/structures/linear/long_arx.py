@@ -119,8 +119,8 @@ def long_arx_errors(records: Sequence[Record], lay: RowLayout) -> list[Array]:
     theta = arx_row(records, long)
     out = []
     for r in records:
-        e = np.zeros(len(r))
-        e[long.start :] = ne.residual_row(r, long.start, lay.output, terms_of(long, theta, r.ny))
+        e, terms = np.zeros(len(r)), terms_of(long, theta, r.ny)
+        e[long.start :] = ne.residual_row((*r.y.T, *r.u.T), long.start, lay.output, terms)
         out.append(e)
     return out
 

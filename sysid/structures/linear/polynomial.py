@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Channel, Index, Record
 from sysid.data.unit_words import ratio
+from sysid.fitting.normal_equations import residual_row
 from sysid.fitting.problem import (
     Focus,
     Initial,
@@ -24,7 +26,7 @@ from sysid.structures.linear.transfer import TransferMatrix, adjugate, determina
 from sysid.structures.orders import Orders, spread
 
 if TYPE_CHECKING:
-    from sysid.structures.outcome import Warm
+    from sysid.structures.outcome import InitialGuesses
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +87,7 @@ class PolynomialStructure(NamedStructure):
         """Orders of the grid that the samples bear."""
         return affordable(cls, cls.order_grid(nu, ny, samples), nu, ny, samples, delay)
 
-    def starts(self, records: Sequence[Record], focus: Focus) -> "Warm":
+    def starts(self, records: Sequence[Record], focus: Focus) -> "InitialGuesses":
         """Named starting values of θ, by the polynomials there are."""
         from sysid.structures.linear.starts import starts_of
 
@@ -166,6 +168,9 @@ class PolynomialStructure(NamedStructure):
 
     def transfer(self, theta: Array) -> TransferMatrix:
         """G(q) = A⁻¹ [B/F] as a transfer matrix."""
+        return _transfer_of(self, np.asarray(theta, dtype=np.float64).tobytes())
+
+    def _transfer(self, theta: Array) -> TransferMatrix:
         p = self.polynomials(theta)
         pairs = [(i, j) for i in range(self.ny) for j in range(self.nu)]
         num = [[np.zeros(1)] * self.nu for _ in range(self.ny)]
@@ -282,7 +287,7 @@ class PolynomialStructure(NamedStructure):
             if len(y) <= lay.start + lay.nd:
                 continue
             if not lay.n_initial:
-                out[lay.start :, i] = self._equation_errors(theta, u, y, i)[lay.start :]
+                out[lay.start :, i] = self._equation_errors(theta, u, y, i)
                 continue
             row = RowErrors(lay, self.row_index(i), [(u, y)], estimate_initial=window > 0)
             p = row.initial_guess(theta)
@@ -316,11 +321,12 @@ class PolynomialStructure(NamedStructure):
         return np.where(missing, np.nan, y - k_step)
 
     def _equation_errors(self, theta: Array, u: Array, y: Array, i: int) -> Array:
-        """A y − B u of one output, without a matrix of regressors."""
+        """A y − B u of one output from its first sample on, without a matrix of regressors."""
         p = self.polynomials(theta)
-        terms = [(p.A[i][j], y[:, j]) for j in range(self.ny)]
-        terms += [(-p.B[i][j], u[:, j]) for j in range(self.nu)]
-        return np.asarray(sum(lfilter(c, [1.0], s) for c, s in terms if np.any(c)))
+        weights = [*(-a for a in p.A[i]), *p.B[i]]
+        terms = [(s, k, float(c)) for s, w in enumerate(weights) for k, c in enumerate(w) if c]
+        terms.remove((i, 0, -1.0))
+        return residual_row((*y.T, *u.T), self.layout(i).start, i, terms)
 
     def noise_response(self, theta: Array, n: int) -> Array:
         """H(q) = A⁻¹ C/D as an impulse response."""
@@ -431,3 +437,9 @@ def _text(polynomial: Array) -> str:
             else f"{sign} {number}{power}"
         )
     return "(" + (" ".join(parts) or "0") + ")"
+
+
+@lru_cache(maxsize=32)
+def _transfer_of(structure: PolynomialStructure, theta: bytes) -> TransferMatrix:
+    """G(q) of the last few models: states, run, poles and gains of one are asked for in turn."""
+    return structure._transfer(np.frombuffer(theta))

@@ -33,6 +33,9 @@ from sysid.structures.linear.lagged import (
     through,
 )
 
+_NoiseFilter = tuple[Array, Array, Array | None]
+"""C, D and the impulse response of D/C, None where that is 1."""
+
 HUGE = 1e100
 """Residual reported where the filters overflow: the solver rejects the step."""
 
@@ -192,13 +195,17 @@ class RowErrors(Problem):
         """
         each, nd = self.states_each, self.layout.nd
         edges = np.cumsum([0, *(len(x.y) for x in self._experiments)]).tolist()
+        longest = max((len(x.y) for x in self._experiments), default=0)
         out = np.zeros((shared + self.n_initial, edges[-1]))
         with np.errstate(all="ignore"):
+            # impulse responses are those of every experiment, cut to its length
+            noise = self._noise_filter(p, longest)
+            free = self._state_columns(p, noise, longest)
             for k, (x, (a, b)) in enumerate(zip(self._experiments, pairwise(edges), strict=True)):
                 first = shared + k * each
                 if shared:
-                    self._columns(p, self._signals(p)[k], x, out[:shared, a:b])
-                self._state_columns(p, out[first : first + each, a:b])
+                    self._columns(p, self._signals(p)[k], x, noise, out[:shared, a:b])
+                out[first : first + each, a:b] = free[:, : b - a]
         if nd:
             kept = [out[:, a + nd : b] for a, b in pairwise(edges)]
             out = kept[0] if len(kept) == 1 else np.concatenate(kept, axis=1)
@@ -244,10 +251,12 @@ class RowErrors(Problem):
             room += states[at : at + len(room)]
         return _Signals(lfilter([1.0], C, drive), v, ws, fs)
 
-    def _columns(self, p: Array, s: "_Signals", x: _Experiment, out: Array) -> None:
+    def _columns(
+        self, p: Array, s: "_Signals", x: _Experiment, noise: _NoiseFilter, out: Array
+    ) -> None:
         """Gradients with respect to θ, one row a coefficient, (n, M)."""
         lay, start = self.layout, self.layout.start
-        C, D, h = self._noise_filter(p, len(s.e))
+        C, D, h = noise
         row = 0
         for place in self._lagged:
             count = place.stop - place.start
@@ -263,12 +272,12 @@ class RowErrors(Problem):
         if lay.nd:
             shifted(lfilter([1.0], C, s.v), lags(1, lay.nd), 0, out[self._d])
 
-    def _state_columns(self, p: Array, out: Array) -> None:
-        """Gradients with respect to one experiment's initial states, (states, M)."""
-        lay, m = self.layout, out.shape[1]
+    def _state_columns(self, p: Array, noise: _NoiseFilter, m: int) -> Array:
+        """Gradients with respect to one experiment's initial states, (states, m)."""
+        lay, out = self.layout, np.zeros((self.states_each, m))
         if not len(out):
-            return
-        C, D, h = self._noise_filter(p, m)
+            return out
+        C, D, h = noise
         at = 0
         for j in lay.filtered:
             free = lfilter([1.0], monic(p[self._f[j]]), -impulse(m))
@@ -277,8 +286,9 @@ class RowErrors(Problem):
             at += lay.nf[j]
         if lay.n_noise_states:
             shifted(lfilter([1.0], C, impulse(m)), range(lay.n_noise_states), 0, out[at:])
+        return out
 
-    def _noise_filter(self, p: Array, m: int) -> tuple[Array, Array, Array | None]:
+    def _noise_filter(self, p: Array, m: int) -> _NoiseFilter:
         """C, D and the impulse response of D/C, None where that is 1."""
         C, D = monic(p[self._c]), monic(p[self._d])
         return C, D, lfilter(D, C, impulse(m)) if self.layout.nc or self.layout.nd else None

@@ -103,7 +103,8 @@ def _with_moving_average(records: Sequence[Record], lay: RowLayout, theta: Array
     plain = plain_row(lay)
     noise = []
     for r in records:
-        v = ne.residual_row(r, plain.start, lay.output, terms_of(plain, theta, r.ny))
+        terms = terms_of(plain, theta, r.ny)
+        v = ne.residual_row((*r.y.T, *r.u.T), plain.start, lay.output, terms)
         noise.append(passing(np.zeros((len(v), 0)), v, r.dt))
     return np.concatenate([theta, hannan_rissanen(noise, _noise_row(lay))])
 

@@ -145,6 +145,10 @@ class TransferMatrix:
 
     def poles(self) -> NDArray[np.complex128]:
         """Poles, groups stacked; poles at the origin (pure delays) are left out."""
+        return self._poles
+
+    @cached_property
+    def _poles(self) -> NDArray[np.complex128]:
         found = [np.roots(_trimmed(g.den)) for g in self.groups]
         return np.concatenate([np.zeros(0), *found]).astype(np.complex128)
 
@@ -184,13 +188,14 @@ def _respond(g: Group, u: Array, state: Array | None) -> Array:
 
 
 def _trimmed(polynomial: Array) -> Array:
-    kept = np.trim_zeros(np.asarray(polynomial, dtype=np.float64), "b")
-    return kept if len(kept) else np.zeros(1)
+    last = np.flatnonzero(polynomial)[-1:]
+    return polynomial[: int(last[0]) + 1] if len(last) else np.zeros(1)
 
 
 def _padded(polynomial: Array, width: int) -> Array:
-    kept = np.trim_zeros(np.asarray(polynomial, dtype=np.float64), "b")
-    return np.concatenate([kept, np.zeros(width - len(kept))])
+    out = np.zeros(width)
+    out[: len(polynomial)] = polynomial[:width]
+    return out
 
 
 def determinant(A: list[list[Array]]) -> Array:

@@ -29,7 +29,7 @@ from sysid.structures.narmax.term_search import search_terms
 from sysid.structures.narmax.term_trials import LADDER, Row
 from sysid.structures.orders import Orders
 from sysid.structures.outcome import FitOutcome, StartReport
-from sysid.structures.solved import outcome_of, valued, worst
+from sysid.structures.solved import outcome_of, with_covariance, worst
 
 SEARCH_EVALUATIONS = 20
 FINAL_EVALUATIONS = 60
@@ -40,7 +40,7 @@ def fit_narmax(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Sequence[tuple[str, Array]],
+    initial_guesses: Sequence[tuple[str, Array]],
 ) -> FitOutcome:
     """Choose the terms, estimate their coefficients, and say what they are worth.
 
@@ -232,14 +232,14 @@ def _in_free_run(
     for rung in rungs:
         theta, estimate = _over_chunks(s, (records, small), options, theta, rung, parameters, "")
         found.append(estimate)
-    warm = start.theta.copy()
+    guess = start.theta.copy()
     for i, row in enumerate(s.rows):
         for k, t in zip(s.row_index(i), row, strict=True):
             if parameters[k].fixed is None:
-                warm[k] = known[i].get(t, warm[k])
+                guess[k] = known[i].get(t, guess[k])
     if any(known):
         words = " from the search's values"
-        last = _over_chunks(s, (records, small), options, warm, rungs[-1], parameters, words)
+        last = _over_chunks(s, (records, small), options, guess, rungs[-1], parameters, words)
         found.append(last[1])
     return found
 
@@ -324,7 +324,7 @@ def _outcome(
         if alternate:  # free runs determine the process, one step ahead follow the noise terms
             mine = mine & (noise[problem.index] != isinstance(problem, ChunkedRuns))
         if mine.any():
-            parts.append(valued(problem, solution, np.flatnonzero(mine), samples))
+            parts.append(with_covariance(problem, solution, np.flatnonzero(mine), samples))
     runs = s.free_run().measured(found.theta, records)
     advice = "there the polynomial runs away; lower the degree or the number of terms"
     notes = (*notes, *s.limit_warnings(runs, records[0].outputs, advice))

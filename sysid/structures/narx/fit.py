@@ -39,7 +39,7 @@ from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_frame import least_squares
 from sysid.structures.narx.wavelet_network import RowDesign
 from sysid.structures.outcome import FitOutcome, StartReport
-from sysid.structures.solved import outcome_of, valued
+from sysid.structures.solved import outcome_of, with_covariance
 
 ROUNDS, FEWER_ROUNDS = 20, 14
 """Evaluations on all data; the second where there are at least SHORT samples."""
@@ -55,7 +55,7 @@ def fit_narx(
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    warm: Sequence[tuple[str, Array]],
+    initial_guesses: Sequence[tuple[str, Array]],
 ) -> FitOutcome:
     """Choose products and units, estimate everything, and say what it is worth.
 
@@ -253,7 +253,7 @@ def _outcome(
     parameters = _with_fixed_boxes(s, records, chosen.theta)
     free = np.array([p.fixed is None for p in parameters])
     parts = [
-        valued(problem, solution, np.flatnonzero(free[problem.index]), samples)
+        with_covariance(problem, solution, np.flatnonzero(free[problem.index]), samples)
         for problem, solution, samples in chosen.solved
     ]
     low, high = (np.array([getattr(p, k) for p in parameters]) for k in ("lower", "upper"))

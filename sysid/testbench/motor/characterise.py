@@ -19,11 +19,11 @@ from sysid.testbench.motor.plausibility import (
     LEAST_RATIO,
     MOST_RATIO,
     contradictions,
-    hardly_told,
     misfits,
     missing_experiments,
     require_currents,
     require_plausible,
+    weakly_identified,
 )
 from sysid.testbench.motor.propagation import propagated
 from sysid.testbench.motor.published import PRINTED, is_the_thesis, printed_against
@@ -154,9 +154,9 @@ class MotorBench:
         """Correlations of the parameters in ``names``, (n, n)."""
         s = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         size = np.where(s > 0.0, s, 1.0)
-        found = self.covariance / np.outer(size, size)
-        np.fill_diagonal(found, 1.0)
-        return np.asarray(found)
+        correlations = self.covariance / np.outer(size, size)
+        np.fill_diagonal(correlations, 1.0)
+        return np.asarray(correlations)
 
 
 def characterise_motor(files: Sequence[Path], options: MotorOptions | None = None) -> MotorBench:
@@ -178,24 +178,24 @@ def characterise_motor(files: Sequence[Path], options: MotorOptions | None = Non
     if missing:
         raise DataError(missing)
     tests, said = _sided(read.tests, known, gear)
-    found = routes(tests, known, gear)
-    require_plausible(values_of(found))
-    if "R" in values_of(found):
-        require_currents(tests, values_of(found)["R"])
-    tied = "Kc" not in values_of(found)
+    from_tables = routes(tests, known, gear)
+    require_plausible(values_of(from_tables))
+    if "R" in values_of(from_tables):
+        require_currents(tests, values_of(from_tables)["R"])
+    tied = "Kc" not in values_of(from_tables)
     if tied:
         said.append(
-            "No torque was measured: Kc is taken for equal to Kem, as it is in a motor without "
-            "losses. Voltage, current and speed tell f, C0 and J only in parts of Kc; a stall or "
-            "external-load experiment tells Kc itself."
+            "No torque was measured, so Kc is set equal to Kem, as in a motor without losses. "
+            "Voltage, current and speed determine f, C0 and J only relative to Kc; a stall or "
+            "external-load experiment determines Kc."
         )
-    joint, remarks = fit_all(tests, read.drives, known, values_of(found), gear, tied)
+    joint, remarks = fit_all(tests, read.drives, known, values_of(from_tables), gear, tied)
     require_plausible(vars(joint.constants))
     errors, covariance, names = propagated(tests, known, gear, joint.sigma, tied)
-    notes = [*read.notes, *notes, *said, *remarks, *contradictions(found, errors)]
-    notes += [*misfits(joint, tests), *hardly_told(joint)]
+    notes = [*read.notes, *notes, *said, *remarks, *contradictions(from_tables, errors)]
+    notes += [*misfits(joint, tests), *weakly_identified(joint)]
     work = _Evaluation(
-        BenchFiles(tests, read.drives, known, tuple(notes)), gear, found, errors,
+        BenchFiles(tests, read.drives, known, tuple(notes)), gear, from_tables, errors,
         (names, covariance), joint, tied, given.method,
     )  # fmt: skip
     return work.bench()
@@ -207,8 +207,8 @@ def _gear(known: Mapping[str, KnownValue], options: MotorOptions) -> tuple[float
     if "gear" in known:
         return known["gear"].value, []
     return PUBLISHED.gear, [
-        f"The gear is taken as {PUBLISHED.gear:g} turns of the motor for one of the output shaft, "
-        "the thesis's; `gear=TURNS` says otherwise."
+        f"The gear is taken as {PUBLISHED.gear:g} motor turns per output turn (the thesis's "
+        "value); change it with `gear=TURNS`."
     ]
 
 
@@ -229,8 +229,8 @@ def _sided(
     names = ", ".join(t.name for t in unsaid)
     sided = tuple(replace(t, motor_side=True) if t in unsaid else t for t in tests)
     return sided, [
-        f"{names}: the torque is taken as that of the motor's shaft; as that of the output shaft "
-        f"it would be {gear:g} times too small for Kem. Call the column motor_torque_Nm."
+        f"{names}: the torque is taken at the motor's shaft; at the output shaft it would be "
+        f"{gear:g} times too small for Kem. Call the column motor_torque_Nm."
     ]
 
 
@@ -291,24 +291,24 @@ class _Evaluation:
         if self.tied:
             values["Kc"] = values["Kem"]
         kept = [k for k, n in enumerate(names) if n not in self.joint.undetermined]
-        told = {n: v for n, v in values.items() if n not in self.joint.undetermined}
-        return told, tuple(names[k] for k in kept), covariance[np.ix_(kept, kept)]
+        determined = {n: v for n, v in values.items() if n not in self.joint.undetermined}
+        return determined, tuple(names[k] for k in kept), covariance[np.ix_(kept, kept)]
 
     def _row(
         self, name: str, values: Mapping[str, float], names: Sequence[str], covariance: Array
     ) -> Estimate:
-        told = "Kem" if name == "Kc" and self.tied else name
+        source = "Kem" if name == "Kc" and self.tied else name
         value, error = values.get(name), None
         of_joint = dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
         single = values_of(self.found)
-        if told in names:
-            k = list(names).index(told)
+        if source in names:
+            k = list(names).index(source)
             error = float(np.sqrt(covariance[k, k]))
-            if self.method == "separate" and told in of_joint:
+            if self.method == "separate" and source in of_joint:
                 # what the way of evaluation changes is an error as well
-                error = float(np.hypot(error, single[told] - of_joint[told]))
-        elif value is not None and told in of_joint:
-            k = self.joint.names.index(told)
+                error = float(np.hypot(error, single[source] - of_joint[source]))
+        elif value is not None and source in of_joint:
+            k = self.joint.names.index(source)
             error = float(np.sqrt(self.joint.covariance[k, k]))
         printed = PRINTED.get(name) if is_the_thesis(self.files.tests) else None
         reason = self._reason(name, value)
@@ -324,18 +324,18 @@ class _Evaluation:
 
     def _reason(self, name: str, value: float | None) -> str:
         if name == "Kc" and self.tied:
-            return "taken for equal to Kem: no torque was measured"
+            return "set equal to Kem, because no torque was measured"
         if value is None:
-            return NOT_TOLD.get(name, "not told by these files")
+            return WHY_UNDETERMINED.get(name, "not identifiable from these files")
         how = {r.name: r.how for r in reversed(self.found)}
         if self.method == "separate" and name in how:
             return how[name]
         return "all experiments at once" if how or len(self.files.drives) > 1 else "the drive"
 
 
-NOT_TOLD = {
-    "L": "not told: steady states do not see it; a log of voltage steps with its current, sampled "
-    "faster than L/R, does",
-    "J": "not told: give a value from geometry (`known={'J': 1e-7}`) or a log of a run-up",
+WHY_UNDETERMINED = {
+    "L": "not identifiable from steady states; log voltage steps with their current, sampled "
+    "faster than L/R",
+    "J": "not identifiable; give a value from geometry (`known={'J': 1e-7}`) or a log of a run-up",
 }
 """Why a constant has no value."""

@@ -152,12 +152,12 @@ class _Sliding:
         angle = angle + self.turned[2] * voltage + self.turned[3] * sense
         back = np.flatnonzero(x[1] * sense < 0.0)
         took = len(voltage) if not len(back) else int(back[0]) + 1
-        found = np.array([x[0], x[1], angle])[:, :took]
+        states = np.array([x[0], x[1], angle])[:, :took]
         if len(back):
-            found[1, -1], found[2, -1] = self._beyond(
+            states[1, -1], states[2, -1] = self._beyond(
                 before[:, took - 1], x[:, took - 1], voltage[took - 1]
             )
-        return found, took
+        return states, took
 
     def _beyond(self, here: Array, there: Array, voltage: float) -> tuple[float, float]:
         """Speed at the end of a step in which the shaft stops, and the angle gained over it."""
@@ -246,25 +246,25 @@ def drive_part(log: DriveLog, start: MotorConstants, share: float, smeared: bool
         state.append(float(log.events.angle[0]))
     first = len(state)
 
-    def predict(c: MotorConstants, own: Array) -> tuple[Array, ...]:
+    def predict(c: MotorConstants, unknowns: Array) -> tuple[Array, ...]:
         s = np.full(len(log.t), share)
         if smeared:
-            s[steps] = own[first:]
+            s[steps] = unknowns[first:]
         between = (1.0 - s) * log.voltage + s * later
         fine = np.repeat(between, steps_in_row)
-        run = motion(c, fine, log.dt / steps_in_row, (i0, float(own[0])), log.load)
+        run = motion(c, fine, log.dt / steps_in_row, (i0, float(unknowns[0])), log.load)
         current, speed, angle = (column[::steps_in_row] for column in run)
-        found = [current[counts]] if log.current is not None else []
+        signals = [current[counts]] if log.current is not None else []
         if log.events is None:
-            return (*found, speed / c.gear)
-        return (*found, own[1] + _between_rows(log.events.t, log.t, angle, speed) / c.gear)
+            return (*signals, speed / c.gear)
+        return (*signals, unknowns[1] + _between_rows(log.events.t, log.t, angle, speed) / c.gear)
 
     floor = tuple(
         0.0 if q == "angle" else _rounding(m) for q, m in zip(quantities, measured, strict=True)
     )
     shares = [share] * (1 if many else len(steps)) if smeared else []
-    own = np.array([*state, *shares])
-    return Part(log.name, "drive", tuple(quantities), tuple(measured), floor, predict, own)
+    unknowns = np.array([*state, *shares])
+    return Part(log.name, "drive", tuple(quantities), tuple(measured), floor, predict, unknowns)
 
 
 def _between_rows(at: Array, t: Array, angle: Array, speed: Array) -> Array:

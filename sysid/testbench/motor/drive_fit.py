@@ -41,7 +41,7 @@ def fit_all(
         tied: whether Kc is Kem.
 
     Raises:
-        DataError: there are fewer readings than constants.
+        DataError: there are fewer measurements than constants.
     """
     steady = [steady_part(t, gear) for t in tests] + [known_part(v) for v in known.values()]
     starts = _starts(drives, values, gear)
@@ -53,15 +53,14 @@ def fit_all(
         parts = [*steady, *(drive_part(d, starts[0], share) for d in drives)]
         fits.append((fit_jointly(parts, names, starts, tied), parts))
     best = min((0, 1), key=lambda k: _cost(fits[k][0]))
-    found, parts = fits[best]
-    smeared = _smeared(found, drives)
+    best_fit, parts = fits[best]
+    smeared = _smeared(best_fit, drives)
     if smeared:
         parts = [*steady, *(drive_part(d, starts[0], 0.5, smeared=True) for d in drives)]
-        found = fit_jointly(parts, names, starts, tied)
+        best_fit = fit_jointly(parts, names, starts, tied)
         said = [
-            "Steps of the voltage fall between rows: the current right behind a step is left out, "
-            "and errors may be some per cent, more than their standard errors; log faster, or step "
-            "the voltage at the rows."
+            "Voltage steps fall between rows, so the current right after a step is left out. "
+            "Errors of some per cent may remain; log faster, or step the voltage at the rows."
         ]
     else:
         behind = "before it, as measured with the rest" if best else "behind it, as commanded"
@@ -69,13 +68,13 @@ def fit_all(
     if "L" in names and "L" not in known:
         dt = max(d.dt for d in drives)
         logged = any(d.current is not None for d in drives)
-        if logged and _told(found, dt if smeared else 0.0):
-            return found, said
+        if logged and _inductance_identifiable(best_fit, dt if smeared else 0.0):
+            return best_fit, said
         # it stays among the estimates, whose errors take in that it is not known
-        found = replace(found, undetermined=(*found.undetermined, "L"))
+        best_fit = replace(best_fit, undetermined=(*best_fit.undetermined, "L"))
         why = f"the current follows the voltage within a sample of {dt:g} s; sample faster than L/R"
-        said.append(f"L is not told: {why if logged else 'log the current'} to see it.")
-    return found, said
+        said.append(f"L is not identifiable; {why if logged else 'log the current'}.")
+    return best_fit, said
 
 
 def _names(
@@ -83,10 +82,10 @@ def _names(
 ) -> tuple[str, ...]:
     """Constants that the experiments and known values tell, in the order of ``CONSTANTS``."""
     torque = any(t.has("torque") for t in tests if t.kind in (Kind.STALL, Kind.EXTERNAL))
-    told = {"R", "Kem", "f", "C0", *known}
-    told |= {"Kc"} if torque else set()
-    told |= {"J", "L"} if drives else set()  # a lag of the current shows in the speed, too
-    return tuple(n for n in CONSTANTS if n in told)
+    determined = {"R", "Kem", "f", "C0", *known}
+    determined |= {"Kc"} if torque else set()
+    determined |= {"J", "L"} if drives else set()  # a lag of the current shows in the speed, too
+    return tuple(n for n in CONSTANTS if n in determined)
 
 
 def _starts(
@@ -110,23 +109,23 @@ def _starts(
         assert tables is not None  # experiments are complete
         return (tables,)
     used = [d for d in drives if d.current is not None] or drives
-    read = [guessed(used, gear, tables, b) for b in BLOCKS if b * FEWEST < len(used[0].t)]
+    read = [guessed(used, gear, tables, b) for b in BLOCKS if b * MIN_BLOCKS < len(used[0].t)]
     read = [g for g in read if g.R > 0.0 and g.Kem > 0.0 and np.isfinite(g.J)]
     if not read:
         raise DataError(
-            f"{drives[0].name}: voltage, current and speed do not go together as in a motor; check "
-            "their signs and units"
+            f"{drives[0].name}: voltage, current and speed do not fit a motor; check their signs "
+            "and units"
         )
     if tables is None:
-        own = {n: v for n, v in values.items() if n in CONSTANTS}
-        found = [replace(g, **own) for g in read]
+        given = {n: v for n, v in values.items() if n in CONSTANTS}
+        guesses = [replace(g, **given) for g in read]
     else:
-        found = [replace(tables, J=values.get("J", g.J), L=values.get("L", g.L)) for g in read]
+        guesses = [replace(tables, J=values.get("J", g.J), L=values.get("L", g.L)) for g in read]
     around = (1.0, 0.3, 3.0)  # what slopes over blocks are wrong by
-    return tuple(replace(g, J=a * g.J, L=b * g.L) for g in found for a in around for b in around)
+    return tuple(replace(g, J=a * g.J, L=b * g.L) for g in guesses for a in around for b in around)
 
 
-FEWEST = 10
+MIN_BLOCKS = 10
 """Blocks from which constants are read off."""
 
 
@@ -135,7 +134,7 @@ def _cost(fit: JointFit) -> float:
     return float(sum(len(g.residuals) * np.log(g.noise) for g in fit.groups if g.kind == "drive"))
 
 
-def _told(fit: JointFit, least: float) -> bool:
+def _inductance_identifiable(fit: JointFit, least: float) -> bool:
     """Whether the inductance differs from zero, and L/R from the least that could be told [s]."""
     k = fit.names.index("L")
     error = float(np.sqrt(fit.covariance[k, k]))

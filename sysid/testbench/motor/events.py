@@ -16,8 +16,8 @@ from sysid.errors import DataError
 
 _TURN = 2.0 * np.pi
 
-FEWEST = 3
-"""Events of a steady speed: two intervals, whose difference shows whether it is steady."""
+MIN_EVENTS = 3
+"""Events of a steady speed: two intervals, whose difference shows whether the speed is steady."""
 
 UNSTEADY = 5.0
 """A speed counts as not steady where its trend over the events is larger than so many standard
@@ -72,14 +72,14 @@ class Events:
         span = float(self.t[-1] - self.t[0])
         x = (self.t - self.t.mean()) / span
         terms = np.column_stack([np.ones(len(x)), x, x**2])
-        found, *_ = np.linalg.lstsq(terms, self.angle, rcond=None)
-        rest = self.angle - terms @ found
+        theta, *_ = np.linalg.lstsq(terms, self.angle, rcond=None)
+        rest = self.angle - terms @ theta
         speed = abs(float(self.angle[-1] - self.angle[0])) / span
         noise = max(
             float(rest @ rest) / max(len(x) - 3, 1), float(np.mean((speed * self.error) ** 2))
         )
         spread = np.linalg.pinv(terms.T @ terms)[2, 2]
-        return 2.0 * float(found[2]) / span, 2.0 * float(np.sqrt(noise * spread)) / span
+        return 2.0 * float(theta[2]) / span, 2.0 * float(np.sqrt(noise * spread)) / span
 
 
 def from_times(t: Array, pulses_per_turn: float, where: str) -> Events:
@@ -93,8 +93,10 @@ def from_times(t: Array, pulses_per_turn: float, where: str) -> Events:
     Raises:
         DataError: there are fewer than three, or the instants do not rise.
     """
-    if len(t) < FEWEST:
-        raise DataError(f"{where}: {len(t)} events tell no steady speed; record at least {FEWEST}")
+    if len(t) < MIN_EVENTS:
+        raise DataError(
+            f"{where}: {len(t)} events are too few for a steady speed; record {MIN_EVENTS}"
+        )
     if not np.all(np.diff(t) > 0.0):
         row = int(np.flatnonzero(np.diff(t) <= 0.0)[0])
         raise DataError(
@@ -142,7 +144,7 @@ def require_steady(events: Events, where: str, voltage: float) -> None:
     Raises:
         DataError: the speed has a trend.
     """
-    if len(events.t) <= FEWEST:
+    if len(events.t) <= MIN_EVENTS:
         return
     change, error = events.trend()
     speed, _ = events.steady_speed()

@@ -30,28 +30,28 @@ CONSTANTS: Mapping[str, tuple[str, str]] = {
 }
 """Constants of the motor (thesis 5.2): unit and meaning."""
 
-READINGS: Mapping[str, str] = {"current": "A", "speed": "rad/s", "torque": "Nm"}
+MEASUREMENTS: Mapping[str, str] = {"current": "A", "speed": "rad/s", "torque": "Nm"}
 """Quantities that are read at a known voltage, in SI; speed at the output shaft."""
 
 
 @dataclass(frozen=True, eq=False)
 class SteadyTest:
-    """Readings in steady state, one row a voltage (or load).
+    """Measurements in steady state, one row a voltage (or load).
 
     Attributes:
         name: of the file.
         kind: which experiment.
         voltage: at the motor's leads [V], (N,).
-        readings: current [A], speed of the output shaft [rad/s], torque [Nm], (N,) each; a
+        measurements: current [A], speed of the output shaft [rad/s], torque [Nm], (N,) each; a
             reading that was not taken is NaN.
-        resolution: smallest step of each reading, in the same units.
+        resolution: smallest step of each measurement, in the same units.
         motor_side: whether the torque is that of the motor's shaft, not of the output's.
     """
 
     name: str
     kind: Kind
     voltage: Array
-    readings: Mapping[str, Array]
+    measurements: Mapping[str, Array]
     resolution: Mapping[str, float] = field(default_factory=dict)
     motor_side: bool = False
 
@@ -63,8 +63,8 @@ class SteadyTest:
         return all(bool(np.any(np.isfinite(self.of(q)))) for q in quantities)
 
     def of(self, quantity: str) -> Array:
-        """A reading, NaN in every row where the file has none, (N,)."""
-        return self.readings.get(quantity, np.full(len(self), np.nan))
+        """A measurement, NaN in every row where the file has none, (N,)."""
+        return self.measurements.get(quantity, np.full(len(self), np.nan))
 
     def motor_torque(self, gear: float) -> Array:
         """Torque at the motor's shaft [Nm]; 0 where none is applied, (N,)."""
@@ -73,13 +73,13 @@ class SteadyTest:
         return self.of("torque") if self.motor_side else self.of("torque") / gear
 
     def changed(self, quantity: str, values: Array) -> "SteadyTest":
-        """The same test with other readings of one quantity."""
-        return replace(self, readings={**self.readings, quantity: values})
+        """The same test with other measurements of one quantity."""
+        return replace(self, measurements={**self.measurements, quantity: values})
 
 
 @dataclass(frozen=True)
 class KnownValue:
-    """A constant that is known without a file of readings.
+    """A constant that is known without a file of measurements.
 
     Attributes:
         name: as in ``CONSTANTS``, or ``gear``.
@@ -108,14 +108,14 @@ def rounding_error(value: float) -> float:
 
 
 def smallest_step(values: Array) -> float:
-    """The largest power of ten of which all readings are multiples: 170, 180, 210 → 10.
+    """The largest power of ten of which all measurements are multiples: 170, 180, 210 → 10.
 
     Nothing finer was read, or printed.
     """
-    found = values[np.isfinite(values) & (values != 0.0)]
+    steps = values[np.isfinite(values) & (values != 0.0)]
     for exponent in range(6, -13, -1):
         step = 10.0**exponent
-        parts = found / step
-        if len(found) and np.all(np.abs(parts - np.round(parts)) < 1e-6 * np.abs(parts)):
+        parts = steps / step
+        if len(steps) and np.all(np.abs(parts - np.round(parts)) < 1e-6 * np.abs(parts)):
             return step
     return 0.0

@@ -39,7 +39,7 @@ class BenchFiles:
         tests: experiments in steady state.
         drives: logs of drives.
         known: values known otherwise, by name.
-        notes: what a user should know about the reading.
+        notes: what a user should know about the measurement.
     """
 
     tests: tuple[SteadyTest, ...]
@@ -86,8 +86,8 @@ def read_bench_files(
                 "its events (`pulses_per_turn`)."
             )
         elif "time" in roles:
-            found, said = _drives(path, columns, units)
-            drives += found
+            drive_logs, said = _drives(path, columns, units)
+            drives += drive_logs
             notes += said
         else:
             test, remark = steady_test(table, columns)
@@ -109,7 +109,7 @@ def _event_test(table: Table, columns: Sequence[Column], pulses_per_turn: float)
     if "voltage" not in by_role:
         raise DataError(
             f"{table.where} has times of events but no column of voltage; add voltage_V, the "
-            "voltage at which each event was seen"
+            "voltage at each event"
         )
     if "speed" in by_role or "angle" in by_role:
         other = by_role.get("speed") or by_role["angle"]
@@ -129,23 +129,23 @@ def _event_test(table: Table, columns: Sequence[Column], pulses_per_turn: float)
         speed, error = events.steady_speed()
         speeds.append(speed * np.sign(voltage))
         floor = max(floor, error * np.sqrt(12.0))
-    readings = {"speed": np.array(speeds)}
+    measurements = {"speed": np.array(speeds)}
     for role in ("current", "torque"):
         if role in values:
-            readings[role] = np.array([float(np.nanmean(values[role][w])) for w in rows])
+            measurements[role] = np.array([float(np.nanmean(values[role][w])) for w in rows])
     steps = {"speed": floor}
     if "current" in values:
         steps["current"] = smallest_step(values["current"])
-    kind = Kind.EXTERNAL if "torque" in readings else Kind.NO_LOAD
+    kind = Kind.EXTERNAL if "torque" in measurements else Kind.NO_LOAD
     side = "torque" in by_role and by_role["torque"].motor_side
     voltages = np.array([float(values["voltage"][w][0]) for w in rows])
-    return SteadyTest(table.where, kind, voltages, readings, steps, side)
+    return SteadyTest(table.where, kind, voltages, measurements, steps, side)
 
 
 def _drives(
     path: Path, columns: Sequence[Column], units: Mapping[str, str]
 ) -> tuple[list[DriveLog], list[str]]:
-    """The drives of a log, and what there is to say about its reading."""
+    """The drives of a log, and what there is to say about its measurement."""
     by_role = {c.role: c for c in columns}
     answer = by_role.get("speed") or by_role.get("angle")
     if "voltage" not in by_role or answer is None:

@@ -1,6 +1,6 @@
 """All experiments of a motor at once: weighted least squares with a noise level each.
 
-Every reading is compared with what the constants predict at its voltage. Each quantity of each
+Every measurement is compared with what the constants predict at its voltage. Each quantity of each
 file has a noise level of its own, estimated along with the constants from its residuals over its
 degrees of freedom (iteratively reweighted least squares, restricted maximum likelihood).
 """
@@ -23,14 +23,14 @@ ROUNDS = 30
 """Limit of the reweighting; noise levels settle within ten rounds."""
 
 SETTLED = 1e-4
-"""Relative change of every noise level below which it is settled."""
+"""Relative change of every noise estimate below which the iteration has settled."""
 
-FEWEST = 2.5
-"""Degrees of freedom of a group below which its residuals tell no noise level: at two the variance
-of Student's distribution is infinite."""
+MIN_DEGREES_OF_FREEDOM = 2.5
+"""Degrees of freedom that a group needs for a noise estimate from its residuals: at two the
+variance of Student's distribution is infinite."""
 
 ACCURACY = 0.01
-"""Noise of a reading that nothing tells, as a share of the largest one: bench instruments are
+"""Noise of a measurement that nothing tells, as a share of the largest one: bench instruments are
 specified to about 1 %."""
 
 TOLERANCE = 1e-7
@@ -44,7 +44,7 @@ Predict = Callable[[MotorConstants, Array], tuple[Array, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Readings of one experiment, and how the constants predict them.
+    """Measurements of one experiment, and how the constants predict them.
 
     Attributes:
         name: of the file.
@@ -76,9 +76,9 @@ class Group:
         kind: the experiment.
         quantity: what was read.
         noise: estimated noise level, in SI.
-        relative: noise level over the root mean square of the readings.
+        relative: noise level over the root mean square of the measurements.
         freedom: degrees of freedom it comes from.
-        floor: whether the resolution of the readings decides it.
+        floor: whether the resolution of the measurements decides it.
         residuals: measured less predicted, in SI.
         at: voltage of each, empty for a log.
     """
@@ -105,7 +105,7 @@ class JointFit:
         at_bound: names of those that ended at zero.
         termination: how the search ended.
         sigma: noise levels by (file, quantity).
-        undetermined: names about which the readings say nothing.
+        undetermined: names about which the measurements say nothing.
     """
 
     names: tuple[str, ...]
@@ -147,8 +147,8 @@ class JointFit:
         """Correlation matrix of the estimates, (n, n)."""
         s = np.sqrt(np.diag(self.covariance))
         with np.errstate(invalid="ignore", divide="ignore"):
-            found = self.covariance / np.outer(s, s)
-        return np.where(np.isfinite(found), found, np.eye(len(s)))
+            correlations = self.covariance / np.outer(s, s)
+        return np.where(np.isfinite(correlations), correlations, np.eye(len(s)))
 
 
 def steady_part(test: SteadyTest, gear: float) -> Part:
@@ -180,7 +180,7 @@ def _is_answer(test: SteadyTest, quantity: str) -> bool:
 
 
 def known_part(value: KnownValue) -> Part:
-    """A known value as a reading of the constant itself."""
+    """A known value as a measurement of the constant itself."""
     name = value.name
 
     def predict(c: MotorConstants, _: Array) -> tuple[Array, ...]:
@@ -213,13 +213,13 @@ def fit_jointly(
         tied: whether Kc is Kem.
 
     Raises:
-        DataError: there are fewer readings than constants.
+        DataError: there are fewer measurements than constants.
     """
-    readings = sum(len(m) for part in parts for m in part.measured)
-    if readings < len(names):
+    measurements = sum(len(m) for part in parts for m in part.measured)
+    if measurements < len(names):
         raise DataError(
-            f"{readings} readings cannot tell {len(names)} constants ({', '.join(names)}); measure "
-            "at more voltages"
+            f"{measurements} measurements do not determine {len(names)} constants "
+            f"({', '.join(names)}); measure at more voltages"
         )
     problem = min((_Bench(parts, names, s, tied) for s in starts), key=_Bench.first_cost)
     # with equal weights first: levels from residuals of a poor start hold the search there
@@ -261,22 +261,22 @@ class _Bench(Problem):
     """Residuals of all parts over their noise levels."""
 
     def __init__(
-        self, parts: Sequence[Part], names: Sequence[str], held: MotorConstants, tied: bool
+        self, parts: Sequence[Part], names: Sequence[str], fixed: MotorConstants, tied: bool
     ) -> None:
-        self.parts, self.names, self.held, self.tied = tuple(parts), tuple(names), held, tied
+        self.parts, self.names, self.fixed, self.tied = tuple(parts), tuple(names), fixed, tied
         self.index = np.arange(len(names))
         self.n_initial = sum(len(part.start) for part in parts)
         sizes = [len(m) for part in parts for m in part.measured]
         self.lengths, self.channels = tuple(sizes), tuple(range(len(sizes)))
         # before any residual is known: a twentieth of each quantity
         sizes_of = [float(np.sqrt(np.mean(m**2))) for part in parts for m in part.measured]
-        self.levels: Array = np.array([0.05 * s if s > 0.0 else 1.0 for s in sizes_of])
-        self.scale = np.array([max(abs(float(getattr(held, n))), 1e-12) for n in names])
+        self.noise_levels: Array = np.array([0.05 * s if s > 0.0 else 1.0 for s in sizes_of])
+        self.scale = np.array([max(abs(float(getattr(fixed, n))), 1e-12) for n in names])
 
     def first(self) -> Array:
         """Where the search begins."""
         starts = [part.start for part in self.parts]
-        values = np.array([float(getattr(self.held, n)) for n in self.names])
+        values = np.array([float(getattr(self.fixed, n)) for n in self.names])
         return np.concatenate([values, *starts])
 
     def first_cost(self) -> float:
@@ -284,10 +284,10 @@ class _Bench(Problem):
         r = self.residual(self.first())
         return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
-    def weighted(self, levels: Array) -> "_Bench":
+    def weighted(self, noise_levels: Array) -> "_Bench":
         """The same problem with other noise levels."""
-        made = _Bench(self.parts, self.names, self.held, self.tied)
-        made.levels = levels
+        made = _Bench(self.parts, self.names, self.fixed, self.tied)
+        made.noise_levels = noise_levels
         return made
 
     def stretches(self) -> list[tuple[int, int]]:
@@ -304,25 +304,25 @@ class _Bench(Problem):
 
     def constants(self, p: Array) -> MotorConstants:
         """The motor that p describes."""
-        found = dict(zip(self.names, p.tolist(), strict=False))
-        if self.tied and "Kem" in found:
-            found["Kc"] = found["Kem"]
-        return replace(self.held, **found)
+        values = dict(zip(self.names, p.tolist(), strict=False))
+        if self.tied and "Kem" in values:
+            values["Kc"] = values["Kem"]
+        return replace(self.fixed, **values)
 
     def differences(self, p: Array) -> list[Array]:
         """Measured less predicted of every group, in SI."""
-        c, at, found = self.constants(p), len(self.names), []
+        c, at, differences = self.constants(p), len(self.names), []
         for part in self.parts:
-            own = p[at : at + len(part.start)]
+            unknowns = p[at : at + len(part.start)]
             at += len(part.start)
-            predicted = part.predict(c, own)
-            found += [m - q for m, q in zip(part.measured, predicted, strict=True)]
-        return found
+            predicted = part.predict(c, unknowns)
+            differences += [m - q for m, q in zip(part.measured, predicted, strict=True)]
+        return differences
 
     def residual(self, p: Array) -> Array:
         """All residuals over their noise levels."""
         return np.concatenate(
-            [d / s for d, s in zip(self.differences(p), self.levels, strict=True)]
+            [d / s for d, s in zip(self.differences(p), self.noise_levels, strict=True)]
         )
 
     def jacobian(self, p: Array) -> Array:
@@ -346,25 +346,25 @@ def _groups(problem: _Bench, p: Array) -> tuple[Group, ...]:
     """Noise level of every group: residuals over degrees of freedom, not below the resolution."""
     differences = problem.differences(p)
     leverage = _leverage(problem.jacobian(p))
-    found, at, k = [], 0, 0
+    groups, at, k = [], 0, 0
     for part in problem.parts:
         for q, m, floor in zip(part.quantities, part.measured, part.floor, strict=True):
             n, d = len(m), differences[k]
             freedom = n - float(np.sum(leverage[at : at + n]))
             size = float(np.sqrt(np.mean(m**2))) or 1.0
-            told = freedom > FEWEST and not part.known
+            estimated = freedom > MIN_DEGREES_OF_FREEDOM and not part.known
             # a level from few residuals may be small by chance: Student's variance is that of ν − 2
-            level = float(np.sqrt(d @ d / (freedom - 2.0))) if told else 0.0
-            least = floor if told or part.known else max(floor, ACCURACY * size)
+            level = float(np.sqrt(d @ d / (freedom - 2.0))) if estimated else 0.0
+            least = floor if estimated or part.known else max(floor, ACCURACY * size)
             noise = max(level, least, 1e-12 * size)
-            found.append(
+            groups.append(
                 Group(
                     part.name, part.kind, q, noise, noise / size, freedom, level <= least,
                     tuple(d.tolist()),
                 )
             )  # fmt: skip
             at, k = at + n, k + 1
-    return tuple(found)
+    return tuple(groups)
 
 
 def _with_uneven_noise(covariance: Array, J: Array, r: Array) -> Array:
@@ -372,17 +372,17 @@ def _with_uneven_noise(covariance: Array, J: Array, r: Array) -> Array:
 
         C' = C Jᵀ diag(r²/(1 − h)²) J C
 
-    (MacKinnon and White 1985, HC3.) Instruments err by a share of the reading: large readings,
-    which turn a line the most, err by more than the one level of their group. Errors are widened,
-    never made smaller, and correlations are kept.
+    (MacKinnon and White 1985, HC3.) Instruments err by a share of the measurement: large
+    measurements, which turn a line the most, err by more than the one level of their group. Errors
+    are widened, never made smaller, and correlations are kept.
 
     Args:
         covariance: (JᵀJ)⁻¹, (n, n).
         J, r: of residuals over their noise levels, (M, n) and (M,).
     """
     free = 1.0 - _leverage(J)
-    told = free > LEAST_FREE
-    size = np.where(told, np.square(r / np.where(told, free, 1.0)), 1.0)
+    enough = free > LEAST_FREE
+    size = np.where(enough, np.square(r / np.where(enough, free, 1.0)), 1.0)
     known = np.isfinite(np.diag(covariance))
     C = np.where(np.outer(known, known), covariance, 0.0)
     uneven = np.diag(C @ (J.T * size) @ J @ C)
@@ -392,12 +392,12 @@ def _with_uneven_noise(covariance: Array, J: Array, r: Array) -> Array:
 
 
 LEAST_FREE = 0.05
-"""Share of a reading that the estimates leave free below which its residual tells no noise: a value
-that is known is taken up whole."""
+"""Share of a measurement that the estimates leave free below which its residual tells no noise: a
+value that is known is taken up whole."""
 
 
 def _leverage(J: Array) -> Array:
-    """Diagonal of J (JᵀJ)⁺ Jᵀ: how much of each reading the estimates take up, (M,)."""
+    """Diagonal of J (JᵀJ)⁺ Jᵀ: how much of each measurement the estimates take up, (M,)."""
     size = np.linalg.norm(J, axis=0)
     size[size == 0.0] = 1.0
     U, s, _ = np.linalg.svd(J / size, full_matrices=False)

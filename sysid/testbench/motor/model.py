@@ -35,7 +35,7 @@ CHANNELS = ("voltage", "omega")
 
 
 def bench_model(
-    found: MotorBench,
+    bench: MotorBench,
     files: Sequence[Path] = (),
     dt: float | None = None,
     channels: tuple[str | None, str | None] = (None, None),
@@ -46,40 +46,41 @@ def bench_model(
     the structure. None where J is not known: the model would have no dynamics.
 
     Args:
-        found: the constants.
+        bench: the constants.
         files: what they came from, for the provenance.
         dt: sample time [s]; that of the drive, or of the robot, unless given.
         channels: names of input and output, None for those of the drive's log.
     """
-    c = found.constants
+    c = bench.constants
     if not c.J > 0.0:
         return None
-    log = next((d for d in found.drives if d.speed is not None), None)
+    log = next((d for d in bench.drives if d.speed is not None), None)
     dt = dt or (log.dt if log else SAMPLE_TIME)
     usual = log.channels if log else CHANNELS
     inputs = (Channel(channels[0] or usual[0], "V"),)
     outputs = (Channel(channels[1] or usual[1], "rad/s"),)
     bare = DCMotor(1, 1, input="voltage", friction="coulomb", parametrisation="bench", dt=dt)
     structure = replace(bare, substeps=max(1, int(np.ceil(10.0 * dt / time_constant(c)))))
-    values = {own: getattr(c, name) for name, own in NAMES.items()}
+    values = {name_there: getattr(c, name) for name, name_there in NAMES.items()}
     values |= {"gear": c.gear, "load_inertia": 0.0, "bridge_gain": 1.0, "friction_torque": 0.0}
     theta = structure.pack(values)
-    estimated = {NAMES[n]: k for k, n in enumerate(found.names) if n in NAMES}
+    estimated = {NAMES[n]: k for k, n in enumerate(bench.names) if n in NAMES}
     table = structure.parameters(inputs, outputs)
-    places = {p.name: k for k, p in enumerate(table)}
+    index = {p.name: k for k, p in enumerate(table)}
     covariance = np.zeros((len(table), len(table)))
     for a, i in estimated.items():
         for b, j in estimated.items():
-            covariance[places[a], places[b]] = found.covariance[i, j]
-    top = found.largest_voltage
+            covariance[index[a], index[b]] = bench.covariance[i, j]
+    top = bench.largest_voltage
     speed = float(steady_state(c, np.array([top]))[0][0])
-    noise = [g.noise for g in found.joint.groups if g.quantity == "speed"]
+    noise = [g.noise for g in bench.joint.groups if g.quantity == "speed"]
     return Model(
         structure=replace(structure, input_range=((-top, top),)),
         theta=theta,
         covariance=covariance,
         parameters=tuple(
-            _held(p, v, p.name in estimated) for p, v in zip(table, theta, strict=True)
+            _fixed_unless_estimated(p, v, p.name in estimated)
+            for p, v in zip(table, theta, strict=True)
         ),
         dt=dt,
         inputs=inputs,
@@ -90,7 +91,7 @@ def bench_model(
         criteria={},
         termination=Termination.CLOSED_FORM,
         ranges=np.array([[-top, top], [-speed, speed]]),
-        warnings=tuple(found.notes),
+        warnings=tuple(bench.notes),
         provenance=Provenance(
             options={"made_by": "bench motor", "experiments": [str(f) for f in files]},
             version=__version__,
@@ -98,10 +99,10 @@ def bench_model(
     )
 
 
-def _held(parameter: Parameter, value: float, estimated: bool) -> Parameter:
+def _fixed_unless_estimated(parameter: Parameter, value: float, estimated: bool) -> Parameter:
     return replace(parameter, fixed=None if estimated else float(value))
 
 
-def motor_report(found: MotorBench) -> dict[str, Any]:
+def motor_report(bench: MotorBench) -> dict[str, Any]:
     """What the workspace keeps with the model."""
-    return {"bench": found.to_json()}
+    return {"bench": bench.to_json()}

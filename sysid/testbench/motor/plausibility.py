@@ -46,8 +46,8 @@ def missing_experiments(
     if not lacks:
         return ""
     return (
-        f"experiments are missing for {'; '.join(lacks)}; a log of voltage steps with its current "
-        "(time_s, voltage_V, current_A, speed_rpm) tells all of them"
+        f"experiments are missing for {'; '.join(lacks)}; a log of voltage steps with the current "
+        "(time_s, voltage_V, current_A, speed_rpm) determines all of them"
     )
 
 
@@ -67,8 +67,8 @@ def require_currents(tests: Sequence[SteadyTest], R: float) -> None:
             share = float(np.nanmean(np.abs(t.of("current") * R / t.voltage)))
             if share < LEAST_CURRENT:
                 raise DataError(
-                    f"{t.name}: the current without load is {100.0 * share:.2g} % of that of the "
-                    "blocked rotor, V/R, less than friction takes in any motor; check the units of "
+                    f"{t.name}: the no-load current is {100.0 * share:.2g} % of that of the "
+                    "blocked rotor, V/R, less than the friction of any motor; check the units of "
                     "the currents (mA or A)"
                 )
 
@@ -99,7 +99,7 @@ def require_plausible(values: Mapping[str, float]) -> None:
         )
 
 
-def contradictions(found: Sequence[Route], errors: Sequence[float]) -> list[str]:
+def contradictions(estimates: Sequence[Route], errors: Sequence[float]) -> list[str]:
     """Sentences on experiments whose values of a constant exclude each other.
 
     Several evaluations of one experiment bracket the constant: the stall torque over the whole
@@ -109,7 +109,7 @@ def contradictions(found: Sequence[Route], errors: Sequence[float]) -> list[str]
     said, bracketed = [], False
     for name in CONSTANTS:
         by_experiment: dict[str, list[tuple[Route, float]]] = {}
-        for r, e in zip(found, errors, strict=True):
+        for r, e in zip(estimates, errors, strict=True):
             if r.name == name:
                 by_experiment.setdefault(r.how.partition(":")[0], []).append((r, e))
         if name == "Kc" and max(map(len, by_experiment.values()), default=0) > 1:
@@ -126,7 +126,7 @@ def contradictions(found: Sequence[Route], errors: Sequence[float]) -> list[str]
                     f"{name} contradicts itself: {a.value:.4g} ± {ea:.2g} ({a.how}), but "
                     f"{b.value:.4g} ± {eb:.2g} ({b.how}), {apart:.1f} standard errors apart."
                 )
-    first = {r.name: (r.value, e) for r, e in reversed(list(zip(found, errors, strict=True)))}
+    first = {r.name: (r.value, e) for r, e in reversed(list(zip(estimates, errors, strict=True)))}
     if "Kc" in first and "Kem" in first:
         said += _power(*first["Kc"], *first["Kem"])
     return said
@@ -136,10 +136,10 @@ def _power(c: float, ec: float, m: float, em: float) -> list[str]:
     if abs(c - m) <= APART * np.hypot(ec, em):
         return []
     lost = (
-        f"{100.0 * (1.0 - c / m):.0f} % of the power that the back-EMF takes is lost before the "
-        "torque was measured (gear, bearings, a torque that was read too low)"
+        f"{100.0 * (1.0 - c / m):.0f} % of the back-EMF power is lost before the torque sensor "
+        "(gear, bearings, a torque measured too low)"
         if c < m
-        else "the torque was read too high, or the speed"
+        else "torque or speed was measured too high"
     )
     return [
         f"Kc is {c:.4g} Nm/A but Kem {m:.4g} V/(rad/s), which are equal in a motor without losses: "
@@ -171,20 +171,20 @@ def misfits(joint: JointFit, tests: Sequence[SteadyTest]) -> list[str]:
     return said
 
 
-def hardly_told(joint: JointFit) -> list[str]:
+def weakly_identified(joint: JointFit) -> list[str]:
     """Sentences on constants whose standard error is not small."""
     errors = np.sqrt(np.diag(joint.covariance))
     advice = {
         "f": "drive at voltages that lie further apart",
-        "C0": "drive at low voltages, too, just above those at which it starts",
+        "C0": "also drive at voltages just above the starting voltage",
         "J": "drive more or larger steps",
-        "R": "let it start from standstill, or block it",
-        "Kem": "let it reach its speed",
+        "R": "start from standstill, or block the rotor",
+        "Kem": "let it reach its final speed",
         "Kc": "measure a torque",
         "L": "sample faster than L/R",
     }
     return [
-        f"{n} is hardly told, {v:.2g} ± {e:.2g} {CONSTANTS[n][0]}: {advice[n]}."
+        f"{n} is weakly identifiable, {v:.2g} ± {e:.2g} {CONSTANTS[n][0]}: {advice[n]}."
         for n, v, e in zip(joint.names, joint.theta.tolist(), errors.tolist(), strict=True)
         if not e < HARDLY * abs(v) and n not in joint.undetermined
     ]

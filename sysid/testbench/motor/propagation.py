@@ -1,4 +1,4 @@
-"""What the noise of the readings makes of constants from one experiment at a time."""
+"""What the noise of the measurements makes of constants from one experiment at a time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -10,7 +10,7 @@ from sysid.testbench.motor.experiments import CONSTANTS, Kind, KnownValue, Stead
 from sysid.testbench.motor.separate import routes, values_of
 
 _STEP = 1e-5
-"""Relative change of a reading for a central difference."""
+"""Relative change of a measurement for a central difference."""
 
 
 def propagated(
@@ -22,8 +22,9 @@ def propagated(
 ) -> tuple[tuple[float, ...], Array, tuple[str, ...]]:
     """Standard errors of every route, and the covariance of the first value of each constant.
 
-    First-order propagation, cov = Σ σ² g gᵀ with g the slope of all values over one reading: the
-    same readings and the same R enter several constants, whose errors are thereby correlated.
+    First-order propagation, cov = Σ σ² g gᵀ with g the slope of all values over one measurement:
+    the same measurements and the same R enter several constants, whose errors are thereby
+    correlated.
 
     Args:
         tests: experiments in steady state.
@@ -43,14 +44,14 @@ def propagated(
     def add(step: float, error: float, high: Slope, low: Slope) -> None:
         nonlocal spread, covariance
         slope = (high[0] - low[0]) / (2.0 * step) * error
-        own = (high[1] - low[1]) / (2.0 * step) * error
+        change = (high[1] - low[1]) / (2.0 * step) * error
         spread = spread + slope**2
-        covariance = covariance + np.outer(own, own)
+        covariance = covariance + np.outer(change, change)
 
     def at(some: Sequence[SteadyTest], values: Mapping[str, KnownValue]) -> Slope:
-        found = routes(some, values, gear)
-        first = values_of(found)
-        return np.array([r.value for r in found]), np.array([first[n] for n in names])
+        perturbed = routes(some, values, gear)
+        first = values_of(perturbed)
+        return np.array([r.value for r in perturbed]), np.array([first[n] for n in names])
 
     for name, value in known.items():
         h = _STEP * value.value
@@ -64,12 +65,12 @@ def propagated(
             applied = quantity == "torque" and test.kind is Kind.EXTERNAL
             if applied or not error or not test.has(quantity):
                 continue
-            readings = test.of(quantity)
-            for row in np.flatnonzero(np.isfinite(readings) & (readings != 0.0)):
-                h = _STEP * abs(float(readings[row]))
+            measurements = test.of(quantity)
+            for row in np.flatnonzero(np.isfinite(measurements) & (measurements != 0.0)):
+                h = _STEP * abs(float(measurements[row]))
                 ends = []
                 for s in (1.0, -1.0):
-                    moved = readings.copy()
+                    moved = measurements.copy()
                     moved[row] += s * h
                     others = [*tests[:k], test.changed(quantity, moved), *tests[k + 1 :]]
                     ends.append(at(others, known))

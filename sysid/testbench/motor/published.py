@@ -9,7 +9,7 @@ from sysid.testbench.motor.equations import PUBLISHED, steady_state
 from sysid.testbench.motor.experiments import Kind, SteadyTest
 
 FIRST_ROW = (3.0, 85.3476 * np.pi / 30.0)
-"""Voltage [V] and speed [rad/s] of the first no-load reading of the thesis: nobody else's motor
+"""Voltage [V] and speed [rad/s] of the first no-load measurement of the thesis: nobody else's motor
 turns at this speed to six digits."""
 
 
@@ -37,7 +37,7 @@ PRINTED: dict[str, Printed] = {
     "Kem": Printed(
         PUBLISHED.Kem,
         True,
-        "mean of (V - R i)/ωm over the no-load readings: 0.002311, printed with two digits",
+        "mean of (V - R i)/ωm over the no-load measurements: 0.002311, printed with two digits",
     ),
     "Kc": Printed(
         PUBLISHED.Kc,
@@ -48,25 +48,25 @@ PRINTED: dict[str, Printed] = {
     "f": Printed(
         PUBLISHED.f,
         False,
-        "comes from speeds under external loads, which are not printed; the no-load readings "
+        "comes from speeds under external loads, which are not printed; the no-load measurements "
         "alone give 4.3e-8",
     ),
     "C0": Printed(
         PUBLISHED.C0,
         False,
-        "comes from speeds under external loads, which are not printed; the no-load readings "
+        "comes from speeds under external loads, which are not printed; the no-load measurements "
         "alone give 1.0e-4",
     ),
     "J": Printed(
         PUBLISHED.J,
         False,
-        "printed as a value from geometry: no dimension is printed, and no transient was measured",
+        "printed as a value from geometry, without dimensions; no transient was measured",
     ),
 }
 
 
 def is_the_thesis(tests: Sequence[SteadyTest]) -> bool:
-    """Whether the readings are those of the thesis."""
+    """Whether the measurements are those of the thesis."""
     voltage, speed = FIRST_ROW
     return any(
         bool(np.any(np.isclose(t.voltage, voltage) & np.isclose(t.of("speed"), speed, rtol=1e-7)))
@@ -77,8 +77,8 @@ def is_the_thesis(tests: Sequence[SteadyTest]) -> bool:
 
 def printed_against(tests: Sequence[SteadyTest]) -> tuple[float, ...]:
     """Error of the speeds without load that the printed constants predict, in parts of each."""
-    found: list[float] = []
+    deviations: list[float] = []
     for t in tests:
         if t.kind is Kind.NO_LOAD and t.has("speed"):
-            found += (steady_state(PUBLISHED, t.voltage)[0] / t.of("speed") - 1.0).tolist()
-    return tuple(found)
+            deviations += (steady_state(PUBLISHED, t.voltage)[0] / t.of("speed") - 1.0).tolist()
+    return tuple(deviations)

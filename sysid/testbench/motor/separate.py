@@ -38,23 +38,23 @@ def routes(
     before it; what is known takes part as if it were measured.
     """
     values: dict[str, float] = {}
-    found: list[Route] = []
+    all_routes: list[Route] = []
     for name, value in known.items():
         if name != "gear":
-            found.append(Route(name, value.value, f"a value from {value.source}"))
+            all_routes.append(Route(name, value.value, f"a value from {value.source}"))
             values[name] = value.value
     for rule in (_resistance, _back_emf, _torque_constant, _friction):
         for route in rule(tests, values, gear):
             if np.isfinite(route.value):
-                found.append(route)
+                all_routes.append(route)
                 values.setdefault(route.name, route.value)
-    return tuple(found)
+    return tuple(all_routes)
 
 
-def values_of(found: Sequence[Route]) -> dict[str, float]:
+def values_of(some_routes: Sequence[Route]) -> dict[str, float]:
     """The first route of every constant."""
     taken: dict[str, float] = {}
-    for route in found:
+    for route in some_routes:
         taken.setdefault(route.name, route.value)
     return taken
 
@@ -71,43 +71,43 @@ def _mean(parts: Sequence[Array]) -> float:
 
 def _resistance(tests: Sequence[SteadyTest], _: Values, gear: float) -> list[Route]:
     """R = V/i of a blocked rotor; a stall test with its current is one, too."""
-    found = []
+    ways = []
     for kind in (Kind.BLOCKED, Kind.STALL):
         some = _of(tests, kind, "current")
         if some:
             value = _mean([t.voltage / t.of("current") for t in some])
-            found.append(Route("R", value, f"{kind.value}: mean of V/i"))
-    return found
+            ways.append(Route("R", value, f"{kind.value}: mean of V/i"))
+    return ways
 
 
 def _back_emf(tests: Sequence[SteadyTest], values: Values, gear: float) -> list[Route]:
     """Kem = (V − R i)/ωm."""
     if "R" not in values:
         return []
-    found = []
+    ways = []
     for kind in (Kind.NO_LOAD, Kind.EXTERNAL):
         some = _of(tests, kind, "current", "speed")
         if some:
             each = [
                 (t.voltage - values["R"] * t.of("current")) / (gear * t.of("speed")) for t in some
             ]
-            found.append(Route("Kem", _mean(each), f"{kind.value}: mean of (V − R i)/ωm"))
-    return found
+            ways.append(Route("Kem", _mean(each), f"{kind.value}: mean of (V − R i)/ωm"))
+    return ways
 
 
 def _torque_constant(tests: Sequence[SteadyTest], values: Values, gear: float) -> list[Route]:
     """Kc: stall torque over the current beyond that without load; over all of it; from loads."""
-    found = []
+    ways = []
     some = _of(tests, Kind.STALL, "torque")
     if some and "R" in values:
         without = [_no_load_current(tests, t.voltage) for t in some]
         stalled = [_stall_current(t, values["R"]) for t in some]
         torque = [t.motor_torque(gear) for t in some]
         each = [c / (i - i0) for c, i, i0 in zip(torque, stalled, without, strict=True)]
-        how = "stall: mean of torque over stall current less that without load"
-        found.append(Route("Kc", _mean(each), how))
+        how = "stall: mean of torque over stall current minus no-load current"
+        ways.append(Route("Kc", _mean(each), how))
         whole = [c / i for c, i in zip(torque, stalled, strict=True)]
-        found.append(Route("Kc", _mean(whole), "stall: mean of torque over stall current"))
+        ways.append(Route("Kc", _mean(whole), "stall: mean of torque over stall current"))
     rows = _loaded_rows(tests, values, gear)
     if rows is not None and len(rows) > 3:
         current, load, speed = rows.T
@@ -115,12 +115,12 @@ def _torque_constant(tests: Sequence[SteadyTest], values: Values, gear: float) -
             terms = np.column_stack([load, np.ones(len(load)), speed])
             slope = float(_least_squares(terms, current)[0])
             how = "external load: slope of the current over the load"
-            found.append(Route("Kc", 1.0 / slope if slope > 0.0 else np.nan, how))
-    return found
+            ways.append(Route("Kc", 1.0 / slope if slope > 0.0 else np.nan, how))
+    return ways
 
 
 def _no_load_current(tests: Sequence[SteadyTest], voltage: Array) -> Array:
-    """Current without load at these voltages: read there, or on the line through the readings."""
+    """No-load current at these voltages: measured, or on the line through the measurements."""
     some = _of(tests, Kind.NO_LOAD, "current")
     if not some:
         return np.full(len(voltage), np.nan)
@@ -152,7 +152,7 @@ def _loaded_rows(tests: Sequence[SteadyTest], values: Values, gear: float) -> Ar
             computed = (t.voltage - values["Kem"] * speed) / values["R"]
             current = np.where(np.isfinite(current), current, computed)
         if np.all(np.isfinite(current)):
-            # both directions as one: readings have the signs of their voltages
+            # both directions as one: measurements have the signs of their voltages
             signed = np.column_stack([current, t.motor_torque(gear), speed])
             parts.append(np.sign(t.voltage)[:, None] * signed)
     return np.concatenate(parts) if parts else None
@@ -163,31 +163,31 @@ def _friction(tests: Sequence[SteadyTest], values: Values, gear: float) -> list[
     Kc = values.get("Kc", values.get("Kem"))  # without a torque Kc is taken for equal to Kem
     if Kc is None:
         return []
-    found = []
+    ways = []
     rows = _loaded_rows(tests, values, gear)
     if rows is not None:
         lines = []
         for load in np.unique(rows[:, 1]):
-            own = rows[rows[:, 1] == load]
-            if np.ptp(own[:, 2]) > 0.0:
-                lines.append(_line(own[:, 2], Kc * own[:, 0] - load))
+            at_load = rows[rows[:, 1] == load]
+            if np.ptp(at_load[:, 2]) > 0.0:
+                lines.append(_line(at_load[:, 2], Kc * at_load[:, 0] - load))
         if not lines and np.ptp(rows[:, 2]) > 0.0:
             lines = [_line(rows[:, 2], Kc * rows[:, 0] - rows[:, 1])]
         if lines:
             f, C0 = np.mean(lines, axis=0).tolist()
             how = "external load: line of Kc i − τ Cr over ωm, mean over the loads"
-            found += [Route("f", f, how), Route("C0", C0, how)]
+            ways += [Route("f", f, how), Route("C0", C0, how)]
     free = _of(tests, Kind.NO_LOAD, "current", "speed")
     if free:
-        # both directions as one: readings have the signs of their voltages
+        # both directions as one: measurements have the signs of their voltages
         speed = np.concatenate([gear * np.abs(t.of("speed")) for t in free])
         current = np.concatenate([np.abs(t.of("current")) for t in free])
         ok = np.isfinite(speed) & np.isfinite(current)
         if np.ptp(speed[ok]) > 0.0:
             f, C0 = _line(speed[ok], Kc * current[ok]).tolist()
             how = "no load: line of Kc i over ωm"
-            found += [Route("f", f, how), Route("C0", C0, how)]
-    return found
+            ways += [Route("f", f, how), Route("C0", C0, how)]
+    return ways
 
 
 def _line(x: Array, y: Array) -> Array:

@@ -14,7 +14,7 @@ from sysid.data.units import UNITS, Conversion, conversion, from_name
 from sysid.errors import DataError, UsageError, argument
 from sysid.testbench.motor.experiments import (
     CONSTANTS,
-    READINGS,
+    MEASUREMENTS,
     Kind,
     KnownValue,
     SteadyTest,
@@ -91,21 +91,21 @@ def columns_of(table: Table, units: Mapping[str, str]) -> tuple[Column, ...]:
         DataError: a column's unit is not told.
         UsageError: a unit is unknown.
     """
-    found = []
+    columns = []
     for name, bracket in zip(table.names, table.units, strict=True):
         column = _column(name, units.get(name) or bracket, table.where)
         if column is not None:
-            found.append(column)
-    roles = [c.role for c in found]
+            columns.append(column)
+    roles = [c.role for c in columns]
     twice = next((r for r in roles if roles.count(r) > 1), "")
     if twice:
-        names = ", ".join(c.name for c in found if c.role == twice)
+        names = ", ".join(c.name for c in columns if c.role == twice)
         raise DataError(f"{table.where} has two columns of {twice} ({names}); keep one")
-    return tuple(found)
+    return tuple(columns)
 
 
 def _column(name: str, unit: str, where: str) -> Column | None:
-    base, told = ending(name)
+    base, unit_given = ending(name)
     parts = words(base)
     constant = next((c for c in (*CONSTANTS, "gear") if name == c or name.startswith(f"{c}_")), "")
     if constant:
@@ -114,25 +114,25 @@ def _column(name: str, unit: str, where: str) -> Column | None:
         return None
     word = next((_ROLE_OF_WORD[w] for w in parts if w in _ROLE_OF_WORD), "")
     if _is_event(parts, word == "time"):
-        return Column(name, "event", _seconds(unit or told or _tail(name)))
+        return Column(name, "event", _seconds(unit or unit_given or _tail(name)))
     if word == "time":
-        return Column(name, "time", _seconds(unit or told or _tail(name)))
+        return Column(name, "time", _seconds(unit or unit_given or _tail(name)))
     # a column may be called by its unit: amps, volts
     named = next((synonym(w) for w in parts if synonym(w) in ("V", "A", "mA")), "")
-    known = _conversion(name, unit or told or named)
+    known = _conversion(name, unit or unit_given or named)
     role = _ROLE_OF_UNIT.get(known.unit, word)
     if not role or role == "time":
         return None
     side = "motor" in parts
     if role == "angle" and not known.unit:
         raise DataError(
-            f"{where}: {name} counts, but not how many make a turn; say so with "
+            f"{where}: {name} counts without the counts per turn; give "
             f"{argument(units={name: 'counts=N/rev'})}"
         )
     if not known.unit and role != "voltage":
         example = {"current": "mA", "torque": "Nm", "speed": "rpm"}[role]
         raise DataError(
-            f"{where}: the unit of {name} is not told; call it {name}_{example} or give "
+            f"{where}: {name} has no unit; call it {name}_{example} or give "
             f"{argument(units={name: example})}"
         )
     return Column(name, role, known.scale, side)
@@ -153,8 +153,8 @@ def _tail(name: str) -> str:
 
 
 def _seconds(unit: str) -> float:
-    found = {"us": 1e-6, "µs": 1e-6}.get(unit)
-    return found if found is not None else conversion(unit or "s").scale
+    factor = {"us": 1e-6, "µs": 1e-6}.get(unit)
+    return factor if factor is not None else conversion(unit or "s").scale
 
 
 def _conversion(name: str, unit: str) -> Conversion:
@@ -170,7 +170,9 @@ def known_values(table: Table, columns: Sequence[Column]) -> tuple[KnownValue, .
         DataError: there are several rows, or a cell is no positive number.
     """
     if len(table) != 1:
-        raise DataError(f"{table.where} holds values, so one row of numbers; it has {len(table)}")
+        raise DataError(
+            f"{table.where} holds values and needs one row of numbers; it has {len(table)}"
+        )
     numbers = table.columns([c.name for c in columns])[0]
     return tuple(
         known_value(c.role, float(v), table.where) for c, v in zip(columns, numbers, strict=True)
@@ -178,7 +180,7 @@ def known_values(table: Table, columns: Sequence[Column]) -> tuple[KnownValue, .
 
 
 def known_value(name: str, value: float, source: str, std_error: float | None = None) -> KnownValue:
-    """A constant that is known without readings.
+    """A constant that is known without measurements.
 
     Args:
         name: as in ``CONSTANTS``, or ``gear``.
@@ -217,7 +219,7 @@ def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | N
             f"{table.where} has no column of voltage; an experiment needs voltage_V and "
             "current_A (blocked rotor), speed_rpm (no load), torque_Nm (stall) or both"
         )
-    read = [c for c in columns if c.role in ("voltage", *READINGS)]
+    read = [c for c in columns if c.role in ("voltage", *MEASUREMENTS)]
     values = table.columns([c.name for c in read])
     columns_in_file = dict(zip((c.role for c in read), values.T, strict=True))
     if len(read) == 1:
@@ -227,20 +229,20 @@ def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | N
     if not full.any():
         empty = [by_role[r].name for r in needed if not np.isfinite(columns_in_file[r]).any()]
         which = ", ".join(empty) or "every row"
-        return None, f"{table.where} is not used: {which} is empty there."
-    readings = {r: _scaled(columns_in_file[r][full], by_role[r]) for r in columns_in_file}
+        return None, f"{table.where} is not used, because {which} is empty."
+    measurements = {r: _scaled(columns_in_file[r][full], by_role[r]) for r in columns_in_file}
     steps = {
         r: smallest_step(columns_in_file[r][full]) * abs(by_role[r].scale) for r in columns_in_file
     }
-    voltage = readings.pop("voltage")
+    voltage = measurements.pop("voltage")
     side = "torque" in by_role and by_role["torque"].motor_side
-    kind = _kind(readings)
+    kind = _kind(measurements)
     if kind is Kind.STALL:
-        readings.pop("speed", None)
-    made = SteadyTest(table.where, kind, voltage, readings, steps, side)
+        measurements.pop("speed", None)
+    made = SteadyTest(table.where, kind, voltage, measurements, steps, side)
     _check(made)
     lost = int(np.sum(~full))
-    said = f"{table.where}: {lost} of {len(full)} rows are not full and left out." if lost else ""
+    said = f"{table.where}: {lost} of {len(full)} incomplete rows were left out." if lost else ""
     return made, said
 
 
@@ -248,9 +250,9 @@ def _scaled(values: Array, column: Column) -> Array:
     return np.asarray(values * column.scale)
 
 
-def _kind(readings: Mapping[str, Array]) -> Kind:
-    turns = "speed" in readings and bool(np.any(readings["speed"] != 0.0))
-    if "torque" in readings:
+def _kind(measurements: Mapping[str, Array]) -> Kind:
+    turns = "speed" in measurements and bool(np.any(measurements["speed"] != 0.0))
+    if "torque" in measurements:
         return Kind.EXTERNAL if turns else Kind.STALL
     return Kind.NO_LOAD if turns else Kind.BLOCKED
 
@@ -267,19 +269,19 @@ def _check(test: SteadyTest) -> None:
         if len(wrong):
             raise DataError(
                 f"{test.name}: at {test.voltage[wrong[0]]:g} V the {quantity} has the other sign; "
-                "give readings of a motor that drives, with the signs of its voltage"
+                "give measurements of a driving motor, with the signs of its voltage"
             )
     if np.any(test.voltage == 0.0):
-        raise DataError(f"{test.name}: a row has the voltage 0, at which nothing is driven")
+        raise DataError(f"{test.name}: a row has the voltage 0, which does not drive the motor")
     if test.kind is not Kind.BLOCKED:
         return
     current = test.of("current")
     if not np.all(current != 0.0):
-        raise DataError(f"{test.name}: a blocked rotor takes current, a row has none")
+        raise DataError(f"{test.name}: a blocked rotor draws current, but a row has none")
     ratio = test.voltage / current
     if np.ptp(ratio) > PROPORTIONAL * float(np.mean(ratio)):
         raise DataError(
-            f"{test.name}: with neither speed nor torque these are currents of a blocked rotor, "
-            f"but voltage over current goes from {ratio.min():.3g} to {ratio.max():.3g} Ω; the "
-            "motor turned: add its speed_rpm"
+            f"{test.name}: without speed and torque these are blocked-rotor currents, but voltage "
+            f"over current goes from {ratio.min():.3g} to {ratio.max():.3g} Ω; the motor turned; "
+            "add its speed_rpm"
         )

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from sysid.data.record import Array
 from sysid.errors import DataError
 
-FEWEST_PERIODS = 3.0
-"""Periods below which none is measured: the damping and the middle then decide the period too."""
-FEWEST_SAMPLES = 4.0
-"""Samples a period; below, an oscillation twice as fast looks alike."""
+MIN_PERIODS = 3.0
+"""Periods needed to measure one: with fewer, damping and offset decide the period too."""
+MIN_SAMPLES_PER_PERIOD = 4.0
+"""Samples per period: with fewer, an oscillation twice as fast looks the same."""
 TONE = 0.5
 """Share of the variation that the strongest wave has where there is one: of noise over ten windows
 or more it has a few per cent, of a swing sampled too slowly nearly all."""
@@ -26,9 +26,9 @@ is noise, or a swing so small that its passages tell little."""
 STEADY = 0.15
 """A period may differ by so much from the usual one: at 90° it is 18 % longer than at rest."""
 LONGEST_HOLE = 12
-"""Half periods between two passages up to which they are counted across missing readings."""
+"""Half periods between two passages up to which they are counted across missing measurements."""
 WINDOW = 15
-"""Readings among which the middle one is taken before passages are looked for: up to seven wild
+"""Measurements among which the middle one is taken before passages are looked for: up to seven wild
 ones in a row do no harm."""
 GROWTH, LOSS = 1.3, 0.3
 """A swing may be at most so much larger, and must be at least so much of the one before, half a
@@ -57,7 +57,7 @@ class FreeSwing:
 
     Attributes:
         passages: instants at which the angle passes the middle, (n,) [s].
-        numbers: of these, counted in half periods from the first, (n,): where readings are
+        numbers: of these, counted in half periods from the first, (n,): where measurements are
             missing some passages are.
         swings: the angle farthest from the middle after each but the last of them, (n − 1,).
         middle: the angle about which it swings.
@@ -132,30 +132,30 @@ def _strongest_period(t: Array, angle: Array, where: str) -> float:
         raise DataError(f"{where} holds no oscillation: the angle {does}")
     power = np.abs(np.fft.rfft(signal * np.hanning(n), 4 * n)) ** 2
     frequency = np.fft.rfftfreq(4 * n, span / (n - 1))
-    low = frequency >= FEWEST_PERIODS / span / 2.0
+    low = frequency >= MIN_PERIODS / span / 2.0
     best = float(frequency[low][np.argmax(power[low])])
-    if best * step * FEWEST_SAMPLES > 1.0:
+    if best * step * MIN_SAMPLES_PER_PERIOD > 1.0:
         lobe = np.abs(frequency - best) <= 2.0 / span  # of the Hann window
         if float(np.sum(power[lobe])) < TONE * float(np.sum(power)):
             raise DataError(
-                f"{where} holds no oscillation: what the angle does is noise, without a period; "
+                f"{where} holds no oscillation: the angle is noise without a period; "
                 "let it swing freely ten times or more, from some 10°"
             )
         raise DataError(
-            f"{where}: one sample every {step:.3g} s is too slow for a period of {1 / best:.3g} s, "
-            "which could as well be a faster one: record at 20 Hz or faster"
+            f"{where}: one sample every {step:.3g} s is too slow for a period of {1 / best:.3g} "
+            "s; record at 20 Hz or faster"
         )
     return 1.0 / best
 
 
 def _clipped(angle: Array) -> Array:
-    """Without wild readings, which would hide every wave: nothing beyond twice the bulk's range."""
+    """The angle clipped to twice the range of its bulk: outliers would hide the oscillation."""
     low, high = np.percentile(angle, (2.0, 98.0))
     return np.clip(angle, low - (high - low) / 2.0, high + (high - low) / 2.0)
 
 
 def _smoothed(t: Array, angle: Array, period: float) -> tuple[Array, Array]:
-    """An even grid, and the angle on it without wild readings, averaged over an eighth period."""
+    """An even grid, and the angle on it without outliers, averaged over an eighth period."""
     from scipy.ndimage import median_filter, uniform_filter1d
 
     step = float(np.median(np.diff(t)))
@@ -168,7 +168,7 @@ def _smoothed(t: Array, angle: Array, period: float) -> tuple[Array, Array]:
 
 
 def _holes(t: Array, period: float) -> Array:
-    """Stretches without readings that a passage may hide in, (n, 2) [s]."""
+    """Stretches without measurements that a passage may hide in, (n, 2) [s]."""
     wide = np.flatnonzero(np.diff(t) > period / 8.0)
     margin = period / 8.0
     return np.column_stack([t[wide] - margin, t[wide + 1] + margin])
@@ -189,10 +189,10 @@ def _regular(t: Array, x: Array, holes: Array, where: str) -> _Rough:
     peaks = [p.start + int(np.argmax(np.abs(x[p]))) for p in pieces]
     run, numbers, period = _longest_run(passages, x[peaks])
     count = float(numbers[-1]) / 2.0 if len(numbers) else 0.0
-    if count < FEWEST_PERIODS:
+    if count < MIN_PERIODS:
         raise DataError(
             f"{where} holds no oscillation that can be counted: {count:g} periods follow each "
-            f"other evenly, and {FEWEST_PERIODS:g} are needed; let it swing freely ten times or "
+            f"other evenly, and {MIN_PERIODS:g} are needed; let it swing freely ten times or "
             "more, from some 10°, on a hinge that damps little"
         )
     between = slice(run.start, run.stop - 1)
@@ -241,31 +241,31 @@ def _zero(t: Array, x: Array) -> float:
 
 
 def _passage(t: Array, x: Array, at: float, half: float) -> float:
-    """A passage through zero from a line through the readings near it [s]."""
+    """A passage through zero from a line through the measurements near it [s]."""
     near = slice(*np.searchsorted(t, (at - half / 6.0, at + half / 6.0)))
-    found = _line_zero(t[near] - at, x[near]) if near.stop - near.start >= 3 else 0.0
-    return at + (found if abs(found) < half / 6.0 else 0.0)
+    offset = _line_zero(t[near] - at, x[near]) if near.stop - near.start >= 3 else 0.0
+    return at + (offset if abs(offset) < half / 6.0 else 0.0)
 
 
 def _line_zero(t: Array, x: Array) -> float:
     """Zero of the line through points, wild ones left out [s]; 0 where it is flat."""
-    slope, level = np.polyfit(t, x, 1)
-    off = np.abs(x - slope * t - level)
+    slope, offset = np.polyfit(t, x, 1)
+    off = np.abs(x - slope * t - offset)
     good = off <= 5.0 * np.median(off) + 1e-12 * float(np.max(np.abs(x)))
     if 3 <= good.sum() < len(t):
-        slope, level = np.polyfit(t[good], x[good], 1)
-    return float(-level / slope) if slope else 0.0
+        slope, offset = np.polyfit(t[good], x[good], 1)
+    return float(-offset / slope) if slope else 0.0
 
 
 def _turn(t: Array, x: Array, at: float, half: float) -> float:
-    """A turning point from a parabola through the readings near it [s]."""
+    """A turning point from a parabola through the measurements near it [s]."""
     near = slice(*np.searchsorted(t, (at - half / 3.0, at + half / 3.0)))
     if near.stop - near.start < 4:
         return at
     s = (t[near] - at) / half
     bend, slope, _ = np.polyfit(s, x[near], 2)
-    found = -slope / (2.0 * bend) if bend else 0.0
-    return at + half * (float(found) if abs(found) < 1.0 / 3.0 else 0.0)
+    vertex = -slope / (2.0 * bend) if bend else 0.0
+    return at + half * (float(vertex) if abs(vertex) < 1.0 / 3.0 else 0.0)
 
 
 def _counted(instants: Array, numbers: NDArray[np.int_]) -> Counted:
@@ -273,13 +273,15 @@ def _counted(instants: Array, numbers: NDArray[np.int_]) -> Counted:
     k = numbers.astype(np.float64)
     X = np.column_stack([k, np.ones(len(k)), (-1.0) ** k])
     beta = np.linalg.lstsq(X, instants, rcond=None)[0]
-    left = instants - X @ beta
-    usual = 1.4826 * float(np.median(np.abs(left)))
-    good = np.abs(left) <= 6.0 * usual + 1e-12  # a turn or passage that a wild reading moved
+    residual = instants - X @ beta
+    usual = 1.4826 * float(np.median(np.abs(residual)))
+    good = (
+        np.abs(residual) <= 6.0 * usual + 1e-12
+    )  # a turn or passage that a wild measurement moved
     if 5 <= good.sum() < len(k):
         X, instants = X[good], instants[good]
         beta = np.linalg.lstsq(X, instants, rcond=None)[0]
-        left = instants - X @ beta
+        residual = instants - X @ beta
     dof = max(len(instants) - 3, 1)
-    variance = float(left @ left) / dof * float(np.linalg.pinv(X.T @ X)[0, 0])
+    variance = float(residual @ residual) / dof * float(np.linalg.pinv(X.T @ X)[0, 0])
     return Counted(2.0 * float(beta[0]), 2.0 * float(np.sqrt(variance)), len(instants))

@@ -145,7 +145,7 @@ def box_inertia(mass: float, length: float, width: float) -> float:
         UsageError: a length is not above 0.
     """
     if not (math.isfinite(length) and math.isfinite(width) and length > 0 and width > 0):
-        raise UsageError(f"{argument(size=(length, width))} is no box: give two lengths above 0")
+        raise UsageError(f"{argument(size=(length, width))} is not a box; give two lengths above 0")
     return mass / 12.0 * (length**2 + width**2)
 
 

@@ -35,15 +35,15 @@ AVERAGED = 1e-3
 """Share of the amplitude's correction (T − T₀) by which averaging over a swing may be wrong: the
 runs of a simulated pendulum at 30–60° with friction gave 0.5·10⁻³ and less."""
 WILD = 6.0
-"""Robust standard deviations beyond which a reading is left out."""
+"""Robust standard deviations beyond which a measurement is left out."""
 ROUNDS = 4
-"""Fits between which wild readings are looked for again."""
+"""Fits between which wild measurements are looked for again."""
 LEAST_EXPLAINED = 0.5
 """Share of the angle's variance below which the fit is no oscillation of this log."""
 CLEARLY = 10.0
 """Log-likelihood ratio (times two) by which the second choice must be better than the first."""
 MOST_SAMPLES = 2_500
-"""Readings beyond which neighbours are averaged, as long as twenty a period are left: more only
+"""Measurements beyond which neighbours are averaged, as long as twenty a period are left: more only
 take time."""
 DEGREES = math.pi / 180.0
 WIDEST = 0.9 * math.pi
@@ -64,10 +64,10 @@ class Oscillation:
         damping_ratio: δ/ω₀.
         friction: equilibrium's shift by dry friction [rad].
         kind: ``pendulum``, or ``sine`` where the period does not change with the amplitude.
-        told: whether the log tells which of these it is, and of which unit.
+        unit_identified: whether the log shows the kind of swing and the unit of its angle.
         noise: standard deviation of what is left [rad].
-        left_out: wild readings.
-        t, angle, fitted: what was fitted, (N,) [s, rad, rad]; wild readings NaN in ``angle``.
+        left_out: wild measurements.
+        t, angle, fitted: what was fitted, (N,) [s, rad, rad]; wild measurements NaN in ``angle``.
     """
 
     period: float
@@ -79,7 +79,7 @@ class Oscillation:
     damping_ratio: float
     friction: float
     kind: str
-    told: bool
+    unit_identified: bool
     noise: float
     left_out: int
     t: Array
@@ -89,7 +89,7 @@ class Oscillation:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """One shape fitted: parameters, residuals [rad], which readings count."""
+    """One shape fitted: parameters, residuals [rad], which measurements count."""
 
     pendulum: bool
     scale: float
@@ -100,8 +100,8 @@ class _Fit:
 
     def misfit(self, samples: float) -> float:
         """−2 log-likelihood up to a constant, in the unit of the log's own angle."""
-        left = self.residual[self.good] / self.scale
-        return samples * math.log(float(left @ left) / len(left) + 1e-300)
+        residual = self.residual[self.good] / self.scale
+        return samples * math.log(float(residual @ residual) / len(residual) + 1e-300)
 
 
 def fit_oscillation(
@@ -128,25 +128,25 @@ def fit_oscillation(
     scales = [1.0] if in_radians else [1.0, DEGREES]
     shapes = [(True, s) for s in scales if s * largest < WIDEST]
     fits = [_fitted(t, angle, swing, *shape) for shape in (*shapes, (False, scales[-1]))]
-    best, told = _best(fits)
+    best, unit_identified = _best(fits)
     moved = angle[best.good] - np.mean(angle[best.good])
-    left = best.residual[best.good] / best.scale
-    if not float(left @ left) < (1.0 - LEAST_EXPLAINED) * float(moved @ moved):
+    residual = best.residual[best.good] / best.scale
+    if not float(residual @ residual) < (1.0 - LEAST_EXPLAINED) * float(moved @ moved):
         raise DataError(
             f"{where} holds no oscillation: the best fading swing leaves "
-            f"{100 * float(left @ left) / float(moved @ moved):.0f} % of what moves; let the body "
-            "swing freely, and name the column of its angle"
+            f"{100 * float(residual @ residual) / float(moved @ moved):.0f} % of the motion "
+            "unexplained; let the body swing freely, and name the column of its angle"
         )
-    return _result(t, angle, best, told)
+    return _result(t, angle, best, unit_identified)
 
 
 def _thinned(t: Array, angle: Array, period: float) -> tuple[Array, Array]:
-    """Means of neighbours where there are far more readings than a period needs."""
+    """Means of neighbours where there are far more measurements than a period needs."""
     several = min(len(t) // MOST_SAMPLES, int(len(t) * period / float(t[-1] - t[0]) / 20.0))
     if several < 2:
         return t, angle
     whole = len(t) // several * several
-    thin = np.median if several > 4 else np.mean  # a wild reading must not spread
+    thin = np.median if several > 4 else np.mean  # a wild measurement must not spread
     return (
         t[:whole].reshape(-1, several).mean(axis=1),
         thin(angle[:whole].reshape(-1, several), axis=1),
@@ -175,7 +175,7 @@ def _effective(residual: Array) -> float:
 
 
 def _fitted(t: Array, angle: Array, swing: FreeSwing, pendulum: bool, scale: float) -> _Fit:
-    """One shape by least squares, wild readings left out in rounds."""
+    """One shape by least squares, wild measurements left out in rounds."""
     y = scale * angle
     s = t - t[0]
     start = _start(s, y, swing, scale)
@@ -188,7 +188,7 @@ def _fitted(t: Array, angle: Array, swing: FreeSwing, pendulum: bool, scale: flo
     good = np.ones(len(s), dtype=bool)
     p = start
     for k in range(ROUNDS):
-        found = least_squares(
+        solution = least_squares(
             partial(_errors, s=s[good], y=y[good], span=float(s[-1]), pendulum=pendulum),
             p,
             "2-point",
@@ -198,14 +198,14 @@ def _fitted(t: Array, angle: Array, swing: FreeSwing, pendulum: bool, scale: flo
             f_scale=0.02 * start[2],
             ftol=1e-8 if k else 1e-4,
         )
-        p = found.x
-        left = y - _angle(p, s, s[-1], pendulum)
-        usual = 1.4826 * float(np.median(np.abs(left)))
-        now = np.abs(left) <= WILD * max(usual, 1e-9 * start[2])
+        p = solution.x
+        residuals = y - _angle(p, s, s[-1], pendulum)
+        usual = 1.4826 * float(np.median(np.abs(residuals)))
+        now = np.abs(residuals) <= WILD * max(usual, 1e-9 * start[2])
         if k and np.array_equal(now, good):
             break
         good = now
-    return _Fit(pendulum, scale, p, -np.asarray(found.jac), left, good)
+    return _Fit(pendulum, scale, p, -np.asarray(solution.jac), residuals, good)
 
 
 def _errors(p: Array, s: Array, y: Array, span: float, pendulum: bool) -> Array:
@@ -290,7 +290,7 @@ def _angle(p: Array, s: Array, span: float, pendulum: bool) -> Array:
     return np.asarray(course + p[5] + p[6] * (s - 0.5 * span))
 
 
-def _result(t: Array, angle: Array, fit: _Fit, told: bool) -> Oscillation:
+def _result(t: Array, angle: Array, fit: _Fit, unit_identified: bool) -> Oscillation:
     s, span = t - t[0], float(t[-1] - t[0])
     scales = _scales(fit.p, span)
     free = np.array(
@@ -319,7 +319,7 @@ def _result(t: Array, angle: Array, fit: _Fit, told: bool) -> Oscillation:
         damping_ratio=float(fit.p[3] / fit.p[0]) if free[3] else 0.0,
         friction=float(0.5 * math.pi * fit.p[4] / fit.p[0]) if free[4] else 0.0,
         kind="pendulum" if fit.pendulum else "sine",
-        told=told,
+        unit_identified=unit_identified,
         noise=float(np.std(good)),
         left_out=int(np.sum(~fit.good)),
         t=t,

@@ -36,7 +36,7 @@ AT_LEAST = 2e-4
 FEW_PERIODS = 10.0
 """Periods below which a log is called short: a count of them is good to 1/10 of an instant's."""
 WILD_SHARE = 0.05
-"""Share of readings left out from which that is worth a warning."""
+"""Share of measurements left out from which that is worth a warning."""
 ODD = 0.01
 """Significance below which logs that differ are said to differ by more than their errors."""
 FAR = 2.0
@@ -143,9 +143,10 @@ class PendulumStudy:
         low, high = self.interval
         error = 1e3 * self.period_std_error
         return (
-            f"J = {self.inertia:.4f} kg m² with the period as it is, between {low:.4f} and "
-            f"{high:.4f} for ± {error:.3g} ms; {self.corrected:.4f} kg m² with the amplitude of "
-            f"{self.amplitude / DEGREES:.3g}° taken out (T₀ = {self.small_period:.5g} s).",
+            f"J = {self.inertia:.4f} kg m² uncorrected, between {low:.4f} and "
+            f"{high:.4f} for ± {error:.3g} ms; {self.corrected:.4f} kg m² corrected for the "
+            "amplitude of "
+            f"{self.amplitude / DEGREES:.3g}° (T₀ = {self.small_period:.5g} s).",
             self._driver(),
             self._against_box(),
         )
@@ -157,7 +158,7 @@ class PendulumStudy:
         error = self.period_std_error if first == "period" else self.hanging.std_error(first)
         share = 100.0 * (most / max(self.std_error, 1e-300)) ** 2
         return (
-            f"The error is driven by {first}: ± {error:.3g} {UNITS[first]} of it moves J by "
+            f"The error is dominated by {first}: ± {error:.3g} {UNITS[first]} of it moves J by "
             f"{most:.2g} kg m², {share:.0f} % of the variance; next is {second} with "
             f"{next_most:.2g} kg m²."
         )
@@ -165,7 +166,7 @@ class PendulumStudy:
     def _against_box(self) -> str:
         """The inertia beside that of a box of the same mass and size."""
         if self.box is None or self.size is None:
-            return "Give the body's length and width with `size` to compare J with a box's."
+            return "Give the body's length and width with `size` to compare J with that of a box."
         ratio, would = self.corrected / self.box, self.hanging.period(self.box)
         a, b = self.size
         beside = (
@@ -173,14 +174,14 @@ class PendulumStudy:
             f"{self.box:.4f} kg m²"
         )
         if 1.0 / FAR < ratio < FAR:
-            return f"That is {ratio:.2g} times what mass and size suggest: {beside}."
+            return f"That is {ratio:.2g} times the value from mass and size: {beside}."
         short = 1e3 * (self.small_period - would)
         arm = (self.corrected - self.box) / -self.hanging.sensitivities(self.small_period)["l"]
         return (
-            f"That is {ratio:.2g} times what mass and size suggest: {beside}. To agree, the "
+            f"That is {ratio:.2g} times the value from mass and size: {beside}. To agree, the "
             f"period would have to be {abs(short):.0f} ms {'shorter' if short > 0 else 'longer'} "
             f"or the arm l {1e3 * abs(arm):.0f} mm {'longer' if arm > 0 else 'shorter'}: measure "
-            "both again before the inertia is used."
+            "both again before using the inertia."
         )
 
     def summary(self) -> dict[str, Any]:
@@ -290,10 +291,13 @@ def inertia_of_logs(
         longer = float(np.mean([o.period / o.small_period for o in fits]))
         period, error = longer * small, longer * small_error
     amplitude = float(np.sqrt(np.mean([o.amplitudes[1] ** 2 for o in fits])))
-    found = (*(f for log in logs for f in (*log.swing.findings, *_said(log))), *_scatter(logs, odd))
+    findings = (
+        *(f for log in logs for f in (*log.swing.findings, *_said(log))),
+        *_scatter(logs, odd),
+    )
     made = PendulumStudy(
         hanging, period, error, small, small_error, amplitude, _size(size, hanging),
-        tuple(logs), found,
+        tuple(logs), findings,
     )  # fmt: skip
     return _possible(made)
 
@@ -342,19 +346,19 @@ def _scatter(logs: Sequence[LogResult], chance: float) -> tuple[Finding, ...]:
     periods = [log.oscillation.small_period for log in logs]
     text = (
         f"The {len(logs)} logs differ by more than their errors: their small-swing periods spread "
-        f"over {1e3 * (max(periods) - min(periods)):.3g} ms; the standard error counts that."
+        f"by {1e3 * (max(periods) - min(periods)):.3g} ms; the standard error includes that."
     )
-    advice = "Hang the body up in the same way each time, in one plane of swing."
+    advice = "Suspend the body the same way each time, in one plane of swing."
     return (Finding("logs-differ", Severity.WARNING, text, advice),)
 
 
 def _said(log: LogResult) -> tuple[Finding, ...]:
     """What a person should know of one log."""
     o, free, name = log.oscillation, log.free, log.swing.name
-    found = []
+    findings = []
 
     def say(code: str, severity: Severity, sentence: str, advice: str = "") -> None:
-        found.append(Finding(code, severity, f"{name}: {sentence}", advice, record=name))
+        findings.append(Finding(code, severity, f"{name}: {sentence}", advice, record=name))
 
     for what, counted in (("passages", free.from_passages), ("turning points", free.from_turns)):
         apart = abs(counted.period - o.period)
@@ -366,7 +370,7 @@ def _said(log: LogResult) -> tuple[Finding, ...]:
                 f"the {counted.instants} {what} give a period of {counted.period:.5g} s, the fit "
                 f"{o.period:.5g} s, {apart / max(allowed, 1e-300) * DISAGREE:.1f} standard errors "
                 "apart.",
-                "Look at the picture: something else than one free swing is in the log.",
+                "See the picture: the log contains more than one free swing.",
             )
     count = float(free.passages[-1] - free.passages[0]) / o.period
     if count < FEW_PERIODS:
@@ -374,39 +378,41 @@ def _said(log: LogResult) -> tuple[Finding, ...]:
             "few-periods",
             Severity.WARNING,
             f"only {count:.1f} periods swing freely.",
-            "Record twenty: the error falls with the number times its root.",
+            "Record twenty periods; the error falls as n^(-3/2).",
         )
     if o.left_out > WILD_SHARE * len(o.t):
         share = 100.0 * o.left_out / len(o.t)
-        say("wild-readings", Severity.WARNING, f"{share:.0f} % of the readings are wild, left out.")
+        say(
+            "wild-readings",
+            Severity.WARNING,
+            f"{share:.0f} % of the measurements are outliers, left out.",
+        )
     elif o.left_out:
-        say("wild-readings", Severity.NOTE, f"{o.left_out} wild readings left out.")
+        say("wild-readings", Severity.NOTE, f"{o.left_out} outliers left out.")
     if not log.swing.in_radians:
         _say_unit(o, say)
     if o.kind == "sine":
         say(
             "not-a-pendulum",
             Severity.WARNING,
-            "the period does not grow with the amplitude as a pendulum's does; "
-            f"T₀ was made of the mean period and the amplitude of {o.amplitudes[1] / DEGREES:.3g}° "
-            "all the same.",
+            "the period does not grow with the amplitude as a pendulum's does; T₀ was still "
+            f"computed from the mean period and the amplitude of {o.amplitudes[1] / DEGREES:.3g}°.",
             "Check the unit of the angle, and that the hinge has no spring.",
         )
-    return tuple(found)
+    return tuple(findings)
 
 
 def _say_unit(o: Oscillation, say: Any) -> None:
     """How an angle of an untold unit was taken."""
     unit = "radians" if o.scale == 1.0 else "degrees"
     how = f"the angle is taken to be in {unit} (first amplitude {o.amplitudes[0] / DEGREES:.3g}°)"
-    if o.kind == "pendulum" and o.told:
-        say("angle-unit", Severity.NOTE, f"{how}: its period changes as it must in that unit.")
+    if o.kind == "pendulum" and o.unit_identified:
+        say("angle-unit", Severity.NOTE, f"{how}: its period changes as expected in that unit.")
         return
     say(
         "angle-unit",
         Severity.WARNING,
-        f"{how}, which nothing in the log tells; only the correction for the amplitude depends "
-        "on it.",
+        f"{how}, which the log does not confirm; it affects the amplitude correction only.",
         "Name the unit with `units`.",
     )
 

@@ -41,8 +41,8 @@ _POSITION = re.compile(
     r"(?:p|pos|position|com|cog|tracker)?[ _.\-]*(?P<axis>[xyz])(?:[ _.\-]*pos(?:ition)?)?",
     re.IGNORECASE,
 )
-FEWEST = 20
-"""Rows below which nothing swings to be seen."""
+MIN_ROWS = 20
+"""Rows that a log of a swing needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Swing:
         t: instants, rising, (N,) [s].
         angle: (N,) [rad], or in an untold unit.
         in_radians: whether the unit is known; else it is radians or degrees.
-        findings: what there is to say about the reading.
+        findings: what there is to say about the measurement.
     """
 
     name: str
@@ -69,7 +69,7 @@ def read_swing(
 ) -> Swing:
     """The swing that a log holds.
 
-    An angle goes before a quaternion, whose rotation about the axis it mostly turns about is
+    An angle goes before a quaternion, whose rotation about its main axis is
     taken, and that before a position, whose way along its main direction is arm·sin θ.
 
     Args:
@@ -87,7 +87,7 @@ def read_swing(
     table = read_log_table(path, options).table
     known = [n for n in options.units if n.lower() not in [c.lower() for c in table.names]]
     if known:
-        raise UsageError(f"`units` names {known[0]!r}, which is no column: {_listed(table)}")
+        raise UsageError(f"`units` names {known[0]!r}, which is not a column: {_listed(table)}")
     names, kind = _places(table, options)
     t, said = _times(table, names, options)
     values = table.columns(names)
@@ -103,14 +103,14 @@ def read_swing(
         fresh = np.append(True, np.diff(t) > 0)
         fresh &= (t >= t[0] + head) & (t <= t[-1] - tail)
         t, angle = t[fresh], angle[fresh]
-    if len(t) < FEWEST:
+    if len(t) < MIN_ROWS:
         raise DataError(
-            f"{table.where} holds {len(t)} readings of {how}: record some ten swings, at 20 Hz or "
-            "faster"
+            f"{table.where} has {len(t)} measurements of {how}; "
+            "record ten swings at 20 Hz or faster"
         )
     notes = [_note(table, "swing-columns", f"the angle is {how}.")] if how != names[0] else []
     if missing:
-        notes.append(_note(table, "empty-cells", f"{missing} rows without a reading left out."))
+        notes.append(_note(table, "empty-cells", f"{missing} rows without a measurement left out."))
     return Swing(table.where, t - t[0], angle, in_radians, (*said, *notes))
 
 
@@ -118,12 +118,12 @@ def _places(table: Table, options: ReadOptions) -> tuple[tuple[str, ...], str]:
     """The columns that tell the angle, and what they are."""
     if options.outputs:
         if len(options.outputs) > 1:
-            raise UsageError("`outputs` names several columns: one angle swings")
+            raise UsageError("`outputs` names several columns; name one angle")
         asked = options.outputs[0]
-        found = [n for n in table.names if n.lower() == asked.lower()]
-        if not found:
+        names = [n for n in table.names if n.lower() == asked.lower()]
+        if not names:
             raise UsageError(f"{table.where} has no column {asked!r}: {_listed(table)}")
-        return (found[0],), "angle"
+        return (names[0],), "angle"
     parts: dict[str, dict[str, str]] = {"quaternion": {}, "position": {}}
     for name in table.names:
         base = ending(name)[0]
@@ -175,7 +175,7 @@ def _largest(table: Table, angles: Sequence[str]) -> tuple[str, ...]:
 
 
 def _span(values: Array) -> float:
-    """The range of the bulk: a wild reading is no swing."""
+    """The range of the bulk: a wild measurement is no swing."""
     good = values[np.isfinite(values)]
     return float(np.ptp(np.percentile(good, (1.0, 99.0)))) if len(good) else 0.0
 
@@ -191,8 +191,8 @@ def _times(
     untold = [f for f in clock.findings if f.code == "sample-time" and f.severity > Severity.NOTE]
     if untold and options.ts is None:
         raise DataError(
-            f"{table.where} does not tell its sample time, and the period is counted in it: give "
-            "it in seconds with `ts`, or the time column with `time`"
+            f"{table.where} has no sample time, which the period needs; give it in seconds with "
+            "`ts`, or the time column with `time`"
         )
     return clock.t, clock.findings
 
@@ -201,19 +201,20 @@ def _from_angle(
     table: Table, names: tuple[str, ...], values: Array, options: ReadOptions, arm: float
 ) -> tuple[Array, bool, str]:
     unit = _unit(table, names[0], options.units)
-    found = conversion(unit, names[0]) if unit else None
-    if found is not None and found.unit not in ("rad", ""):
+    factor = conversion(unit, names[0]) if unit else None
+    if factor is not None and factor.unit not in ("rad", ""):
         raise UsageError(
-            f"{table.where}: {names[0]} is in {unit}, which is no angle: name another column, or "
+            f"{table.where}: {names[0]} is in {unit}, which is not an angle; name another column, "
+            "or "
             f"its unit with {argument(units={names[0]: 'deg'})}"
         )
-    known = found is not None and bool(found.unit)
-    angle = values[:, 0] * (found.scale if found is not None and known else 1.0)
+    known = factor is not None and bool(factor.unit)
+    angle = values[:, 0] * (factor.scale if factor is not None and known else 1.0)
     return _unfolded(angle, known), known, names[0]
 
 
 def _unfolded(angle: Array, in_radians: bool) -> Array:
-    """An angle that starts over at ±180° made to go on; a wild reading is no fold."""
+    """An angle that starts over at ±180° made to go on; a wild measurement is no fold."""
     turn = 360.0 if not in_radians and _span(angle) > 2.0 * np.pi else 2.0 * np.pi
     if _span(angle) < 0.5 * turn:
         return angle
@@ -228,8 +229,8 @@ def _from_quaternion(
     """Rotation about the axis the body mostly turns about, from its mean attitude."""
     size = np.linalg.norm(values, axis=1)
     good = np.isfinite(size) & (size > 0.5)  # a tracker that sees nothing writes zeros
-    if good.sum() < FEWEST:
-        raise DataError(f"{table.where}: {', '.join(names)} hold no quaternion of length 1")
+    if good.sum() < MIN_ROWS:
+        raise DataError(f"{table.where}: {', '.join(names)} hold no unit quaternion")
     q = values[good] / size[good, None]
     mean = np.linalg.eigh(q.T @ q)[1][:, -1]  # Markley (2007): signs of q do not matter
     w0, v0 = mean[0], -mean[1:]
@@ -240,7 +241,7 @@ def _from_quaternion(
     turned = v * (2.0 * np.arctan2(sine, np.abs(w)) / np.maximum(sine, 1e-12))[:, None]
     angle = np.full(len(values), np.nan)
     angle[good] = _along_main(turned)
-    return angle, True, f"the rotation of {', '.join(names)} about the axis it mostly turns about"
+    return angle, True, f"the rotation of {', '.join(names)} about its main axis"
 
 
 def _from_position(
@@ -250,13 +251,13 @@ def _from_position(
     scales = []
     for name in names:
         unit = _unit(table, name, options.units) or "m"
-        found = conversion(unit, name)
-        if found.unit != "m":
-            raise UsageError(f"{table.where}: {name} is in {unit}, which is no length of a path")
-        scales.append(found.scale)
+        factor = conversion(unit, name)
+        if factor.unit != "m":
+            raise UsageError(f"{table.where}: {name} is in {unit}, which is not a length")
+        scales.append(factor.scale)
     place = values * np.array(scales)
     good = np.all(np.isfinite(place), axis=1)
-    if good.sum() < FEWEST:
+    if good.sum() < MIN_ROWS:
         raise DataError(f"{table.where}: {', '.join(names)} hold {int(good.sum())} positions")
     way = _along_main(place[good])
     way = way - 0.5 * float(np.sum(np.percentile(way, (1.0, 99.0))))

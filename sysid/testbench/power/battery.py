@@ -19,10 +19,10 @@ from sysid.data.record import Array
 from sysid.errors import DataError
 from sysid.fitting.uncertainty import uncertainty
 
-FEWEST = 4
-"""Readings of a table from which a line's error is known."""
+MIN_ROWS = 4
+"""Rows of a table that a line with a standard error needs."""
 MOVES = 0.05
-"""Share of the largest current by which it must change for a resistance to be told."""
+"""Share of the largest current by which it must change for a resistance to be identifiable."""
 AT_REST = 0.02
 """Share of the largest current below which a battery counts as resting."""
 SLOWEST = 3.0
@@ -33,7 +33,7 @@ TRIED = 24
 PAYS = 6.0
 """Fall of BIC from which a branch or slope is kept: strong evidence (Raftery 1995)."""
 MOST_SAMPLES = 8_000
-"""Readings beyond which neighbours are averaged."""
+"""Measurements beyond which neighbours are averaged."""
 HOUR = 3600.0
 
 
@@ -128,7 +128,7 @@ class _Shape:
 
 
 def fit_battery(name: str, t: Array | None, voltage: Array, current: Array) -> Battery:
-    """Fit a battery to a log of rests and loads, or to a table of steady readings.
+    """Fit a battery to a log of rests and loads, or to a table of steady measurements.
 
     Args:
         name: of the file, for messages.
@@ -141,14 +141,14 @@ def fit_battery(name: str, t: Array | None, voltage: Array, current: Array) -> B
     good = np.isfinite(voltage) & np.isfinite(current)
     good &= np.isfinite(t) if t is not None else True
     v, i = voltage[good], current[good]
-    if len(v) < FEWEST:
-        raise DataError(f"{name} holds {len(v)} readings of the battery; {FEWEST} are needed")
+    if len(v) < MIN_ROWS:
+        raise DataError(f"{name} holds {len(v)} measurements of the battery; {MIN_ROWS} are needed")
     largest = float(np.max(np.abs(i)))
     if largest == 0.0 or float(np.ptp(i)) < MOVES * largest:
         what = "0 A throughout" if largest == 0.0 else f"{float(np.mean(i)):.3g} A throughout"
         raise DataError(
-            f"{name}: the current is {what}, which tells no resistance: record rests and loads in "
-            "turns"
+            f"{name}: the current is {what}, so no resistance can be determined; "
+            "record rest and load alternately"
         )
     turned = float(np.cov(v, i)[0, 1]) > 0.0
     i = -i if turned else i
@@ -162,13 +162,13 @@ def fit_battery(name: str, t: Array | None, voltage: Array, current: Array) -> B
 
 
 def _even(t: Array, v: Array, i: Array) -> tuple[Array, Array, Array]:
-    """Both signals on an even grid; of many readings, means of neighbours."""
+    """Both signals on an even grid; of many measurements, means of neighbours."""
     step = float(np.median(np.diff(t)))
     span = float(t[-1] - t[0])
     if not step > 0.0:
         step = span / (len(t) - 1)
     each = float(step * max(len(t) // MOST_SAMPLES, 1))
-    n = max(round(span / each) + 1, FEWEST)
+    n = max(round(span / each) + 1, MIN_ROWS)
     which = np.clip(np.rint((t - t[0]) / each).astype(int), 0, n - 1)
     count = np.bincount(which, minlength=n)
     filled = count > 0
@@ -204,9 +204,9 @@ def _chosen(v: Array, i: Array, dt: float) -> _Shape:
 def _worth(v: Array, i: Array, dt: float, taus: Sequence[float]) -> float:
     """Independent samples of the log, N(1 − ρ)/(1 + ρ) of a generous fit's errors, at least 20."""
     generous = _Shape(True, (taus[len(taus) // 4], taus[3 * len(taus) // 4]))
-    left = v - _columns(i, dt, generous) @ _solved(v, i, dt, generous)
-    power = float(left @ left)
-    near = float(left[1:] @ left[:-1]) / power if power > 0.0 else 0.0
+    residual = v - _columns(i, dt, generous) @ _solved(v, i, dt, generous)
+    power = float(residual @ residual)
+    near = float(residual[1:] @ residual[:-1]) / power if power > 0.0 else 0.0
     worth = len(v) * (1.0 - max(near, 0.0)) / (1.0 + max(near, 0.0))
     return max(worth, 20.0)
 
@@ -215,12 +215,12 @@ def _bic(v: Array, i: Array, dt: float, shape: _Shape, samples: float) -> float:
     theta = _solved(v, i, dt, shape)
     if np.any(theta[2 : 2 + shape.slope + len(shape.taus)] <= 0.0):
         return math.inf  # a part that is nothing
-    left = v - _columns(i, dt, shape) @ theta
+    residual = v - _columns(i, dt, shape) @ theta
     resolution = 1e-12 * float(v @ v)
     numbers = len(theta) + len(shape.taus)
-    return samples * math.log((float(left @ left) + resolution) / len(v)) + numbers * math.log(
-        samples
-    )
+    return samples * math.log(
+        (float(residual @ residual) + resolution) / len(v)
+    ) + numbers * math.log(samples)
 
 
 def _columns(i: Array, dt: float | None, shape: _Shape) -> Array:
@@ -314,5 +314,5 @@ def _refined(v: Array, i: Array, dt: float | None, shape: _Shape) -> _Shape:
     most = max(step * len(v) / SLOWEST, 4.0 * step)
     bounds = (np.full(len(start), math.log(step)), np.full(len(start), math.log(most)))
     start = np.clip(start, bounds[0] + 1e-9, bounds[1] - 1e-9)
-    found = least_squares(left, start, bounds=bounds, x_scale=0.1)
-    return _Shape(shape.slope, tuple(sorted(np.exp(found.x).tolist())))
+    solution = least_squares(left, start, bounds=bounds, x_scale=0.1)
+    return _Shape(shape.slope, tuple(sorted(np.exp(solution.x).tolist())))

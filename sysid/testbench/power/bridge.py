@@ -22,12 +22,12 @@ SETTLED = 0.5
 """Share of a step, from its end, that is averaged: before that the motor's speed changes."""
 SAME = 1e-4
 """Commands closer than this share of full drive are one step."""
-FEWEST_LEVELS = 3
-"""Steps that answer from which a line has an error."""
+MIN_STEPS = 3
+"""Steps with a response that a line with a standard error needs."""
 ANSWERS = 0.02
-"""Share of the largest answer from which a step counts as answered …"""
+"""Share of the largest response from which a step counts as answered …"""
 NOISY = 5.0
-"""… and standard deviations of the readings at rest."""
+"""… and standard deviations of the measurements at rest."""
 SURE = 2.0
 """Standard errors within which the line's beginning counts as the edge of the dead band."""
 BENDS = 3.0
@@ -48,8 +48,8 @@ class Direction:
         at_full, at_full_std_error: answer at full drive, by the line [V, rad/s or A].
         starts, stops: where it starts to answer while the command rises, and where it stops while
             it falls; None where that was not visited.
-        bends: whether the answers are no straight line.
-        levels: steps that answered.
+        bends: whether the response is nonlinear.
+        steps: steps with a response.
         drive, answer: of each step, (K,).
     """
 
@@ -65,7 +65,7 @@ class Direction:
     starts: float | None
     stops: float | None
     bends: bool
-    levels: int
+    steps: int
     drive: Array
     answer: Array
 
@@ -114,7 +114,7 @@ class Bridge:
 
     def summary(self) -> dict[str, object]:
         """The figures as a JSON object."""
-        found: dict[str, object] = {
+        facts: dict[str, object] = {
             "name": self.name,
             "side": self.side,
             "quantity": self.quantity,
@@ -123,7 +123,7 @@ class Bridge:
         }
         for name, d in self.directions().items():
             drop = self.drop(d)
-            found[name] = {
+            facts[name] = {
                 "dead_band": d.dead_band,
                 "dead_band_std_error": d.dead_band_std_error,
                 "between": d.between,
@@ -138,9 +138,9 @@ class Bridge:
                 "starts_at": d.starts,
                 "stops_at": d.stops,
                 "bends": d.bends,
-                "levels": d.levels,
+                "steps": d.steps,
             }
-        return found
+        return facts
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,23 +176,23 @@ def fit_bridge(
     """
     good = np.isfinite(drive) & np.isfinite(answer)
     steps = _steps(drive[good], answer[good], log)
-    if len(steps.drive) < FEWEST_LEVELS:
+    if len(steps.drive) < MIN_STEPS:
         raise DataError(
-            f"{name}: {len(steps.drive)} steps of PWM are no staircase: go up and down in small "
-            "steps, in both directions, and hold each for a second"
+            f"{name}: {len(steps.drive)} PWM steps are too few for a staircase; go up and down in "
+            "small steps both ways, one second each"
         )
     away = steps.drive - np.median(steps.drive)
     turned = float(away @ (steps.answer - np.median(steps.answer))) < 0.0
     if quantity in ("speed", "current") and np.all(answer[good] >= 0.0) and np.any(drive < 0.0):
-        signed = np.sign(steps.drive) * np.abs(steps.answer)  # a reading without a sign
+        signed = np.sign(steps.drive) * np.abs(steps.answer)  # a measurement without a sign
         steps, turned = _Steps(steps.drive, signed, steps.error), False
     sign = -1.0 if turned else 1.0
     steps = _Steps(steps.drive, sign * steps.answer, steps.error)
     both = [_direction(steps, s) for s in (1.0, -1.0)]
     if both == [None, None]:
         raise DataError(
-            f"{name}: fewer than {FEWEST_LEVELS} steps of PWM are answered by the {quantity} in "
-            "either direction: drive on to larger commands"
+            f"{name}: fewer than {MIN_STEPS} PWM steps change the {quantity} in either direction; "
+            "continue to larger commands"
         )
     return Bridge(name, side, quantity, both[0], both[1], _at_large(supply, drive), turned)
 
@@ -224,18 +224,18 @@ def _steps(drive: Array, answer: Array, log: bool) -> _Steps:
 
 def _direction(steps: _Steps, sign: float) -> Direction | None:
     """One direction of drive; None where fewer than three steps of it answer."""
-    mine = sign * steps.drive > SAME
+    in_direction = sign * steps.drive > SAME
     rest = np.abs(steps.drive) <= SAME
-    d, y = sign * steps.drive[mine], sign * steps.answer[mine]
+    d, y = sign * steps.drive[in_direction], sign * steps.answer[in_direction]
     if not len(d):
         return None
-    level = float(np.median(sign * steps.answer[rest])) if rest.any() else 0.0
+    offset = float(np.median(sign * steps.answer[rest])) if rest.any() else 0.0
     noise = float(np.median(steps.error)) if len(steps.error) else 0.0
     threshold = max(ANSWERS * float(np.max(y)), NOISY * noise)
-    if abs(level) < threshold:
-        y = y - level  # a meter's own zero
+    if abs(offset) < threshold:
+        y = y - offset  # a meter's own zero
     moves = y > threshold
-    if moves.sum() < FEWEST_LEVELS or len(np.unique(d[moves])) < FEWEST_LEVELS:
+    if moves.sum() < MIN_STEPS or len(np.unique(d[moves])) < MIN_STEPS:
         return None
     slope, cut, cov, bends = _line(d[moves], y[moves])
     # a small answer that stands on the line is the line's, below the share or not
@@ -267,7 +267,7 @@ def _direction(steps: _Steps, sign: float) -> Direction | None:
         starts=_edge(d, moves, rising=True),
         stops=_edge(d, moves, rising=False),
         bends=bends,
-        levels=int(moves.sum()),
+        steps=int(moves.sum()),
         drive=sign * d,
         answer=sign * y,
     )
@@ -277,11 +277,11 @@ def _line(d: Array, y: Array) -> tuple[float, float, Array, bool]:
     """Slope, value at 0, their covariance, and whether the answers bend."""
     X = np.column_stack([d, np.ones(len(d))])
     theta = np.linalg.lstsq(X, y, rcond=None)[0]
-    left = y - X @ theta
-    variance = float(left @ left) / max(len(d) - 2, 1)
+    residual = y - X @ theta
+    variance = float(residual @ residual) / max(len(d) - 2, 1)
     cov = variance * np.linalg.inv(X.T @ X)
     bends = False
-    if len(np.unique(d)) > FEWEST_LEVELS + 1:
+    if len(np.unique(d)) > MIN_STEPS + 1:
         Z = np.column_stack([(d - d.mean()) ** 2, X])
         curved = np.linalg.lstsq(Z, y, rcond=None)[0]
         rest = y - Z @ curved

@@ -18,7 +18,7 @@ from sysid.mission.spec import load_mission
 from sysid.mission.tuning.written import replaced
 from sysid.testbench.power.battery import HOUR, Battery, fit_battery
 from sysid.testbench.power.bridge import Bridge, fit_bridge
-from sysid.testbench.power.readings import ANY_FILE, PowerLog, read_power_log
+from sysid.testbench.power.power_log import ANY_FILE, PowerLog, read_power_log
 
 DISAGREE = 3.0
 """Standard errors by which two batteries' or bridges' numbers differ before that is said."""
@@ -47,37 +47,37 @@ class PowerBench:
 
     def supply(self) -> dict[str, Measured]:
         """Keys of a mission's ``vehicle.supply``, each with its value and standard error."""
-        found: dict[str, Measured] = {}
+        measured: dict[str, Measured] = {}
         if self.batteries:
-            found |= self._of_battery()
+            measured |= self._of_battery()
         voltages = [b for b in self.bridges if b.quantity == "voltage"]
         every = [d for b in voltages or self.bridges for d in b.directions().items()]
         for name in ("forward", "backward"):
             bands = [(d.dead_band, d.dead_band_std_error) for n, d in every if n == name]
             if bands:
-                found[f"dead_band_{name}"] = _mean(bands)
+                measured[f"dead_band_{name}"] = _mean(bands)
         jumps = [(d.jump, d.jump_std_error) for _, d in every]
         if any(j > DISAGREE * e and j > 0.0 for j, e in jumps):
-            found["dead_band_jump"] = _mean(jumps)
+            measured["dead_band_jump"] = _mean(jumps)
         if voltages:  # the dead band is taken off the command before
-            found["voltage"] = _mean([(d.gain, d.gain_std_error) for _, d in every])
-        return found
+            measured["voltage"] = _mean([(d.gain, d.gain_std_error) for _, d in every])
+        return measured
 
     def _of_battery(self) -> dict[str, Measured]:
         """Voltage, sag at full drive and loss by discharge."""
         b = _joined(self.batteries)
         E, current = b["open"], self.full_current or 0.0
-        found = {"voltage": E}
+        measured = {"voltage": E}
         if current > 0.0:
             ratio = b["settled"].value * current / E.value
             relative = b["settled"].std_error / max(b["settled"].value, 1e-12)
             error = ratio * math.hypot(relative, E.std_error / E.value)
-            found["sag"] = Measured(ratio, error)
+            measured["sag"] = Measured(ratio, error)
         if "slope" in b and current > 0.0:
             mean = float(np.mean([x.currents[0] for x in self.batteries]))
             each = mean / HOUR / E.value
-            found["loss"] = Measured(b["slope"].value * each, b["slope"].std_error * each)
-        return found
+            measured["loss"] = Measured(b["slope"].value * each, b["slope"].std_error * each)
+        return measured
 
     def sentences(self) -> tuple[str, ...]:
         """What the numbers mean, in words."""
@@ -86,7 +86,7 @@ class PowerBench:
     def _battery_words(self, b: Battery) -> str:
         text = (
             f"{b.name}: {b.open_voltage:.4g} ± {b.open_std_error:.2g} V without load, "
-            f"{1e3 * b.resistance:.4g} ± {1e3 * b.std_error:.2g} mΩ at once"
+            f"{1e3 * b.resistance:.4g} ± {1e3 * b.std_error:.2g} mΩ immediately"
         )
         for branch in b.branches:
             text += (
@@ -94,7 +94,7 @@ class PowerBench:
                 f"{branch.tau:.3g} ± {branch.tau_std_error:.2g} s"
             )
         if b.branches:
-            text += f"; {1e3 * b.settled:.4g} mΩ under a load that lasts"
+            text += f"; {1e3 * b.settled:.4g} mΩ under a lasting load"
         if b.slope is not None:
             text += f"; {b.slope:.3g} ± {b.slope_std_error:.2g} V less for each Ah"
         return text + "."
@@ -169,7 +169,7 @@ def bench_power(
     )
 
 
-def write_supply(mission: Path, found: PowerBench) -> Path:
+def write_supply(mission: Path, bench: PowerBench) -> Path:
     """Write what was measured into the section ``vehicle.supply`` of a mission; the rest stays.
 
     Raises:
@@ -178,9 +178,9 @@ def write_supply(mission: Path, found: PowerBench) -> Path:
     """
     load_mission(mission)  # refused before it is touched
     values = read_yaml(mission).values
-    keys = {k: float(f"{m.value:.4g}") for k, m in found.supply().items()}
+    keys = {k: float(f"{m.value:.4g}") for k, m in bench.supply().items()}
     if not keys:
-        raise UsageError("nothing was measured that a mission's vehicle.supply takes")
+        raise UsageError("no measured value belongs to a mission's vehicle.supply")
     vehicle = {**(values.get("vehicle") or {})}
     vehicle["supply"] = {**(vehicle.get("supply") or {}), **keys}
     text = mission.read_bytes().decode("utf-8-sig")
@@ -192,82 +192,81 @@ def write_supply(mission: Path, found: PowerBench) -> Path:
 def _mean(pairs: Sequence[tuple[float, float]]) -> Measured:
     """Mean of several; the error is their scatter's or their own, whichever is larger."""
     values = np.array([v for v, _ in pairs])
-    own = math.sqrt(sum(e * e for _, e in pairs)) / len(pairs)
+    error = math.sqrt(sum(e * e for _, e in pairs)) / len(pairs)
     scatter = float(np.std(values, ddof=1)) if len(pairs) > 1 else 0.0
-    return Measured(float(values.mean()), max(own, scatter))
+    return Measured(float(values.mean()), max(error, scatter))
 
 
 def _joined(batteries: Sequence[Battery]) -> dict[str, Measured]:
     """Open-circuit voltage, settled resistance and slope of one or several logs."""
-    found = {
+    joined = {
         "open": _mean([(b.open_voltage, b.open_std_error) for b in batteries]),
         "settled": _mean([(b.settled, b.settled_std_error) for b in batteries]),
     }
     slopes = [(b.slope, b.slope_std_error or 0.0) for b in batteries if b.slope is not None]
     if slopes:
-        found["slope"] = _mean(slopes)
-    return found
+        joined["slope"] = _mean(slopes)
+    return joined
 
 
 def _battery_findings(b: Battery, log: PowerLog) -> list[Finding]:
-    found = []
+    findings = []
 
     def say(code: str, severity: Severity, sentence: str, advice: str = "") -> None:
-        found.append(Finding(code, severity, f"{b.name}: {sentence}", advice, record=b.name))
+        findings.append(Finding(code, severity, f"{b.name}: {sentence}", advice, record=b.name))
 
     if b.turned:
-        say("current-sign", Severity.NOTE, "current that is drawn stands with a minus sign there.")
+        say("current-sign", Severity.NOTE, "drawn current is negative in this log.")
     if not b.rests:
         say(
             "no-rest",
             Severity.WARNING,
-            "the battery never rests, so that the open-circuit voltage is extrapolated.",
+            "the battery never rests, so the open-circuit voltage is extrapolated.",
             "Record it without load before and after.",
         )
     if log.t is None:
         say(
             "steady-table",
             Severity.NOTE,
-            "a table without time: its resistance is that of loads that last as long as those, "
-            "slow recovery included.",
+            "a table without time: its resistance includes slow recovery at these load durations.",
         )
     elif b.slope is None:
         say(
             "no-slope",
             Severity.NOTE,
-            f"{1e3 * (b.charge or 0.0):.3g} mAh are too little to see the open-circuit voltage "
-            "fall.",
+            f"{1e3 * (b.charge or 0.0):.3g} mAh are too little to measure the fall of the "
+            "open-circuit voltage.",
         )
     if b.resistance <= 0.0:
         say(
             "no-resistance",
             Severity.WARNING,
-            "no voltage is lost at once when current is drawn.",
+            "the voltage does not drop immediately when current is drawn.",
             "Record voltage and current at the same instants, and faster than the load changes.",
         )
-    return found
+    return findings
 
 
 def _bridge_findings(bridge: Bridge) -> list[Finding]:
-    found = []
+    findings = []
     where = f"{bridge.name}{' ' + bridge.side if bridge.side else ''}"
 
     def say(code: str, severity: Severity, sentence: str, advice: str = "") -> None:
-        found.append(Finding(code, severity, f"{where}: {sentence}", advice, record=bridge.name))
+        findings.append(Finding(code, severity, f"{where}: {sentence}", advice, record=bridge.name))
 
     if bridge.quantity != "voltage":
         say(
             "not-the-bridge-alone",
             Severity.NOTE,
-            f"the staircase was answered by {bridge.quantity}: its dead band holds the motor's "
-            "friction, too.",
-            "Read the voltage at the motor's leads to tell the two apart.",
+            f"the response was measured by {bridge.quantity}, so the dead band includes the "
+            "motor's friction.",
+            "Measure the voltage at the motor's leads to distinguish the two.",
         )
     if bridge.turned:
-        say("answer-sign", Severity.NOTE, "positive commands are answered with a minus sign.")
+        say("answer-sign", Severity.NOTE, "positive commands give negative responses.")
     missing = [n for n in ("forward", "backward") if n not in bridge.directions()]
     if missing:
-        say("one-direction", Severity.NOTE, f"nothing was driven {missing[0]} far enough.")
+        say("one-direction", Severity.NOTE, f"no step reaches far enough {missing[0]}.")
     for name, d in bridge.directions().items():
         if d.starts is not None and d.stops is not None and d.starts > STICKS * d.stops:
             say(
@@ -280,14 +279,14 @@ def _bridge_findings(bridge: Bridge) -> list[Finding]:
             say(
                 "bends",
                 Severity.WARNING,
-                f"{name} the answers are no straight line.",
+                f"{name} the response is nonlinear.",
                 "The gain is a mean: fit a Hammerstein–Wiener model, or diagnose for a soft gain.",
             )
-    return found
+    return findings
 
 
 def _bridges_words(bridges: Sequence[Bridge]) -> tuple[str, ...]:
-    found = []
+    sentences = []
     for b in bridges:
         for name, d in b.directions().items():
             text = (
@@ -300,5 +299,5 @@ def _bridges_words(bridges: Sequence[Bridge]) -> tuple[str, ...]:
             drop = b.drop(d)
             if drop is not None:
                 text += f", {drop[0]:.3g} ± {drop[1]:.2g} V less than the supply"
-            found.append(text + ".")
-    return tuple(found)
+            sentences.append(text + ".")
+    return tuple(sentences)

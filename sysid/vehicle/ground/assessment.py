@@ -153,8 +153,7 @@ _UNITS = {
 """Quantities and their units, in the order in which they are told."""
 _OF_SLOPE = ("slope_pull", "slope_slip")
 _WHY_NONE = {
-    "steepest_slope": "the resistances are larger than the thrust: it does not even drive on the "
-    "level",
+    "steepest_slope": "the resistances exceed the thrust, so it cannot drive even on level ground",
     "slope_slip": "the soil cannot give that pull",
 }
 _BEKKER = ("n", "k_c", "k_phi")
@@ -167,7 +166,7 @@ def _values(traction: Traction, slope: float | None, slips: Sequence[float]) -> 
     most, at = traction.largest_pull()
     peak = pressure.peak(traction.load(), v.contact_length, v.track_width)
     _, moment = lateral_reaction(traction.soil, v.weight, 0.0, 1.0, v.contact_length, pressure)
-    found = {
+    values = {
         "thrust_max": most + traction.rolling() + traction.compaction(),
         "rolling_resistance": traction.rolling(),
         "compaction_resistance": traction.compaction(),
@@ -179,24 +178,24 @@ def _values(traction: Traction, slope: float | None, slips: Sequence[float]) -> 
     }
     if slope is not None:
         tilted = replace(traction, slope=slope)
-        found["slope_pull"] = v.weight * math.sin(slope)
-        found["slope_slip"] = tilted.slip_for(found["slope_pull"])
+        values["slope_pull"] = v.weight * math.sin(slope)
+        values["slope_slip"] = tilted.slip_for(values["slope_pull"])
     for slip in slips:
-        found[f"thrust {slip}"] = traction.thrust(slip)
-        found[f"pull {slip}"] = traction.drawbar_pull(slip)
-    return {name: float(value) for name, value in found.items()}
+        values[f"thrust {slip}"] = traction.thrust(slip)
+        values[f"pull {slip}"] = traction.drawbar_pull(slip)
+    return {name: float(value) for name, value in values.items()}
 
 
 def _turns(traction: Traction, radii: Sequence[float]) -> dict[str, float]:
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for radius in radii:
         try:
             turn = steady_turn(traction, radius)
             moment, power = turn.moment, turn.power
         except ModelError:
             moment = power = math.nan
-        found |= {f"moment {radius}": moment, f"power {radius}": power}
-    return found
+        values |= {f"moment {radius}": moment, f"power {radius}": power}
+    return values
 
 
 def _empirical(traction: Traction, radius: float) -> float:
@@ -238,7 +237,9 @@ def _quantity(key: str, value: float, parts: Mapping[str, float], firm: bool) ->
     name = key.partition(" ")[0]
     unit = _UNITS.get(name, {"moment": "N m", "power": "W"}.get(name, "N"))
     if math.isnan(value):
-        why = _WHY_NONE.get(name, "no steady turn was found: turning takes more than the soil has")
+        why = _WHY_NONE.get(
+            name, "no steady turn exists, because turning needs more than the soil's strength"
+        )
         return Quantity(name, unit, None, None, why)
     broken = [p for p, d in parts.items() if math.isnan(d)]
     if broken:
@@ -260,23 +261,23 @@ def _quantity(key: str, value: float, parts: Mapping[str, float], firm: bool) ->
 def _notes(traction: Traction) -> list[str]:
     soil, v = traction.soil, traction.vehicle
     begin, end = traction.spread().contact(v.contact_length)
-    held = 2.0 * (end - begin) * v.track_width * soil.cohesion
+    cohesive_force = 2.0 * (end - begin) * v.track_width * soil.cohesion
     said = []
-    if held > v.weight:
+    if cohesive_force > v.weight:
         said.append(
-            f"Cohesion alone holds {held:.3g} N, {held / v.weight:.2g} times the weight: only "
-            "tracks whose lugs cut into the soil call that up; a belt that slides on top has its "
-            "own adhesion and friction, so give those."
+            f"Cohesion alone holds {cohesive_force:.3g} N, "
+            f"{cohesive_force / v.weight:.2g} times the weight. Only lugs that cut into the soil "
+            "mobilise that; for a belt that slides on top give its adhesion and friction."
         )
     peak = traction.spread().peak(traction.load(), v.contact_length, v.track_width)
     depth = float(sinkage(soil, peak, min(v.track_width, v.contact_length)))
     if depth > v.geometry.r:
         said.append(
             f"It sinks {1e3 * depth:.3g} mm, more than the sprocket's radius of "
-            f"{1e3 * v.geometry.r:.3g} mm: the body would drag, which is not reckoned."
+            f"{1e3 * v.geometry.r:.3g} mm: the body would drag, which the model ignores."
         )
     unknown = [n for n in NUMBERS if n not in dict(soil.std) and n != "residual"]
     if soil.std and math.isfinite(soil.k_phi) and any(n in unknown for n in _BEKKER):
         missing = ", ".join(n for n in _BEKKER if n in unknown)
-        said.append(f"No standard deviation is known of {missing}: no uncertainty counts them.")
+        said.append(f"No standard deviation is known for {missing}; the uncertainties omit it.")
     return said

@@ -136,8 +136,8 @@ class Traction:
             if most <= 0.0:
                 given = "none: its resistances are larger than its thrust"
             raise ModelError(
-                f"the soil cannot give a pull of {pull:.3g} N: the largest is {given}; a lighter "
-                "load or slope, a longer or wider track or firmer ground would do"
+                f"the soil cannot give a pull of {pull:.3g} N, at most {given}; reduce load or "
+                "slope, or use a larger track or firmer ground"
             )
         return slip
 

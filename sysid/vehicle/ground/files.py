@@ -14,11 +14,11 @@ from sysid.vehicle.soil import Soil
 from sysid.vehicle.tracked import TrackedVehicle
 
 _LENGTHS = ("r", "B")
-_OWN = tuple(f.name for f in fields(TrackedVehicle) if f.name != "geometry")
+_VEHICLE_FIELDS = tuple(f.name for f in fields(TrackedVehicle) if f.name != "geometry")
 _SPELT = {"L": "contact_length"}
 _OTHERS = ("name", "effective_width", "max_speed", "friction", "body")
 """What a description of a tracked vehicle also says, and no soil asks for."""
-KEYS = (*_LENGTHS, *_SPELT, *_OWN)
+KEYS = (*_LENGTHS, *_SPELT, *_VEHICLE_FIELDS)
 """What a file may say of a vehicle here."""
 
 
@@ -66,11 +66,11 @@ def read_vehicle(path: Path) -> TrackedVehicle:
 def _numbers(
     source: YamlSource, section: Mapping[str, Any], place: tuple[str, ...]
 ) -> dict[str, float]:
-    found = {}
+    numbers = {}
     for key, value in section.items():
         where = source.where((*place, key))
         if key == "wheels":
-            raise DataError(f"{where}: it stands on wheels: a soil is reckoned under tracks only")
+            raise DataError(f"{where}: it has wheels, and soils apply to tracks only")
         if key in _OTHERS or (place and key not in KEYS):
             continue
         if key not in KEYS:
@@ -79,5 +79,5 @@ def _numbers(
             raise DataError(f"{where}: a tracked vehicle has no key {key!r}: {advice}")
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise DataError(f"{where}: {key} is {shown(value)}: give a number")
-        found[_SPELT.get(key, key)] = float(value)
-    return found
+        numbers[_SPELT.get(key, key)] = float(value)
+    return numbers

@@ -303,7 +303,7 @@ def _check_keys(given: Mapping[str, object]) -> None:
 
 def _numbers(given: Mapping[str, object], of: str = "") -> dict[str, float]:
     """The numbers among what was given, by their field and in its unit."""
-    found = {}
+    numbers = {}
     for key, value in given.items():
         if key in ("shear", "source"):
             continue
@@ -322,8 +322,8 @@ def _numbers(given: Mapping[str, object], of: str = "") -> dict[str, float]:
                 f"the soil's {name} is {value} rad: give radians below π/2, or degrees as "
                 "friction_angle_deg"
             )
-        found[_SPELT.get(key, key)] = number
-    return found
+        numbers[_SPELT.get(key, key)] = number
+    return numbers
 
 
 def _spread(given: object, numbers: Mapping[str, float], base: Soil) -> dict[str, float]:
@@ -335,8 +335,8 @@ def _spread(given: object, numbers: Mapping[str, float], base: Soil) -> dict[str
     for key in given:
         if _SPELT.get(str(key), key) not in NUMBERS:
             raise ModelError(f"the soil has no number {key!r} to give a std: {', '.join(NUMBERS)}")
-    found = _numbers(given, "std of ")
+    spread = _numbers(given, "std of ")
     if "friction" in given:  # of the tangent: dφ = dμ cos²φ
         angle = numbers.get("friction_angle", base.friction_angle)
-        found["friction_angle"] *= math.cos(angle) ** 2
-    return found
+        spread["friction_angle"] *= math.cos(angle) ** 2
+    return spread

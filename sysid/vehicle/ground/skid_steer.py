@@ -170,14 +170,14 @@ def steady_turn(traction: Traction, radius: float, speed: float = 0.1) -> Steady
     if not (math.isfinite(speed) and speed > 0.0):
         raise ModelError(f"the speed of a turn is {speed}: give m/s above 0")
     yaw_rate = speed / (radius + 0.5 * traction.vehicle.geometry.B)
-    found = _balance(traction, radius, yaw_rate)
-    if found is None:
+    balance = _balance(traction, radius, yaw_rate)
+    if balance is None:
         raise ModelError(
             f"no steady turn on a radius of {radius:.3g} m was found: turning and driving take "
             "more than the shear strength under the tracks, or nearly; try a larger radius, or a "
             "shorter or wider vehicle"
         )
-    speeds, vy, ground = found
+    speeds, vy, ground = balance
     forces = (float(ground.left), float(ground.right))
     moment = -float(ground.moment)
     level = float(0.25 * traction.vehicle.weight * traction.vehicle.contact_length)

@@ -84,8 +84,8 @@ class Body(Settings):
     @classmethod
     def _vectors(cls, value: Any) -> Any:
         for key, form in (("size", "length, width, height"), ("at", "x, y, z")):
-            found = value.get(key) if isinstance(value, dict) else None
-            if found is not None and not (isinstance(found, list | tuple) and len(found) == 3):
+            vector = value.get(key) if isinstance(value, dict) else None
+            if vector is not None and not (isinstance(vector, list | tuple) and len(vector) == 3):
                 raise sentence_at((key,), f"{key} needs three lengths: write {key}: [{form}]")
         return value
 

@@ -5,7 +5,11 @@ from collections.abc import Iterator
 
 from sysid.vehicle.wheels.constraints import RANK_TOLERANCE, Angles, Scale, rank, rows_of
 from sysid.vehicle.wheels.mobility import Icr, IcrKind, icr
-from sysid.vehicle.wheels.twists import ForwardKinematics, InverseKinematics, speeds_tell_motion
+from sysid.vehicle.wheels.twists import (
+    ForwardKinematics,
+    InverseKinematics,
+    speeds_determine_motion,
+)
 from sysid.vehicle.wheels.vehicle import Vehicle
 from sysid.vehicle.wheels.wheel import Wheel
 
@@ -25,11 +29,11 @@ a solid box by less (a thin shell has 5/3 of its inertia)."""
 
 def type_words(vehicle: Vehicle) -> str:
     """What a vehicle of these degrees does."""
-    found = vehicle.degrees
-    known = TYPES.get((found.mobility, found.steerability))
+    degrees = vehicle.degrees
+    known = TYPES.get((degrees.mobility, degrees.steerability))
     if known is not None:
         return known
-    if found.mobility == 0:
+    if degrees.mobility == 0:
         return (
             "the axles of the fixed wheels do not meet in one point, so that the vehicle cannot "
             "move unless wheels slide"
@@ -44,15 +48,15 @@ def type_words(vehicle: Vehicle) -> str:
     return "its fixed wheels let it turn about one point only"
 
 
-def icr_words(found: Icr) -> str:
+def icr_words(icr: Icr) -> str:
     """Where the body turns about, as a sentence with its numbers."""
-    words, run = found.kind.value, ""
-    if found.direction is not None:
-        dx, dy = found.direction
+    words, run = icr.kind.value, ""
+    if icr.direction is not None:
+        dx, dy = icr.direction
         run = f"{math.degrees(math.atan2(dy, dx)):.4g}° to x"
-    if found.point is None:
+    if icr.point is None:
         return f"{words}, at {run}" if run else words
-    x, y = found.point
+    x, y = icr.point
     place = f"({x:.4g}, {y:.4g}) m"
     return f"{words}: through {place} at {run}" if run else f"{words}: {place}"
 
@@ -84,10 +88,10 @@ def _notes(vehicle: Vehicle, angles: Angles | None) -> Iterator[str]:
                     f"{wheel.name} stands on the axle of the fixed wheels: steering it turns "
                     "nothing."
                 )
-    if not speeds_tell_motion(wheels):
+    if not speeds_determine_motion(wheels):
         yield (
-            "The speeds of the wheels do not tell the motion, and cannot command all of it: "
-            "casters follow whatever the body does."
+            "The wheel speeds neither determine the motion nor command all of it, because casters "
+            "follow any motion of the body."
         )
     yield from _on_inertia(vehicle)
 
@@ -116,28 +120,28 @@ def _on_axle(wheel: Wheel, row: list[float], scale: Scale) -> bool:
     return abs(a * y - b * x + lever) <= RANK_TOLERANCE * scale.length
 
 
-def inverse_words(found: InverseKinematics) -> str:
+def inverse_words(inverse: InverseKinematics) -> str:
     """Whether the wanted twist is possible, and what is missing."""
-    if found.exact:
+    if inverse.exact:
         words = "The wheels can give this motion"
     else:
-        vx, vy, wz = found.impossible
+        vx, vy, wz = inverse.impossible
         words = (
             f"Not all of it is possible: {vx:.4g} m/s forward, {vy:.4g} m/s to the left and "
-            f"{wz:.4g} rad/s are missing, {found.residual:.4g} m/s at the wheels"
+            f"{wz:.4g} rad/s are missing, {inverse.residual:.4g} m/s at the wheels"
         )
-    if found.slowdown > 1:
-        return f"{words}, {found.slowdown:.3g} times faster than motors reach."
+    if inverse.slowdown > 1:
+        return f"{words}, {inverse.slowdown:.3g} times faster than motors reach."
     return f"{words}."
 
 
-def forward_words(found: ForwardKinematics) -> str:
+def forward_words(forward: ForwardKinematics) -> str:
     """What the wheel speeds tell, and whether they agree."""
-    if found.agree:
+    if forward.agree:
         return "The wheels agree: none of them has to slip."
-    every = [*found.rolling.items(), *found.sliding.items()]
+    every = [*forward.rolling.items(), *forward.sliding.items()]
     worst = max(every, key=lambda item: abs(item[1]))[0]
     return (
-        f"The wheels do not agree: they slip by {found.residual:.4g} m/s (root mean square), "
+        f"The wheels do not agree: they slip by {forward.residual:.4g} m/s (root mean square), "
         f"{worst} most, or lengths or angles are not as described."
     )

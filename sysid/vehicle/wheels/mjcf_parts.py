@@ -27,7 +27,7 @@ and a contact model that lifts sliding points a little puts all of it on a few."
 ROAD_WHEELS = 4
 """Wheels of a row: with more of them the effective width changes by a hundredth."""
 
-HELD = 0.005
+SERVO_SLIP = 0.005
 """Speed [rad/s] by which a servo gives way under the largest force that friction passes on: less
 than the tenth part of what an encoder of a small robot resolves."""
 
@@ -90,9 +90,9 @@ class Row:
             f'armature="{self.axle.inertia / n!r}" damping="{self.axle.damping / n!r}" '
             f'frictionloss="{self.axle.dry / n!r}"'
         )
-        found = []
+        lines = []
         for name, x in zip(self.joints, self.places, strict=True):
-            found += [
+            lines += [
                 f'<body name={quoteattr(name + "_wheel")} pos="{words((x, self.y, self.height))}">',
                 f'  <joint type="slide" axis="0 0 1" stiffness="{stiff!r}" damping="{damp!r}"/>',
                 f'  <joint name={quoteattr(name)} axis="0 1 0" {turned}/>',
@@ -101,7 +101,7 @@ class Row:
                 f'  <geom class="wheel" type="sphere" size="{self.r!r}"{friction(self.friction)}/>',
                 "</body>",
             ]
-        return found
+        return lines
 
     @property
     def together(self) -> list[str]:
@@ -117,7 +117,7 @@ class Row:
         """
         grip = 1.0 if self.friction is None else self.friction
         force = grip * self.load * len(self.places) * self.r
-        return f'<velocity {self._acts} kv="{force / HELD!r}"/>'
+        return f'<velocity {self._acts} kv="{force / SERVO_SLIP!r}"/>'
 
     def motor(self, torque: float) -> str:
         """What turns them by a torque [Nm] for each unit of a control."""

@@ -71,19 +71,19 @@ def mjcf_text(vehicle: Vehicle) -> str:
         ModelError: the mass of the body is not known, or neither its size nor its inertia.
     """
     whole = _weighed(vehicle.with_masses())
-    own = whole.body_properties()
-    if own is None:
+    body = whole.body_properties()
+    if body is None:
         raise ModelError(
             f"{vehicle.name}: a MuJoCo model needs the mass of the body, and its size or inertia: "
             "give mass (of the whole) and body: {size: [length, width, height]}"
         )
     ground = min(w.height - w.r for w in whole.wheels)
-    total = own.mass + sum(w.mass or 0.0 for w in whole.wheels)
+    total = body.mass + sum(w.mass or 0.0 for w in whole.wheels)
     load = total * G / len(whole.wheels)
     part = _track if whole.tracks is not None else _wheel
     parts = [part(whole, wheel, load) for wheel in whole.wheels]
     frame = f' name="base_link" pos="{words((0.0, 0.0, -ground))}"'
-    inside = ["<freejoint/>", *_body(whole, own, ground)]
+    inside = ["<freejoint/>", *_body(whole, body, ground)]
     inside += [line for p in parts for line in p.bodies]
     lines = [
         '<compiler angle="radian"/>',
@@ -106,9 +106,9 @@ def _weighed(vehicle: Vehicle) -> Vehicle:
     return replace(vehicle, wheels=tuple(wheels))
 
 
-def _body(vehicle: Vehicle, own: MassProperties, ground: float) -> list[str]:
+def _body(vehicle: Vehicle, properties: MassProperties, ground: float) -> list[str]:
     """Mass and box of the body, which touches the floor only where it stands clear of it."""
-    lines, body = [_inertial(own)], vehicle.body
+    lines, body = [_inertial(properties)], vehicle.body
     if body.size is not None:
         clear = body.at[2] - 0.5 * body.size[2] > ground
         lines.append(
@@ -146,10 +146,10 @@ def _wheel(vehicle: Vehicle, wheel: Wheel, load: float) -> _Part:
     name = quoteattr(wheel.name)
     steered = wheel.kind in ("steerable", "caster")
     straight = wheel.model_copy(update={"heading": 0.0, "angle": 0.0, "at": (0.0, 0.0, 0.0)})
-    own = wheel_properties(straight)
-    assert own is not None
+    properties = wheel_properties(straight)
+    assert properties is not None
     place = (*wheel.position, wheel.height)
-    inner = _rolling(wheel, own, friction(vehicle.friction), 1.0 - FORK if steered else 1.0)
+    inner = _rolling(wheel, properties, friction(vehicle.friction), 1.0 - FORK if steered else 1.0)
     rotor = "" if wheel.kind == "caster" else f' armature="{_turned(wheel, load)!r}"'
     turn = f'<joint name={name} axis="0 1 0"{rotor}/>'
     if not steered:
@@ -157,7 +157,7 @@ def _wheel(vehicle: Vehicle, wheel: Wheel, load: float) -> _Part:
         bodies = block("body", [turn, *inner], frame)
     else:
         hub = f" name={quoteattr(wheel.name + '_wheel')}{_pose((-wheel.offset, wheel.side, 0.0))}"
-        fork = MassProperties(FORK * own.mass, own.centre, FORK * own.tensor)
+        fork = MassProperties(FORK * properties.mass, properties.centre, FORK * properties.tensor)
         frame = f" name={quoteattr(wheel.name + '_fork')}{_pose(place, wheel.direction())}"
         inside = [
             _steering_joint(wheel, load),
@@ -195,22 +195,24 @@ def _steering_joint(wheel: Wheel, load: float) -> str:
     return f'<joint name={name} axis="0 0 1" ref="{wheel.angle!r}"{rotor}{bounds}/>'
 
 
-def _rolling(wheel: Wheel, own: MassProperties, grip: str, share: float) -> list[str]:
+def _rolling(wheel: Wheel, properties: MassProperties, grip: str, share: float) -> list[str]:
     """Mass and rim of a wheel in its own frame, its axle along y.
 
     The rim is an ellipsoid: a cylinder touches a plane along a line, the ends of which would scrub
     in every turn and hold casters fast, however narrow the tyre is.
     """
     if wheel.kind == "swedish":
-        return _swedish(wheel, own, grip)
+        return _swedish(wheel, properties, grip)
     size = words((wheel.r, 0.5 * wheel_width(wheel), wheel.r))
     return [
-        _inertial(MassProperties(share * own.mass, own.centre, share * own.tensor)),
+        _inertial(
+            MassProperties(share * properties.mass, properties.centre, share * properties.tensor)
+        ),
         f'<geom class="wheel" type="ellipsoid" size="{size}"{grip}/>',
     ]
 
 
-def _swedish(wheel: Wheel, own: MassProperties, grip: str) -> list[str]:
+def _swedish(wheel: Wheel, properties: MassProperties, grip: str) -> list[str]:
     """A hub with rollers round it, barrels whose flanks follow the rim.
 
     A roller whose middle is at the angle α round the axle points along cos γ t + sin γ n, with t
@@ -219,10 +221,12 @@ def _swedish(wheel: Wheel, own: MassProperties, grip: str) -> list[str]:
     """
     slim = SLIM * wheel.r
     half = math.sqrt(slim * wheel.r) / math.cos(wheel.roller)
-    mass = ROLLERS_SHARE * own.mass / ROLLERS
+    mass = ROLLERS_SHARE * properties.mass / ROLLERS
     moment = 0.4 * mass * slim**2  # of a ball
     hub = 1.0 - ROLLERS_SHARE
-    lines = [_inertial(MassProperties(hub * own.mass, own.centre, hub * own.tensor))]
+    lines = [
+        _inertial(MassProperties(hub * properties.mass, properties.centre, hub * properties.tensor))
+    ]
     c, s = math.cos(wheel.roller), math.sin(wheel.roller)
     for k in range(ROLLERS):
         alpha = 2.0 * math.pi * k / ROLLERS - 0.5 * math.pi
@@ -244,9 +248,8 @@ def _pose(place: Sequence[float], heading: float = 0.0) -> str:
     return f' pos="{words(place)}"' + (f' quat="{words(turned)}"' if heading else "")
 
 
-def _inertial(own: MassProperties) -> str:
-    t = own.tensor
+def _inertial(properties: MassProperties) -> str:
+    t = properties.tensor
     entries = (t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2])
-    return (
-        f'<inertial pos="{words(own.centre)}" mass="{own.mass!r}" fullinertia="{words(entries)}"/>'
-    )
+    place = f'pos="{words(properties.centre)}" mass="{properties.mass!r}"'
+    return f'<inertial {place} fullinertia="{words(entries)}"/>'

@@ -140,11 +140,13 @@ def misalignment(wheels: Sequence[Wheel], angles: Angles | None = None) -> dict[
         return dict.fromkeys((w.name for w in fitting), 0.0)
     _, _, right = np.linalg.svd(rows @ scale.matrix)
     twist = scale.matrix @ right[2]
-    found = {}
+    by_wheel = {}
     for wheel in fitting:
         vx, vy = velocity_at(wheel.contact(at.get(wheel.name)), twist)
-        found[wheel.name] = nearest_turn(math.atan2(vy, vx) - wheel.direction(at.get(wheel.name)))
-    return found
+        by_wheel[wheel.name] = nearest_turn(
+            math.atan2(vy, vx) - wheel.direction(at.get(wheel.name))
+        )
+    return by_wheel
 
 
 def nearest_turn(angle: float) -> float:

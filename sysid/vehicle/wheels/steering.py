@@ -61,11 +61,11 @@ def within_limits(z: Array, basis: Array, wheels: Sequence[Wheel], scale: Scale)
     wanted = basis.T @ z
     best, error = np.zeros(basis.shape[1]), float(np.linalg.norm(wanted))
     for walls in _cones(limited, basis, scale):
-        for found in _projections(wanted, walls):
-            away = float(np.linalg.norm(found - wanted))
-            inside = (walls @ found >= -_EDGE * (1.0 + error)).all()
+        for projection in _projections(wanted, walls):
+            away = float(np.linalg.norm(projection - wanted))
+            inside = (walls @ projection >= -_EDGE * (1.0 + error)).all()
             if inside and away < error - ROUNDING:
-                best, error = found, away
+                best, error = projection, away
     nearest: Array = basis @ best
     return nearest
 

@@ -22,7 +22,7 @@ _SPECIAL = ("angle_limits", "offset", "side", "roller", "width", "mass", "max_sp
 def summary(vehicle: Vehicle, angles: Angles | None = None) -> dict[str, Any]:
     """Everything that is known of a vehicle, at steering angles [rad] by name of the wheel."""
     matrices = vehicle.constraints(angles)
-    found = {name: vehicle.inverse(twist) for name, twist in AXES.items()}
+    inverses = {name: vehicle.inverse(twist) for name, twist in AXES.items()}
     limits = vehicle.limits()
     parts = vehicle.mass_properties()
     return {
@@ -32,7 +32,7 @@ def summary(vehicle: Vehicle, angles: Angles | None = None) -> dict[str, Any]:
         "manoeuvrability": vehicle.manoeuvrability,
         "sentence": type_words(vehicle),
         "icr": icr_document(vehicle.icr(angles)),
-        "wheels": [_wheel(w, found, (angles or {}).get(w.name)) for w in vehicle.wheels],
+        "wheels": [_wheel(w, inverses, (angles or {}).get(w.name)) for w in vehicle.wheels],
         "limits": {"vx_m_s": limits["vx"], "vy_m_s": limits["vy"], "wz_rad_s": limits["wz"]},
         "J1": matrices.J1,
         "J2": matrices.J2,
@@ -65,51 +65,51 @@ def _wheel(wheel: Wheel, axes: dict[str, InverseKinematics], angle: float | None
     if wheel.kind in ("steerable", "caster"):
         facts["angle"] = wheel.angle if angle is None else angle
     facts |= {k: getattr(wheel, k) for k in _SPECIAL if k in wheel.model_fields_set}
-    at = {name: found.wheels[wheel.name] for name, found in axes.items() if found.exact}
+    at = {name: inverse.wheels[wheel.name] for name, inverse in axes.items() if inverse.exact}
     facts["speeds"] = {name: at[name].speed if name in at else None for name in AXES}
     if "angle" in facts:
         facts["angles"] = {name: at[name].angle if name in at else None for name in AXES}
     return facts
 
 
-def icr_document(found: Icr) -> dict[str, Any]:
+def icr_document(icr: Icr) -> dict[str, Any]:
     """An instantaneous centre: kind, x, y [m], direction and a sentence."""
-    x, y = found.point or (None, None)
+    x, y = icr.point or (None, None)
     return {
-        "kind": found.kind.name.lower(),
+        "kind": icr.kind.name.lower(),
         "x": x,
         "y": y,
-        "direction": found.direction,
-        "sentence": icr_words(found),
+        "direction": icr.direction,
+        "sentence": icr_words(icr),
     }
 
 
-def inverse_document(vehicle: Vehicle, found: InverseKinematics) -> dict[str, Any]:
+def inverse_document(vehicle: Vehicle, inverse: InverseKinematics) -> dict[str, Any]:
     """An answer of inverse kinematics."""
     return {
-        "wanted": _twist(found.wanted),
-        "possible": _twist(found.possible),
-        "impossible": _twist(found.impossible),
-        "residual_m_s": found.residual,
-        "slowdown": found.slowdown,
+        "wanted": _twist(inverse.wanted),
+        "possible": _twist(inverse.possible),
+        "impossible": _twist(inverse.impossible),
+        "residual_m_s": inverse.residual,
+        "slowdown": inverse.slowdown,
         "wheels": {
             name: {"speed": w.speed, "angle": w.angle, "share_of_max_speed": w.over}
-            for name, w in found.wheels.items()
+            for name, w in inverse.wheels.items()
         },
-        "icr": icr_document(icr_of_twist(found.possible, Scale.of(vehicle.wheels))),
-        "sentence": inverse_words(found),
+        "icr": icr_document(icr_of_twist(inverse.possible, Scale.of(vehicle.wheels))),
+        "sentence": inverse_words(inverse),
     }
 
 
-def forward_document(vehicle: Vehicle, found: ForwardKinematics) -> dict[str, Any]:
+def forward_document(vehicle: Vehicle, forward: ForwardKinematics) -> dict[str, Any]:
     """An answer of forward kinematics."""
     return {
-        "twist": _twist(found.twist),
-        "rolling_slip_m_s": found.rolling,
-        "sliding_m_s": found.sliding,
-        "residual_m_s": found.residual,
-        "icr": icr_document(icr_of_twist(found.twist, Scale.of(vehicle.wheels))),
-        "sentence": forward_words(found),
+        "twist": _twist(forward.twist),
+        "rolling_slip_m_s": forward.rolling,
+        "sliding_m_s": forward.sliding,
+        "residual_m_s": forward.residual,
+        "icr": icr_document(icr_of_twist(forward.twist, Scale.of(vehicle.wheels))),
+        "sentence": forward_words(forward),
     }
 
 

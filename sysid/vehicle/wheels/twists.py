@@ -110,12 +110,12 @@ def inverse(
     wanted = np.array(twist, dtype=np.float64)
     if wanted.shape != (3,) or not np.isfinite(wanted).all():
         raise UsageError("a twist is three finite numbers: Vx and Vy in m/s, yaw rate in rad/s")
-    scale, held = Scale.of(wheels), dict(angles or {})
-    turned = [w for w in wheels if w.kind == "steerable" and w.name not in held]
+    scale, steered_angles = Scale.of(wheels), dict(angles or {})
+    turned = [w for w in wheels if w.kind == "steerable" and w.name not in steered_angles]
     free = {w.name for w in turned}
     rigid = [w for w in wheels if w.constrains and w.name not in free]
-    possible = _allowed(wanted, rigid, turned, held, scale)
-    at = held | {w.name: steered(w, possible) for w in turned}
+    possible = _allowed(wanted, rigid, turned, steered_angles, scale)
+    at = steered_angles | {w.name: steered(w, possible) for w in turned}
     lacking = float(np.linalg.norm(scale.scaled(wanted - possible)))
     size = float(np.linalg.norm(scale.scaled(wanted)))
     return InverseKinematics(
@@ -150,8 +150,8 @@ def forward(
     loose = [w.name for w in wheels if w.kind == "caster" and w.name in speeds and w.name not in at]
     if loose:
         raise UsageError(
-            f"the speed of the caster {loose[0]} tells nothing without its angle: give its angle, "
-            "or leave its speed out"
+            f"the speed of the caster {loose[0]} is of no use without its angle; "
+            "give its angle, or omit its speed"
         )
     rolling = [w for w in wheels if w.name in speeds]
     rigid = [w for w in wheels if w.constrains]
@@ -179,7 +179,7 @@ def forward(
     )
 
 
-def speeds_tell_motion(wheels: Sequence[Wheel]) -> bool:
+def speeds_determine_motion(wheels: Sequence[Wheel]) -> bool:
     """Whether the speeds of all wheels but casters, at the present angles, tell the motion."""
     rolling = [w.rolling_row() for w in wheels if w.kind != "caster"]
     sliding = [w.sliding_row() for w in wheels if w.constrains]
@@ -197,10 +197,10 @@ def largest_speed(wheels: Sequence[Wheel], direction: Sequence[float]) -> float 
         The factor; 0 where the wheels cannot give this twist, None where no wheel that turns has
         a largest speed.
     """
-    found = inverse(wheels, direction)
-    if not found.exact:
+    speeds = inverse(wheels, direction)
+    if not speeds.exact:
         return 0.0
-    shares = [w.over for w in found.wheels.values() if w.over]
+    shares = [w.over for w in speeds.wheels.values() if w.over]
     return 1.0 / max(shares) if shares else None
 
 
@@ -209,10 +209,14 @@ def _exact(rest: float, size: float) -> float:
 
 
 def _allowed(
-    wanted: Array, rigid: Sequence[Wheel], turned: Sequence[Wheel], held: Angles, scale: Scale
+    wanted: Array,
+    rigid: Sequence[Wheel],
+    turned: Sequence[Wheel],
+    steered_angles: Angles,
+    scale: Scale,
 ) -> Array:
     """The nearest twist for which no rigid wheel slides and no turned one passes its limits."""
-    basis = free_motions(rows_of([w.sliding_row(held.get(w.name)) for w in rigid]), scale)
+    basis = free_motions(rows_of([w.sliding_row(steered_angles.get(w.name)) for w in rigid]), scale)
     z = scale.scaled(wanted)
     size = float(np.linalg.norm(z))
     kept = within_limits(basis @ (basis.T @ z), basis, turned, scale)

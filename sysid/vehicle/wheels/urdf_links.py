@@ -101,15 +101,15 @@ class Robot:
     def shapes(self, link: str) -> list[Shape]:
         """What a link is made of: its collision shapes, after them its visual ones."""
         element = self.links[link]
-        found = []
+        shapes = []
         for part in (*element.all("collision"), *element.all("visual")):
             geometry = part.first("geometry")
-            found += [
+            shapes += [
                 Shape(inner.tag, self._lengths(inner), self._origin(part))
                 for inner in (geometry.children if geometry else ())
                 if inner.tag in ("box", "cylinder", "sphere")
             ]
-        return found
+        return shapes
 
     def properties(self, link: str) -> MassProperties | None:
         """Mass, centre and tensor of a link in its own frame; None where it has no mass."""
@@ -138,17 +138,17 @@ class Robot:
         return MassProperties(value, pose.place, pose.axes @ tensor @ pose.axes.T)
 
     def _named(self, elements: list[XmlElement]) -> dict[str, XmlElement]:
-        found: dict[str, XmlElement] = {}
+        by_name: dict[str, XmlElement] = {}
         for element in elements:
             name = element.attributes.get("name", "")
             if not name:
                 raise self.wrong(element.line, f'this {element.tag} has no name: add name="…"')
-            if name in found:
+            if name in by_name:
                 raise self.wrong(
                     element.line, f"a second {element.tag} is called {name}: rename one of them"
                 )
-            found[name] = element
-        return found
+            by_name[name] = element
+        return by_name
 
     def _joint(self, name: str, element: XmlElement) -> Joint:
         kind = element.attributes.get("type", "")
@@ -207,15 +207,15 @@ class Robot:
 
     def _lengths(self, shape: XmlElement) -> tuple[float, ...]:
         if shape.tag == "box":
-            found = self._vector(shape, "size", None)
+            lengths = self._vector(shape, "size", None)
         else:
             names = ("radius", "length") if shape.tag == "cylinder" else ("radius",)
-            found = tuple(self._number(shape, name) for name in names)
-        if min(found) <= 0:
+            lengths = tuple(self._number(shape, name) for name in names)
+        if min(lengths) <= 0:
             raise self.wrong(
-                shape.line, f"a {shape.tag} has a length of {min(found):g} m: give one above 0"
+                shape.line, f"a {shape.tag} has a length of {min(lengths):g} m: give one above 0"
             )
-        return found
+        return lengths
 
     def _vector(
         self, element: XmlElement, name: str, default: tuple[float, ...] | None

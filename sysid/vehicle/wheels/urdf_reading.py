@@ -46,9 +46,9 @@ def read_urdf(path: Path) -> Vehicle:
         DataError: it is no URDF, or has no wheels; one sentence with its line.
     """
     robot = Robot(read_xml(path), path.name)
-    found = _Walk(robot)
-    if not found.wheels:
-        looked = f" ({'; '.join(found.notes)})" if found.notes else ""
+    walk = _Walk(robot)
+    if not walk.wheels:
+        looked = f" ({'; '.join(walk.notes)})" if walk.notes else ""
         raise robot.wrong(
             robot.top.line,
             "no wheel is found: a wheel is a continuous joint with a level axis whose link has a "
@@ -56,11 +56,11 @@ def read_urdf(path: Path) -> Vehicle:
         )
     try:
         return Vehicle(
-            tuple(found.wheels),
+            tuple(walk.wheels),
             name=robot.name,
-            body=_body(found.body, found.boxes),
+            body=_body(walk.body, walk.boxes),
             friction=_friction(robot),
-            notes=tuple(found.notes),
+            notes=tuple(walk.notes),
         )
     except ModelError as error:
         raise robot.wrong(robot.top.line, str(error)) from None
@@ -218,23 +218,23 @@ class _Walk:
 
     def _of_our_own(self, extra: XmlElement) -> dict[str, Any]:
         """What a URDF has no place for, and an element ``sysid`` keeps."""
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for key in ("angle", "roller"):
             if key in extra.attributes:
-                found[key] = self.robot.number(extra, extra.attributes[key], key)
-        return found | ({"kind": "swedish"} if "roller" in found else {})
+                values[key] = self.robot.number(extra, extra.attributes[key], key)
+        return values | ({"kind": "swedish"} if "roller" in values else {})
 
 
-def placed(own: MassProperties, pose: Pose) -> MassProperties:
+def placed(properties: MassProperties, pose: Pose) -> MassProperties:
     """Mass properties of a link, in the frame of the base."""
-    centre = pose.place + pose.axes @ own.centre
-    return MassProperties(own.mass, centre, pose.axes @ own.tensor @ pose.axes.T)
+    centre = pose.place + pose.axes @ properties.centre
+    return MassProperties(properties.mass, centre, pose.axes @ properties.tensor @ pose.axes.T)
 
 
 def rounded_angle(angle: float) -> float:
     """The angle [rad] in (−π, π], rounded so that it reads the same when written and read again."""
-    found = round(float(wrap_angle(angle)), DECIMALS) + 0.0
-    return -found if found <= -round(math.pi, DECIMALS) else found
+    rounded = round(float(wrap_angle(angle)), DECIMALS) + 0.0
+    return -rounded if rounded <= -round(math.pi, DECIMALS) else rounded
 
 
 def rolls(shape: tuple[Pose, Shape], axle: Array) -> bool:

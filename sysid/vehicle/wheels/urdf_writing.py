@@ -52,8 +52,10 @@ def _base(vehicle: Vehicle) -> list[str]:
     body, inner = vehicle.body, []
     if body.size is not None:
         inner = _shape(f'<box size="{_numbers(body.size)}"/>', body.at)
-    own = vehicle.body_properties()
-    return _element("link", BASE, [*inner, *(_inertial(own) if own is not None else ())])
+    properties = vehicle.body_properties()
+    return _element(
+        "link", BASE, [*inner, *(_inertial(properties) if properties is not None else ())]
+    )
 
 
 def _wheel(wheel: Wheel) -> list[str]:
@@ -67,9 +69,9 @@ def _wheel(wheel: Wheel) -> list[str]:
     cylinder = f'<cylinder radius="{wheel.r!r}" length="{wheel_width(wheel)!r}"/>'
     shape = _shape(cylinder, (0.0, 0.0, 0.0), f"{math.pi / 2!r} 0 0")  # its axis along y
     straight = wheel.model_copy(update={"heading": 0.0, "angle": 0.0})
-    own, fork = wheel_properties(straight), FORK if parent != BASE else 0.0
-    if own is not None:
-        shape += _inertial(_share(own, 1.0 - fork, np.zeros(3)))
+    properties, fork = wheel_properties(straight), FORK if parent != BASE else 0.0
+    if properties is not None:
+        shape += _inertial(_share(properties, 1.0 - fork, np.zeros(3)))
     speed = "" if wheel.max_speed is None else f' velocity="{wheel.max_speed!r}"'
     joint = _joint(parent, link, place, heading, "0 1 0")
     joint += [f"    <limit {_NO_LIMIT}{speed}/>"] if speed else []
@@ -95,18 +97,18 @@ def _steering(wheel: Wheel) -> list[str]:
         low, high = limits
         free = f'{_NO_LIMIT} velocity="1000000.0"'
         joint.append(f'    <limit lower="{low!r}" upper="{high!r}" {free}/>')
-    own = wheel_properties(wheel.model_copy(update={"heading": 0.0, "angle": 0.0}))
+    properties = wheel_properties(wheel.model_copy(update={"heading": 0.0, "angle": 0.0}))
     middle = np.array([-wheel.offset, wheel.side, 0.0])
-    mass = _inertial(_share(own, FORK, middle)) if own is not None else []
+    mass = _inertial(_share(properties, FORK, middle)) if properties is not None else []
     return [
         *_element("link", link, mass),
         *_element("joint", f"{wheel.name}_steering", joint, f' type="{kind}"'),
     ]
 
 
-def _share(own: MassProperties, share: float, centre: Array) -> MassProperties:
+def _share(properties: MassProperties, share: float, centre: Array) -> MassProperties:
     """A share of a wheel's mass and inertia, so that all shares together are the wheel's."""
-    return MassProperties(share * own.mass, centre, share * own.tensor)
+    return MassProperties(share * properties.mass, centre, share * properties.tensor)
 
 
 def _joint(parent: str, child: str, place: Sequence[float], heading: float, axis: str) -> list[str]:
@@ -135,8 +137,8 @@ def _shape(geometry: str, at: Sequence[float], rpy: str = "0 0 0") -> list[str]:
     return lines
 
 
-def _inertial(own: MassProperties) -> list[str]:
-    t = own.tensor.tolist()
+def _inertial(properties: MassProperties) -> list[str]:
+    t = properties.tensor.tolist()
     entries = {
         "ixx": t[0][0],
         "ixy": t[0][1],
@@ -148,8 +150,8 @@ def _inertial(own: MassProperties) -> list[str]:
     words = " ".join(f'{name}="{value!r}"' for name, value in entries.items())
     return [
         "    <inertial>",
-        f'      <origin xyz="{_numbers(own.centre)}" rpy="0 0 0"/>',
-        f'      <mass value="{own.mass!r}"/>',
+        f'      <origin xyz="{_numbers(properties.centre)}" rpy="0 0 0"/>',
+        f'      <mass value="{properties.mass!r}"/>',
         f"      <inertia {words}/>",
         "    </inertial>",
     ]

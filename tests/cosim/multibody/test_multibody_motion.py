@@ -65,11 +65,13 @@ def test_a_turn_on_the_spot_is_that_of_points_with_friction() -> None:
     state, turning = mujoco.start, 6.0
     for part in (0.5, 1.0, 1.0, 1.0, 1.0):
         row = turning * part * np.array([-1.0, 1.0])
-        state, found = mujoco.advance(state, np.tile(row, (200, 1)), 0.0)
+        state, result = mujoco.advance(state, np.tile(row, (200, 1)), 0.0)
     # the bench's judge allows the engine a hundredth, too
-    assert 2.0 * STAND_IN.r * turning / found.yaw_rate == pytest.approx(STAND_IN.scrub[1], rel=0.01)
+    assert 2.0 * STAND_IN.r * turning / result.yaw_rate == pytest.approx(
+        STAND_IN.scrub[1], rel=0.01
+    )
     assert mujoco.speeds == pytest.approx((-turning, turning), rel=2e-3)
-    assert math.hypot(found.x, found.y) < 1e-3
+    assert math.hypot(result.x, result.y) < 1e-3
 
 
 def test_wheels_that_speed_up_faster_than_friction_allows_spin() -> None:

@@ -47,8 +47,8 @@ def commands(steps: Steps, environment: dict[str, str]) -> dict[str, dict[str, A
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    found: dict[str, dict[str, Any]] = json.loads(done.stdout)
-    return found
+    collected: dict[str, dict[str, Any]] = json.loads(done.stdout)
+    return collected
 
 
 @pytest.mark.slow
@@ -82,24 +82,24 @@ def test_two_nodes_in_lock_step_and_what_is_said_when_one_ends(
         end("waits"),
     ]
     with ros_core(ready / "ros") as environment:
-        found = commands(steps, environment)
+        result = commands(steps, environment)
     for name, log in (("guide", guided), ("robot", driven)):
-        assert found[name]["code"] == 0, found[name]["err"]
-        told = json.loads(found[name]["out"])
-        assert told.keys() == alone.keys()
-        assert (told["outcome"], told["time_s"]) == (alone["outcome"], alone["time_s"])
+        assert result[name]["code"] == 0, result[name]["err"]
+        shown = json.loads(result[name]["out"])
+        assert shown.keys() == alone.keys()
+        assert (shown["outcome"], shown["time_s"]) == (alone["outcome"], alone["time_s"])
         for figure in ("path_length_m", "max_deviation_m"):
-            assert told[figure] == pytest.approx(alone[figure], abs=1e-6)
-        assert told["final"] == pytest.approx(alone["final"], abs=1e-6)
+            assert shown[figure] == pytest.approx(alone[figure], abs=1e-6)
+        assert shown["final"] == pytest.approx(alone["final"], abs=1e-6)
         assert len(log.read_text().splitlines()) == len(Path(alone["log"]).read_text().splitlines())
     for name, code, words in (
         ("second", 1, "one robot at a time"),
-        ("left", 1, "the robot has gone: nobody publishes /odom any more"),
+        ("left", 1, "the robot has gone: no node publishes /odom any more"),
         ("wrong", 1, "is of type rosgraph_msgs/Log and geometry_msgs/Twist is needed"),
         ("waits", 130, ""),
     ):
-        assert (found[name]["code"], found[name]["out"]) == (code, ""), found[name]
-        assert words in " ".join(found[name]["err"].split())
+        assert (result[name]["code"], result[name]["out"]) == (code, ""), result[name]
+        assert words in " ".join(result[name]["err"].split())
 
 
 @pytest.mark.parametrize(
@@ -120,6 +120,6 @@ def test_wrong_use(
 ) -> None:
     files = {"m.yaml": ready / "mission.yaml", "log.csv": ready / "log.csv"}
     line = [str(files.get(a, a)) for a in arguments]
-    found = run(capsys, *line, "--workspace", ready / "w")
-    assert (found.code, found.out) == (2, "")
-    assert words in " ".join(found.err.split())
+    result = run(capsys, *line, "--workspace", ready / "w")
+    assert (result.code, result.out) == (2, "")
+    assert words in " ".join(result.err.split())

@@ -39,13 +39,13 @@ def topics(monkeypatch: pytest.MonkeyPatch) -> dict[str, queue.Queue[object]]:
 
 def lines_when(source: TopicLines, count: int) -> list[str]:
     """The next so many lines."""
-    found: list[str] = []
+    collected: list[str] = []
     for _ in range(1000):
-        found += source.new()
-        if len(found) >= count:
-            return found
+        collected += source.new()
+        if len(collected) >= count:
+            return collected
         time.sleep(0.005)
-    raise AssertionError(found)
+    raise AssertionError(collected)
 
 
 def test_the_newest_command_stands_beside_each_reading(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,7 +55,7 @@ def test_the_newest_command_stands_beside_each_reading(monkeypatch: pytest.Monke
     while not feeds["/volts"].empty():
         time.sleep(0.005)
     time.sleep(0.02)
-    assert source.new() == []  # no reading so far
+    assert source.new() == []  # no measurement so far
     for k in range(5):
         feeds["/wheel"].put((1.7e9 + 0.1 * k, (-2.0 * k,)))
     lines = lines_when(source, 6)
@@ -76,9 +76,9 @@ def test_an_error_of_a_topic_is_raised_where_rows_are_asked_for(
 ) -> None:
     feeds = topics(monkeypatch)
     source = TopicLines("wheel", MAP)
-    feeds["/wheel"].put(ModelError("nobody publishes it"))
+    feeds["/wheel"].put(ModelError("no node publishes it"))
     feeds["/volts"].put(None)
-    with pytest.raises(ModelError, match="nobody publishes"):
+    with pytest.raises(ModelError, match="no node publishes"):
         lines_when(source, 1)
 
 

@@ -16,7 +16,7 @@ from sysid.data.bags.drive import write_drive
 from sysid.data.bags.writing import Messages, Outgoing, write_bag
 from sysid.data.io import ReadOptions, read_file, read_log
 from sysid.errors import DataError, UsageError
-from sysid.mission.estimate import estimate
+from sysid.mission.localize import localize
 from sysid.mission.result import MissionResult, write_log
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission
@@ -101,8 +101,8 @@ def test_an_estimate_of_a_bag_is_that_of_the_log(
     mission, result = driven
     bag, log = write_drive(result.log, tmp_path / "m.bag"), write_log(result, tmp_path / "m.csv")
     mapping = {**TRACKS, "gyro_z": "/imu.angular_velocity.z"}
-    found = estimate(bag, mission, options=ReadOptions(map=mapping))
-    own = estimate(log, mission)
+    found = localize(bag, mission, options=ReadOptions(map=mapping))
+    own = localize(log, mission)
     np.testing.assert_allclose(found.columns["psi_est"], own.columns["psi_est"], atol=1e-9)
     assert "gyro_z" in found.used
 

@@ -12,7 +12,7 @@ from pose_cases import DT, driven, ground, hidden_mission, logs, two_tracks, wan
 from sysid.data.record import Array, Record
 from sysid.diagnosis.pose import growth
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis, diagnose_pose
-from sysid.diagnosis.pose.ground_model import with_ground, without_readings
+from sysid.diagnosis.pose.ground_model import with_ground, without_sensor_effects
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError, UsageError
 from sysid.estimation.vehicle.ground_fit import PoseProblem, PoseSearch, every_candidate
@@ -97,7 +97,7 @@ def test_an_offset_of_the_speeds_is_no_effect_of_the_vehicle() -> None:
     parts = [driven(wandering(seed=s), seed=s) for s in (5, 6)]
     told = found(*(replace(r, y=r.y + np.array([0.8, 0.0]), sha256="") for r in parts))
     assert not told.effects
-    assert any("at rest" in w for w in told.warnings)
+    assert any("at standstill" in w for w in told.warnings)
 
 
 def test_slip_and_width_are_a_tie_in_pure_turns() -> None:
@@ -232,7 +232,7 @@ def test_wheels_without_what_only_the_sensor_does() -> None:
         parameters=structure.parameters(base.inputs, base.outputs),
     )
     u = np.full((20, 2), 8000.0)
-    np.testing.assert_allclose(without_readings(biased).simulate(u), base.simulate(u))
+    np.testing.assert_allclose(without_sensor_effects(biased).simulate(u), base.simulate(u))
     np.testing.assert_allclose(biased.simulate(u) - base.simulate(u), np.tile([1.0, 2.0], (20, 1)))
 
 
@@ -293,10 +293,10 @@ def test_a_slope_gets_no_name_and_is_not_called_noise() -> None:
     told = found(sliding(driven(wandering(600, 3))), sliding(driven(wandering(500, 4), seed=2)))
     assert not told.effects
     assert told.residuals.structured
-    assert "y" in told.residuals.loud
-    assert "does not hold" in told.residuals.sentence
+    assert "y" in told.residuals.above_noise
+    assert "missing from the catalogue" in told.residuals.sentence
     clean = found(driven(wandering(600, 3)), driven(wandering(500, 4), seed=2))
-    assert not clean.residuals.loud
+    assert not clean.residuals.above_noise
     assert not clean.residuals.sentence
 
 
@@ -309,7 +309,7 @@ def test_sliding_sideways_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     told = found(*(driven(wandering(200, s), slides, s) for s in (5, 6)), geometry=Geometry())
     (effect,) = told.effects
     assert effect.id == "lateral-slip"
-    assert "m behind the one whose place is logged" in effect.sentence
+    assert "m behind the logged point" in effect.sentence
     (parameter,) = effect.parameters
     assert parameter.std_error
     assert abs(parameter.value + 0.02) < 3.0 * parameter.std_error

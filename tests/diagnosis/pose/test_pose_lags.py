@@ -76,7 +76,7 @@ def test_a_pose_that_is_filtered_is_no_effect() -> None:
 
     found = told({s: filtered(p) for s, p in rolling().items()})
     assert not found.effects
-    assert any("its readings are smoothed" in w for w in found.warnings)
+    assert any("its measurements are smoothed" in w for w in found.warnings)
 
 
 def test_a_light_vehicle_with_grip_has_no_effect() -> None:

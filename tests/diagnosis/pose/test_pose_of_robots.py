@@ -12,7 +12,7 @@ from sysid.data.preparation import Preparation
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array, Record
 from sysid.diagnosis.pose.diagnosis import diagnose_pose
-from sysid.estimation.vehicle.logs import read_drives
+from sysid.estimation.vehicle.logs import read_vehicle_logs
 from sysid.vehicle.kinematics import Geometry
 
 DRIVES = Path(os.environ.get("SYSID_DATA", Path(__file__).parents[4] / "shared" / "data")) / "drive"
@@ -65,7 +65,7 @@ def test_logs_that_turn_where_they_begin_only_judge_each_other() -> None:
     ],
 )
 def test_measured_robots_are_named_by_their_effective_width(file: str, geometry: Geometry) -> None:
-    whole = read_drives([DRIVES / file], ReadOptions(), Preparation())[0][0]
+    whole = read_vehicle_logs([DRIVES / file], ReadOptions(), Preparation())[0][0]
     assert whole.pose is not None
     rows = slice(None, None, EVERY)
     pose = whole.pose[rows]

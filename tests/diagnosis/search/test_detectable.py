@@ -5,11 +5,11 @@ import pytest
 from plain_tracks import CHANNELS, DT, FULL, noise, simulate
 
 from sysid.data.record import Array, Record
-from sysid.diagnosis.base_model import plain_base
+from sysid.diagnosis.base_model import fit_baseline
 from sysid.diagnosis.search.detectable import detectable
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import Data
-from sysid.diagnosis.search.slopes import slopes
-from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.search.sensitivities import sensitivities
 from sysid.effects.catalogue import chain_effects, effect
 
 IDS = ("dead-zone", "input-saturation", "cross-coupling", "direction-asymmetry", "rate-limit")
@@ -22,8 +22,8 @@ def sizes(u: Array, factor: float = 1.0) -> dict[str, float | None]:
     for seed in (1, 2):
         y = simulate(u / FULL) + factor * noise(np.random.default_rng(seed), "white", len(u))
         records.append(Record(u=u, y=y, dt=DT, **CHANNELS))
-    base = plain_base(records[:1], records[1:], EFFECTS)
-    return detectable(base.search, base.node, [*IDS, "track-slip", "quantisation"])
+    base = fit_baseline(records[:1], records[1:], EFFECTS)
+    return detectable(base.search, base.candidate, [*IDS, "track-slip", "quantisation"])
 
 
 def steps(same: bool) -> Array:
@@ -56,21 +56,21 @@ def test_a_run_that_leaves_all_bounds_shows_its_effect_without_an_overflow(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Warnings are errors here: the square of 1e200 had been one on the terminal."""
-    u, run = steps(False), SuperModel.run
+    u, run = steps(False), FullModel.run
     records = [
         Record(
             u, simulate(u / FULL) + noise(np.random.default_rng(k), "white", len(u)), DT, **CHANNELS
         )
         for k in (1, 2)
     ]
-    base = plain_base(records[:1], records[1:], EFFECTS)
+    base = fit_baseline(records[:1], records[1:], EFFECTS)
 
-    def far(model: SuperModel, q: Array, data: Data) -> Array:
+    def far(model: FullModel, q: Array, data: Data) -> Array:
         found = np.asarray(run(model, q, data))
         return found if found.shape[0] < 2 else np.where(np.abs(found) > 1.0, 1e200, found)
 
-    monkeypatch.setattr(SuperModel, "run", far)
-    assert detectable(base.search, base.node, ["dead-zone"])["dead-zone"] is not None
+    monkeypatch.setattr(FullModel, "run", far)
+    assert detectable(base.search, base.candidate, ["dead-zone"])["dead-zone"] is not None
 
 
 def test_a_size_that_it_gives_would_be_found_about_there() -> None:
@@ -96,10 +96,10 @@ def test_slopes_have_a_column_for_each_free_number() -> None:
     u = steps(False)
     y = simulate(u / FULL) + noise(np.random.default_rng(1), "white", len(u))
     record = Record(u=u, y=y, dt=DT, **CHANNELS)
-    base = plain_base([record], [record.rows(0, 300)], (effect("dead-zone"),))
-    found = slopes(base.search, base.node, held=True)
-    assert [s.shape for s in found] == [(300, 2, len(base.node.free))]
-    gain = base.search.model.place["core", "gain", 0]
-    column = found[0][:, 0, base.node.free.index(gain)]
+    base = fit_baseline([record], [record.rows(0, 300)], (effect("dead-zone"),))
+    found = sensitivities(base.search, base.candidate, holdout=True)
+    assert [s.shape for s in found] == [(300, 2, len(base.candidate.free))]
+    gain = base.search.model.index["core", "gain", 0]
+    column = found[0][:, 0, base.candidate.free.index(gain)]
     own = simulate(u[:300] / FULL)[:, 0] / 20.0
     assert np.corrcoef(column[10:], own[10:])[0, 1] > 0.999

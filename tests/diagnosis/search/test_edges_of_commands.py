@@ -9,8 +9,8 @@ import pytest
 from sysid import diagnose
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.search.batched_search import refined
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import prepare
-from sysid.diagnosis.search.supermodel import SuperModel
 from sysid.effects.catalogue import effect
 
 DT, POLE, GAIN = 0.05, 0.85, 30.0
@@ -58,16 +58,16 @@ def test_an_edge_with_the_whole_command_behind_is_found(held: Array) -> None:
 
 def test_edges_of_several_lanes_move_as_each_alone() -> None:
     record = log(1, symmetric(0.0, 0.08, 0.14, 0.17, 0.25, 0.4, 0.7, 1.0), samples=300)
-    model = SuperModel((effect("dead-zone"), effect("load-bias")), 1, 1, np.array([GAIN]), DT)
+    model = FullModel((effect("dead-zone"), effect("load-bias")), 1, 1, np.array([GAIN]), DT)
     data = prepare([record], np.ones(1), 1)
     q = np.repeat(model.null[None], 3, axis=0)
-    q[:, model.place["core", "f1", 0]] = -POLE
+    q[:, model.index["core", "f1", 0]] = -POLE
     for row, edge in zip(q, (0.1, 0.15, 0.2), strict=True):
         for side in ("plus", "minus"):
-            row[model.place["dead-zone", side, 0]] = edge
+            row[model.index["dead-zone", side, 0]] = edge
     core = model.of("core")
     dead = (*core, *model.of("dead-zone"))
-    free = [dead, core, tuple(range(len(model.slots)))]
+    free = [dead, core, tuple(range(len(model.parameters)))]
     together, cost = refined(model, q, free, data, 4, 1e-4)
     for k, mine in enumerate(free):
         alone, least = refined(model, q[k : k + 1], [mine], data, 4, 1e-4)

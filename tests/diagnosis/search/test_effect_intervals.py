@@ -9,10 +9,10 @@ import pytest
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis import findings
 from sysid.diagnosis.augment import model_of, values_of
-from sysid.diagnosis.base_model import Base, plain_base
+from sysid.diagnosis.base_model import Base, fit_baseline
 from sysid.diagnosis.named_effects import Value
 from sysid.diagnosis.search.intervals import intervals_of
-from sysid.diagnosis.search.named_sets import Interval, Naming, Node
+from sysid.diagnosis.search.selection import CandidateModel, Interval, Selection
 from sysid.effects.catalogue import chain_effects, effect
 from sysid.structures.augmented.structure import Augmented
 
@@ -47,20 +47,20 @@ def behind_a_dead_zone(seed: int, grid: float = 0.0, forward: bool = False) -> R
     return recorded(np.sign(d) * (beyond + EDGES["jump"] * (beyond > 0.0)), d, seed)
 
 
-def with_effect(record: Record, id: str) -> tuple[Base, Node]:
+def with_effect(record: Record, id: str) -> tuple[Base, CandidateModel]:
     """The plain base, and the node with the effect as the search leaves it."""
-    base = plain_base([record], None, chain_effects())
-    (judged,) = base.search.candidates(base.node, [effect(id)])
-    base.search.origin = base.node.q
-    return base, base.search.polished(judged.node)
+    base = fit_baseline([record], None, chain_effects())
+    (judged,) = base.search.candidates(base.candidate, [effect(id)])
+    base.search.origin = base.candidate.q
+    return base, base.search.polished(judged.candidate)
 
 
 @cache
-def measured(seed: int, grid: float = 0.0, forward: bool = False) -> tuple[Base, Naming]:
+def measured(seed: int, grid: float = 0.0, forward: bool = False) -> tuple[Base, Selection]:
     """A dead zone with a jump, its numbers with their intervals."""
     base, node = with_effect(behind_a_dead_zone(seed, grid, forward), "dead-zone")
     node, intervals = intervals_of(base.search, node)
-    return base, Naming(base.node, node, (), (), (), intervals)
+    return base, Selection(base.candidate, node, (), (), (), intervals)
 
 
 def holds(told: Interval, true: float) -> bool:
@@ -75,7 +75,7 @@ def test_intervals_hold_edges_and_jump() -> None:
     for seed in (0, 1, 2):
         base, naming = measured(seed)
         for k, told in naming.intervals.items():
-            slot = base.search.model.slots[k]
+            slot = base.search.model.parameters[k]
             inside.append(holds(told, EDGES[slot.name]))
             error = told.std_error(float(naming.final.q[k]))
             if error is not None:
@@ -93,7 +93,7 @@ def test_an_interval_holds_the_estimate_it_belongs_to() -> None:
     assert Interval(None, 1.8).holding(-3.0) == Interval(None, 1.8)
     base, naming = measured(0)
     for k, told in naming.intervals.items():
-        assert holds(told, float(naming.final.q[k])), base.search.model.slots[k]
+        assert holds(told, float(naming.final.q[k])), base.search.model.parameters[k]
 
 
 def test_the_estimate_moves_to_where_the_likelihood_is_highest() -> None:
@@ -103,7 +103,7 @@ def test_the_estimate_moves_to_where_the_likelihood_is_highest() -> None:
     assert cost[1] < cost[0]
     model = base.search.model
     off = [
-        [abs(n.q[model.place["dead-zone", name, 0]] - true) for name, true in EDGES.items()]
+        [abs(n.q[model.index["dead-zone", name, 0]] - true) for name, true in EDGES.items()]
         for n in (node, better)
     ]
     assert max(off[1]) < 0.5 * max(off[0])
@@ -112,7 +112,7 @@ def test_the_estimate_moves_to_where_the_likelihood_is_highest() -> None:
 def test_commands_on_a_grid_cannot_tell_width_from_jump() -> None:
     base, naming = measured(0, grid=0.1)
     for k, told in naming.intervals.items():
-        assert holds(told, EDGES[base.search.model.slots[k].name])
+        assert holds(told, EDGES[base.search.model.parameters[k].name])
     said = " ".join(findings.indistinct_edges(base, naming, base.parts.estimation))
     assert "pwm_l has no command between 2000 and 4000 µs" in said
     assert "pwm_l has no command between -4000 and -6000 µs" in said
@@ -215,14 +215,14 @@ def test_a_delay_is_no_surer_than_its_sampling() -> None:
     for k in range(3, len(u)):
         y[k] = 0.8 * y[k - 1] + 0.2 * 10.0 * u[k - 3]
     record = Record(u, y + 1e-3 * rng.standard_normal(y.shape), 0.05)
-    base = plain_base([record], None, (effect("input-delay"),))
+    base = fit_baseline([record], None, (effect("input-delay"),))
     model = base.search.model
     (k,) = model.of("input-delay")
-    q = base.node.q.copy()
+    q = base.candidate.q.copy()
     q[k] = 0.1 - 0.05 * max(base.delay - 1, 0)
-    core = [model.place["core", "gain", 0], model.place["core", "f1", 0]]
+    core = [model.index["core", "gain", 0], model.index["core", "f1", 0]]
     q[core] = 10.0, -0.8
-    node = base.search.node(("input-delay",), q, (*core, k))
+    node = base.search.candidate(("input-delay",), q, (*core, k))
     node, intervals = intervals_of(base.search, node)
     error = intervals[k].std_error(float(node.q[k]))
     assert error is not None

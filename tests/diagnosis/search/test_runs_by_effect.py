@@ -1,4 +1,4 @@
-"""Lanes of the super-model go through a simulation of the effects that act in them."""
+"""Items of a batch of the full model go through a simulation of the effects that act in them."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -8,9 +8,9 @@ import pytest
 
 from sysid.data.record import Record
 from sysid.diagnosis.search.batched_search import best_tracks, squares
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import prepare
-from sysid.diagnosis.search.runs import GROUP_PARAMETERS, LANES, at_once, groups, stages
-from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.search.runs import BATCH_SIZE, GROUP_PARAMETERS, at_once, groups, stages
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import chain_effects, effect
 
@@ -35,14 +35,14 @@ def record() -> Record:
 
 def test_each_lane_runs_as_with_all_effects_at_once(record: Record) -> None:
     some = tuple(effect(id) for id in ("dead-zone", "rate-limit", "load-bias", "coulomb-friction"))
-    model = SuperModel(some, 1, 2, np.array([10.0, 12.0]), record.dt)
+    model = FullModel(some, 1, 2, np.array([10.0, 12.0]), record.dt)
     data = prepare([record], np.ones(2), 1)
     q = np.repeat(model.null[None], len(ACTING), axis=0)
     for row, values in zip(q, ACTING.values(), strict=True):
-        row[[model.place["core", "f1", i] for i in range(2)]] = -0.8
+        row[[model.index["core", "f1", i] for i in range(2)]] = -0.8
         for key, value in values.items():
-            row[model.place[key]] = value
-    filled = np.concatenate([q, np.repeat(q[-1:], LANES - len(q), axis=0)])
+            row[model.index[key]] = value
+    filled = np.concatenate([q, np.repeat(q[-1:], BATCH_SIZE - len(q), axis=0)])
     at_once = model.runs.simulation(model.effects)
     expected = np.asarray(at_once(filled, data.arrays))[: len(q)]
     assert np.ptp(expected, axis=0).max() > 1.0
@@ -52,20 +52,20 @@ def test_each_lane_runs_as_with_all_effects_at_once(record: Record) -> None:
 
 def test_machines_of_one_kind_share_what_is_compiled() -> None:
     some = tuple(effect(id) for id in ("dead-zone", "load-bias"))
-    slow, fast = (SuperModel(some, 1, 2, np.full(2, v), 0.05) for v in (2.0, 40.0))
+    slow, fast = (FullModel(some, 1, 2, np.full(2, v), 0.05) for v in (2.0, 40.0))
     assert slow.runs.simulation(some[:1]) is fast.runs.simulation(some[:1])
-    other = SuperModel(some, 1, 2, np.full(2, 2.0), 0.02)
+    other = FullModel(some, 1, 2, np.full(2, 2.0), 0.02)
     assert other.runs.simulation(some[:1]) is not slow.runs.simulation(some[:1])
 
 
 def test_more_lanes_than_a_call_holds_come_back_in_their_order(record: Record) -> None:
-    model = SuperModel((effect("coulomb-friction"),), 1, 1, np.array([10.0]), record.dt)
+    model = FullModel((effect("coulomb-friction"),), 1, 1, np.array([10.0]), record.dt)
     data = prepare([Record(record.u[:, :1], record.y[:, :1], record.dt)], np.ones(1), 1)
-    q = np.repeat(model.null[None], 2 * LANES + 3, axis=0)
-    q[:, model.place["core", "f1", 0]] = np.linspace(-0.9, -0.5, len(q))
-    q[::3, model.place["coulomb-friction", "level", 0]] = 0.7
+    q = np.repeat(model.null[None], 2 * BATCH_SIZE + 3, axis=0)
+    q[:, model.index["core", "f1", 0]] = np.linspace(-0.9, -0.5, len(q))
+    q[::3, model.index["coulomb-friction", "level", 0]] = 0.7
     together = model.run(q, data)
-    for k in (0, 1, LANES, len(q) - 1):
+    for k in (0, 1, BATCH_SIZE, len(q) - 1):
         np.testing.assert_array_equal(together[k], model.run(q[k : k + 1], data)[0])
 
 
@@ -83,7 +83,7 @@ def test_what_looks_at_one_sample_of_the_command_is_compiled_for_no_other_simula
     record: Record, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     some = stages(chain_effects())[0]
-    model = SuperModel(some, 1, 2, np.ones(2), record.dt)
+    model = FullModel(some, 1, 2, np.ones(2), record.dt)
     held: list[set[str]] = []
     whole = model.runs.simulation
 
@@ -93,8 +93,8 @@ def test_what_looks_at_one_sample_of_the_command_is_compiled_for_no_other_simula
 
     monkeypatch.setattr(model.runs, "simulation", noted)
     q = np.repeat(model.null[None], 3, axis=0)
-    q[1, model.place["dead-zone", "plus", 0]] = 0.2
-    q[2, model.place["input-delay", "delay", 0]] = 0.1
+    q[1, model.index["dead-zone", "plus", 0]] = 0.2
+    q[2, model.index["input-delay", "delay", 0]] = 0.1
     model.run(q, prepare([record], np.ones(2), 1))
     later = [e for e in some if not at_once(e)]
     (own,) = (group for group in groups(later) if effect("input-delay") in group)
@@ -104,12 +104,12 @@ def test_what_looks_at_one_sample_of_the_command_is_compiled_for_no_other_simula
 
 def test_runs_that_grow_without_end_cost_no_warning() -> None:
     """Starts may be unstable: each cost is a number, and their sum is none."""
-    model = SuperModel((effect("coulomb-friction"),), 1, 2, np.ones(2), 0.05)
+    model = FullModel((effect("coulomb-friction"),), 1, 2, np.ones(2), 0.05)
     q = np.repeat(model.null[None], 3, axis=0)
-    q[:, model.place["core", "gain", 0]] = (1.0, 2.0, 3.0)
+    q[:, model.index["core", "gain", 0]] = (1.0, 2.0, 3.0)
     cost = np.array([[1.5e308, 1.5e308], [1.0, np.nan], [2.0, 1.5e308]])
     found = best_tracks(model, q, cost)
-    assert found[model.place["core", "gain", 0]] == 2.0
+    assert found[model.index["core", "gain", 0]] == 2.0
     huge = np.full((1, 2), 1e160)
     data = prepare([Record(np.zeros((8, 2)), np.zeros((8, 2)), 0.05)], np.ones(2), 1)
     assert np.all(squares(data, np.repeat(huge, len(data.y), axis=0)) >= 0.0)

@@ -7,16 +7,16 @@ import pytest
 
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.diagnose import diagnose
-from sysid.diagnosis.search.named_sets import Node
-from sysid.diagnosis.search.naming import NamingSearch
-from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.search.forward_selection import ForwardSelection
+from sysid.diagnosis.search.full_model import FullModel
+from sysid.diagnosis.search.selection import CandidateModel
 from sysid.effects.catalogue import effect
 from sysid.effects.sensor import SAMPLING
 
 DT, TAU, GAIN, SIGMA = 0.05, 0.25, 20.0, 0.2
 KEPT = float(np.exp(-DT / TAU))
 EFFECTS = (effect("input-delay"), effect("rate-limit"), effect("dead-zone"))
-MODEL = SuperModel((*EFFECTS, SAMPLING), 1, 1, np.array([15.0]), DT)
+MODEL = FullModel((*EFFECTS, SAMPLING), 1, 1, np.array([15.0]), DT)
 
 
 def counted(seed: int, dead: float = 0.0, levels: int = 5) -> Record:
@@ -48,18 +48,18 @@ def late(seed: int, share: float) -> Record:
     return Record(u[:, None], y[:, None], DT, (Channel("d", ""),), (Channel("omega", "rad/s"),))
 
 
-def searched(logs: Sequence[Record]) -> tuple[dict[str, bool], Node, float]:
+def searched(logs: Sequence[Record]) -> tuple[dict[str, bool], CandidateModel, float]:
     """Which effects pass the rule alone, what the search ends with, and its part of a sample."""
     effects, model = (*EFFECTS, SAMPLING), MODEL
-    search = NamingSearch(model, logs[:1], logs[1:], np.ones(1), 1)
+    search = ForwardSelection(model, logs[:1], logs[1:], np.ones(1), 1)
     start = model.null
     start[list(model.of("core"))] = [GAIN, -KEPT]
     base = search.base(start[None])
     search.origin = base.q
     judged = search.candidates(base, EFFECTS)
-    alone = {j.id: j.evidence.accepted and search.admissible(j.node) for j in judged}
+    alone = {j.id: j.evidence.accepted and search.admissible(j.candidate) for j in judged}
     final = search.run(base, effects).final
-    return alone, final, float(final.q[model.place[SAMPLING.id, "share", 0]])
+    return alone, final, float(final.q[model.index[SAMPLING.id, "share", 0]])
 
 
 def test_a_steep_rate_limit_is_not_named_for_counted_speeds() -> None:
@@ -80,7 +80,7 @@ def test_a_dead_zone_is_found_in_counted_speeds() -> None:
 def test_a_delay_longer_than_counting_makes_is_named_with_all_of_it(share: float) -> None:
     _, final, _ = searched([late(1, share), late(2, share)])
     assert final.effects == ("input-delay",)
-    delay = float(final.q[MODEL.place["input-delay", "delay", 0]])
+    delay = float(final.q[MODEL.index["input-delay", "delay", 0]])
     assert delay == pytest.approx(share * DT, abs=0.02 * DT)
 
 

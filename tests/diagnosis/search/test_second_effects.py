@@ -8,25 +8,30 @@ import pytest
 
 from sysid.data.record import Channel
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.named_sets import Judged, Named, Naming, Node
-from sysid.diagnosis.search.naming import (
-    Little,
-    NamingSearch,
-    case_of,
-    takes_little,
-    takes_most_of_rest,
+from sysid.diagnosis.search.forward_selection import (
+    ForwardSelection,
+    SmallGain,
+    explains_most_of_remainder,
+    is_nested_in,
+    small_gain,
 )
-from sysid.diagnosis.study import LeastLeft, Study, least_damping
+from sysid.diagnosis.search.selection import (
+    CandidateModel,
+    ScoredCandidate,
+    SelectedEffect,
+    Selection,
+)
+from sysid.diagnosis.session import DiagnosisSession, LeastLeft, least_damping
 from sysid.diagnosis.validation.noise import NoiseFloor
 from sysid.fitting.holdout import Errors
 
 NOISE = 0.1
 
 
-def node(rmse: float, *effects: str) -> Node:
+def node(rmse: float, *effects: str) -> CandidateModel:
     """A model of one output with errors of this size on both parts."""
     errors = (np.full((100, 1), rmse),)
-    return Node(effects, np.zeros(1), (), Errors(errors, errors), np.ones(1, dtype=bool))
+    return CandidateModel(effects, np.zeros(1), (), Errors(errors, errors), np.ones(1, dtype=bool))
 
 
 @pytest.mark.parametrize(
@@ -39,55 +44,57 @@ def test_a_small_share_of_a_large_gap_is_looked_into_while_it_is_above_the_noise
 ) -> None:
     """The base misses by fifty times the noise: all these are far below 1 % of its gap."""
     structured: Any = SimpleNamespace(p_value=0.0)
-    monkeypatch.setattr(Study, "residual_structure", lambda *_, **__: structured)
+    monkeypatch.setattr(DiagnosisSession, "residual_structure", lambda *_, **__: structured)
     base: Any = SimpleNamespace(search=SimpleNamespace(needed=0.9))
     floor = np.array([NOISE])
-    study = Study(base, NoiseFloor(floor, floor, floor), np.ones(1), 0)
-    naming = Naming(node(50 * NOISE), node(left * NOISE, "load-bias"), (), (), ())
+    study = DiagnosisSession(base, NoiseFloor(floor, floor, floor), np.ones(1), 0)
+    naming = Selection(node(50 * NOISE), node(left * NOISE, "load-bias"), (), (), ())
     assert (study.remains(naming) > 0.0) is searched
 
 
 @pytest.mark.parametrize(
     ("second", "before", "after", "little"),
     [
-        ("speed-ripple", 0.45, 0.4, Little.LOOK_ALIKE),
-        ("speed-ripple", 1.0, 0.1, Little.IN_PART),
-        ("speed-ripple", 2.0, 0.1, Little.NO),
-        ("cross-coupling", 0.45, 0.4, Little.NO),
+        ("speed-ripple", 0.45, 0.4, SmallGain.LOOK_ALIKE),
+        ("speed-ripple", 1.0, 0.1, SmallGain.PARTIAL),
+        ("speed-ripple", 2.0, 0.1, SmallGain.NO),
+        ("cross-coupling", 0.45, 0.4, SmallGain.NO),
     ],
     ids=["look-alike-of-little", "look-alike-of-a-part", "look-alike-of-much", "another"],
 )
 def test_what_only_mends_the_formula_of_its_look_alike_is_no_second_effect(
-    second: str, before: float, after: float, little: Little
+    second: str, before: float, after: float, little: SmallGain
 ) -> None:
     """Beside gravity, which takes 99.75 of 100 % of the gap in the first case."""
     base, rest = node(5.0), node(before, "gravity-load")
-    assert takes_little(base, rest, node(after, "gravity-load", second)) is little
+    assert small_gain(base, rest, node(after, "gravity-load", second)) is little
 
 
-@pytest.mark.parametrize(("after", "mends"), [(0.9, True), (0.5, False)], ids=["part", "most"])
+@pytest.mark.parametrize(
+    ("after", "is_redundant"), [(0.9, True), (0.5, False)], ids=["part", "most"]
+)
 def test_a_look_alike_that_takes_a_part_of_the_gap_takes_most_of_what_is_left(
-    after: float, mends: bool
+    after: float, is_redundant: bool
 ) -> None:
     """A fan and a weight: of what the weight's law left a curve of the command took a fifth."""
-    search: Any = NamingSearch.__new__(NamingSearch)
+    search: Any = ForwardSelection.__new__(ForwardSelection)
     search.data = SimpleNamespace(noise=np.array([NOISE]))
     base, rest = node(5.0), node(1.0, "quadratic-drag")
     whole = node(after, "quadratic-drag", "concave-gain")
-    assert takes_little(base, rest, whole) in (Little.IN_PART, Little.LOOK_ALIKE)
-    assert search.mends(base, rest, whole, ()) is mends
+    assert small_gain(base, rest, whole) in (SmallGain.PARTIAL, SmallGain.LOOK_ALIKE)
+    assert search.is_redundant(base, rest, whole, ()) is is_redundant
 
 
 def test_a_look_alike_must_take_more_of_the_gap_than_another_effect() -> None:
     """A curve by a stick's expo leaves 2 % of its gap to a formula that bends a little else."""
     base, rest, left = node(5.0), node(0.75, "concave-gain"), 0.4  # 1.6 % of the gap
     alike = node(left, "concave-gain", "input-saturation")
-    assert takes_little(base, rest, alike) is Little.LOOK_ALIKE
-    assert takes_little(base, rest, node(left, "concave-gain", "cross-coupling")) is Little.NO
+    assert small_gain(base, rest, alike) is SmallGain.LOOK_ALIKE
+    assert small_gain(base, rest, node(left, "concave-gain", "cross-coupling")) is SmallGain.NO
 
 
 @pytest.mark.parametrize(
-    ("third", "after", "mends"),
+    ("third", "after", "is_redundant"),
     [
         ("input-saturation", 0.4, True),
         ("input-saturation", 0.1, False),
@@ -96,17 +103,17 @@ def test_a_look_alike_must_take_more_of_the_gap_than_another_effect() -> None:
     ids=["of-little", "of-much", "how-the-log-was-made"],
 )
 def test_a_third_effect_of_little_mends_the_formulas_of_two(
-    third: str, after: float, mends: bool
+    third: str, after: float, is_redundant: bool
 ) -> None:
     two = ("sensor-bias", "dead-time")
     base, rest = node(5.0), node(0.45 if after > 0.2 else 1.0, *two)
-    little = takes_little(base, rest, node(after, *two, third))
-    assert little is (Little.AMONG_OTHERS if mends else Little.NO)
+    little = small_gain(base, rest, node(after, *two, third))
+    assert little is (SmallGain.AMONG_OTHERS if is_redundant else SmallGain.NO)
 
 
-def judged(id: str, score: float, ratio: float = 0.5) -> Judged:
+def judged(id: str, score: float, ratio: float = 0.5) -> ScoredCandidate:
     """An effect tried beside two others."""
-    return Judged(node(0.4, id), Evidence(-score, 9.0, 1.0, ratio, 1e-9), score)
+    return ScoredCandidate(node(0.4, id), Evidence(-score, 9.0, 1.0, ratio, 1e-9), score)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +121,7 @@ def judged(id: str, score: float, ratio: float = 0.5) -> Judged:
 )
 def test_what_no_other_effect_comes_near_is_no_stand_in(rival: float, alone: bool) -> None:
     """However little of the gap it takes."""
-    search = NamingSearch.__new__(NamingSearch)
+    search = ForwardSelection.__new__(ForwardSelection)
     search.data = SimpleNamespace(noise=np.array([NOISE]))  # type: ignore[assignment]
     tried = [judged("dead-time", 926.0), judged("gravity-load", rival)]
     assert search.unrivalled(node(1.0), "dead-time", tried) is alone
@@ -122,7 +129,7 @@ def test_what_no_other_effect_comes_near_is_no_stand_in(rival: float, alone: boo
     assert not search.unrivalled(node(1.0), "dead-time", little)  # few units of BIC are chance
     base, rest = node(5.0), node(0.45, "rate-limit", "sensor-saturation")
     whole = node(0.4, *rest.effects, "dead-time")
-    assert search.mends(base, rest, whole, tried) is not alone
+    assert search.is_redundant(base, rest, whole, tried) is not alone
 
 
 @pytest.mark.parametrize(
@@ -130,8 +137,8 @@ def test_what_no_other_effect_comes_near_is_no_stand_in(rival: float, alone: boo
 )
 def test_friction_is_a_case_of_play_with_friction(ratio: float, case: bool) -> None:
     play = judged("backlash", 3658.0, 0.172)
-    assert case_of(judged("coulomb-friction", 3512.0, ratio), play) is case
-    assert not case_of(judged("dead-zone", 3512.0, ratio), play)
+    assert is_nested_in(judged("coulomb-friction", 3512.0, ratio), play) is case
+    assert not is_nested_in(judged("dead-zone", 3512.0, ratio), play)
 
 
 @pytest.mark.parametrize(
@@ -146,12 +153,12 @@ def test_friction_is_a_case_of_play_with_friction(ratio: float, case: bool) -> N
 def test_what_is_alone_closes_a_quarter_and_a_description_nearly_all(
     id: str, left: float, stands: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Study, "unexplained", lambda *_: True)
-    base: Any = SimpleNamespace(node=node(5.0))
-    study = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
+    base: Any = SimpleNamespace(candidate=node(5.0))
+    study = DiagnosisSession(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
     alone = np.ones(1, dtype=bool)
-    named = Named(id, judged(id, 9.0).evidence, (), alone, {}, node(5.0))
-    gone = study.too_small_a_share(Naming(node(5.0), node(left, id), (named,), (), ()))
+    named = SelectedEffect(id, judged(id, 9.0).evidence, (), alone, {}, node(5.0))
+    gone = study.too_small_a_share(Selection(node(5.0), node(left, id), (named,), (), ()))
     assert (gone is None) is stands
     assert gone is None or "other physics" in gone.reason
 
@@ -176,16 +183,16 @@ def test_what_explains_a_process_or_a_spring_in_part_may_stand_for_other_physics
     doubted: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("sysid.diagnosis.study.least_damping", lambda _: damping)
+    monkeypatch.setattr("sysid.diagnosis.session.least_damping", lambda _: damping)
     structured: Any = SimpleNamespace(p_value=0.0)
-    monkeypatch.setattr(Study, "residual_structure", lambda *_, **__: structured)
-    monkeypatch.setattr(Study, "gap", lambda *_: SimpleNamespace(closed_percent=closed))
+    monkeypatch.setattr(DiagnosisSession, "residual_structure", lambda *_, **__: structured)
+    monkeypatch.setattr(DiagnosisSession, "gap", lambda *_: SimpleNamespace(closed_percent=closed))
     record = SimpleNamespace(outputs=(Channel(output),))
     base: Any = SimpleNamespace(parts=SimpleNamespace(estimation=(record,)))
-    study = Study(base, NoiseFloor(np.ones(1), np.ones(1), np.ones(1)), np.ones(1), 0)
+    study = DiagnosisSession(base, NoiseFloor(np.ones(1), np.ones(1), np.ones(1)), np.ones(1), 0)
     alone = np.ones(1, dtype=bool)
-    named = Named(id, judged(id, 9.0).evidence, (), alone, {}, node(1.0))
-    naming = Naming(node(1.0), node(0.5, id), (named,), (), ())
+    named = SelectedEffect(id, judged(id, 9.0).evidence, (), alone, {}, node(1.0))
+    naming = Selection(node(1.0), node(0.5, id), (named,), (), ())
     assert study.stand_in(naming) is doubted
 
 
@@ -193,8 +200,8 @@ def test_what_explains_a_process_or_a_spring_in_part_may_stand_for_other_physics
 def test_the_damping_of_a_base_is_that_of_its_swing(damping: float) -> None:
     poles = np.roots([1.0, 2.0 * damping * 8.0, 64.0])  # s² + 2 ζ ω s + ω²
     f = np.poly(np.exp(poles * 0.05))[1:]
-    model = SimpleNamespace(tracks=1, order=2, place={("core", "f1", 0): 0, ("core", "f2", 0): 1})
-    base: Any = SimpleNamespace(search=SimpleNamespace(model=model), node=SimpleNamespace(q=f))
+    model = SimpleNamespace(tracks=1, order=2, index={("core", "f1", 0): 0, ("core", "f2", 0): 1})
+    base: Any = SimpleNamespace(search=SimpleNamespace(model=model), candidate=SimpleNamespace(q=f))
     assert least_damping(base) == pytest.approx(min(damping, 1.0))
 
 
@@ -203,33 +210,35 @@ def test_a_tie_stays_one_beside_numbers_that_were_fitted_beside_one_of_the_two()
     slots = {"load-bias": (0,), "sensor-bias": (1,), "dead-zone": (2,)}
     noise = np.random.default_rng(1).normal(size=(100, 1))
 
-    def model(id: str, edge: float) -> Node:
+    def model(id: str, edge: float) -> CandidateModel:
         q = np.array([0.0, 0.0, edge])
         q[list(slots[id])] = -1.0
         errors = ((1.0 + abs(edge - 0.25)) * noise,)
         free = (2, *slots[id])
-        return Node(("dead-zone", id), q, free, Errors(errors, errors), np.ones(1, dtype=bool))
+        return CandidateModel(
+            ("dead-zone", id), q, free, Errors(errors, errors), np.ones(1, dtype=bool)
+        )
 
-    class Search(NamingSearch):
+    class Search(ForwardSelection):
         def __init__(self) -> None:
             self.model, self.logs = SimpleNamespace(of=slots.__getitem__), None  # type: ignore
             self.origin = np.zeros(3)
 
-        def polished(self, node: Node) -> Node:
+        def polished(self, node: CandidateModel) -> CandidateModel:
             assert node.free == tuple(sorted(node.free))
             return model(node.effects[-1], float(node.q[2]))
 
-        def best_of(self, base: Node, nodes: Any) -> Node:
-            return min(nodes, key=lambda n: n.held_rmse)
+        def best_of(self, base: CandidateModel, nodes: Any) -> CandidateModel:
+            return min(nodes, key=lambda n: n.holdout_rmse)
 
     search, evidence = Search(), Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9)
-    mine = Judged(model("sensor-bias", 0.25), evidence, 950.0)
-    anew = [Judged(model(id, 0.5), evidence, 900.0) for id in ("sensor-bias", "load-bias")]
-    assert not search.tied(mine.node, anew[1].node)
+    mine = ScoredCandidate(model("sensor-bias", 0.25), evidence, 950.0)
+    anew = [ScoredCandidate(model(id, 0.5), evidence, 900.0) for id in ("sensor-bias", "load-bias")]
+    assert not search.tied(mine.candidate, anew[1].candidate)
     own, rival = search._as_far(mine, anew)
     assert own is anew[0]
-    assert search.tied(mine.node, rival.node)
-    assert rival.node.q.tolist() == [-1.0, 0.0, 0.25]
+    assert search.tied(mine.candidate, rival.candidate)
+    assert rival.candidate.q.tolist() == [-1.0, 0.0, 0.25]
 
 
 @pytest.mark.parametrize(
@@ -242,16 +251,17 @@ def test_what_closes_nothing_has_no_rivals_to_be_ahead_of(
     search: Any = SimpleNamespace(
         unrivalled=lambda *_: True, model=SimpleNamespace(effects=()), needed=0.9
     )
-    base: Any = SimpleNamespace(search=search, node=node(5.0))
-    study = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
-    monkeypatch.setattr(Study, "unexplained", lambda *_: True)
-    monkeypatch.setattr(Study, "explained_by", lambda _, naming, n: (shares[n.id], 20.0))
+    base: Any = SimpleNamespace(search=search, candidate=node(5.0))
+    study = DiagnosisSession(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
+    monkeypatch.setattr(DiagnosisSession, "explained_by", lambda _, naming, n: (shares[n.id], 20.0))
     # what each leaves on its only output is near what both do: none carries it
     evidence, both = Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9), node(2.0, *ids)
     named = tuple(
-        Named(id, evidence, (), both.touched, {}, node(2.1 if id == ids[1] else 4.0)) for id in ids
+        SelectedEffect(id, evidence, (), both.touched, {}, node(2.1 if id == ids[1] else 4.0))
+        for id in ids
     )
-    least = study._absorber(Naming(node(5.0), both, named, (), ()), {})
+    least = study._absorber(Selection(node(5.0), both, named, (), ()), {})
     assert (least is None) is stays
 
 
@@ -264,20 +274,20 @@ def test_what_a_dropped_effect_had_taken_speaks_against_no_other(
     search: Any = SimpleNamespace(
         unrivalled=lambda *_: False, model=SimpleNamespace(effects=()), needed=0.9
     )
-    base: Any = SimpleNamespace(search=search, node=node(5.0))
-    study = Study(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
-    monkeypatch.setattr(Study, "unexplained", lambda *_: True)
+    base: Any = SimpleNamespace(search=search, candidate=node(5.0))
+    study = DiagnosisSession(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
     monkeypatch.setattr(
-        Study,
+        DiagnosisSession,
         "explained_by",
-        lambda _, naming, n: (closed[n.id], 7.0 if len(naming.named) == 3 else 18.0),
+        lambda _, naming, n: (closed[n.id], 7.0 if len(naming.selected) == 3 else 18.0),
     )
     evidence = Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9)
 
-    def naming(*kept: str) -> Naming:
+    def naming(*kept: str) -> Selection:
         whole = node(2.0, *kept)
-        named = tuple(Named(id, evidence, (), whole.touched, {}, node(2.1)) for id in kept)
-        return Naming(node(5.0), whole, named, (), ())
+        named = tuple(SelectedEffect(id, evidence, (), whole.touched, {}, node(2.1)) for id in kept)
+        return Selection(node(5.0), whole, named, (), ())
 
     least_left: LeastLeft = {}
     least = study._absorber(naming(*ids), least_left)
@@ -297,5 +307,5 @@ def test_a_third_effect_that_takes_most_of_what_two_leave_is_no_mend(
 ) -> None:
     """Both are far below 1 % of the gap of the base; what two leave is twice the noise."""
     rest, whole = node(0.2, "dead-time", "input-delay"), node(after, "dead-time", "supply-sag")
-    assert takes_most_of_rest(rest, whole, np.array([NOISE])) is most
-    assert not takes_most_of_rest(node(0.9 * NOISE), node(0.8 * NOISE), np.array([NOISE]))
+    assert explains_most_of_remainder(rest, whole, np.array([NOISE])) is most
+    assert not explains_most_of_remainder(node(0.9 * NOISE), node(0.8 * NOISE), np.array([NOISE]))

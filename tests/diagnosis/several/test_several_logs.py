@@ -7,17 +7,17 @@ import pytest
 from pose_cases import driven, ground, wandering
 
 from sysid.data.record import Array, Channel, Record
-from sysid.diagnosis.base_model import full_drive, plain_base
+from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.pose.diagnosis import diagnose_pose
 from sysid.diagnosis.search.admission import tied
 from sysid.diagnosis.search.logs import logs_of
-from sysid.diagnosis.search.named_sets import Node
+from sysid.diagnosis.search.selection import CandidateModel
+from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.several.constancy import several_logs
 from sysid.diagnosis.several.ground import with_ground
 from sysid.diagnosis.several.words import sentences, table_of_logs
-from sysid.diagnosis.several_logs import ABSENT, HIDDEN, PRESENT, LogView, SeveralLogs
-from sysid.diagnosis.study import Study, noise_of
+from sysid.diagnosis.several_logs import ABSENT, INCONCLUSIVE, SIGNIFICANT, LogView, SeveralLogs
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import DataError
 from sysid.fitting.holdout import Errors
@@ -43,10 +43,10 @@ def log(
 def found(records: list[Record], held: list[Record] | None = None) -> SeveralLogs:
     """What logs say together, of a dead zone and of their gain and load."""
     some = [e for e in chain_effects() if e.id == "dead-zone"]
-    base = plain_base(records, held, some)
-    study = Study(base, noise_of(base), full_drive(records), 0)
+    base = fit_baseline(records, held, some)
+    study = DiagnosisSession(base, noise_of(base), full_drive(records), 0)
     outcome = study.searched(base.search.model.effects, lambda text, share: None)
-    return several_logs(study, study.confirmed(outcome.naming)[0])
+    return several_logs(study, study.confirmed(outcome.selection)[0])
 
 
 @pytest.fixture(scope="module")
@@ -58,10 +58,10 @@ def charged() -> SeveralLogs:
 def test_what_is_the_same_is_told_from_what_differs(charged: SeveralLogs) -> None:
     (battery,) = charged.differences
     assert battery.id == "gain-by-log"
-    ((own,), (other,)) = (battery.numbers[k] for k in ("full.csv", "empty.csv"))
+    ((own,), (other,)) = (battery.parameters[k] for k in ("full.csv", "empty.csv"))
     assert own.value == 1.0
     assert other.value == pytest.approx(17.0 / 20.0, abs=0.01)  # noise of 0.3 % of the speed
-    assert [v.effects[0].state for v in charged.logs] == [PRESENT, PRESENT]
+    assert [v.effects[0].state for v in charged.logs] == [SIGNIFICANT, SIGNIFICANT]
     tests = {c.name: c for c in charged.constancy}
     assert tests["plus[omega]"].same
     assert abs(tests["plus[omega]"].value - ZONE) < 5.0 * tests["plus[omega]"].std_error
@@ -71,21 +71,21 @@ def test_what_is_the_same_is_told_from_what_differs(charged: SeveralLogs) -> Non
 def test_the_document_and_the_table_say_the_same(charged: SeveralLogs) -> None:
     first = charged.to_json()["logs"][0]
     assert first["name"] == "full.csv"
-    assert first["effects"]["dead-zone"]["state"] == "present"
+    assert first["effects"]["dead-zone"]["state"] == "significant"
     heads, rows = table_of_logs(charged)
     assert heads[1:3] == ["full.csv", "empty.csv"]
-    assert ["dead-zone", "shows it", "shows it", ""] in rows
+    assert ["dead-zone", "significant", "significant", ""] in rows
     said = " ".join(sentences(charged))
     assert "full.csv 1; empty.csv 0.85" in said
-    assert "The same number in all logs that tell it: dead-zone plus[omega]" in said
+    assert "Estimates agree across logs: dead-zone plus[omega]" in said
 
 
 def test_a_short_log_without_the_effect_says_so() -> None:
     other = log("new driver.csv", 3, zone=0.0).rows(0, 120)
     said = found([log("a.csv", 1), log("b.csv", 2), replace(other, sha256="")])
-    assert [v.effects[0].state for v in said.logs] == [PRESENT, PRESENT, ABSENT]
-    assert any("plus[omega] differs between logs" in s for s in sentences(said))
-    assert "dead-zone is not there in new driver.csv." in sentences(said)
+    assert [v.effects[0].state for v in said.logs] == [SIGNIFICANT, SIGNIFICANT, ABSENT]
+    assert any("plus[omega] differ between logs" in s for s in sentences(said))
+    assert "dead-zone is absent in new driver.csv." in sentences(said)
 
 
 @pytest.mark.slow
@@ -94,15 +94,15 @@ def test_a_log_of_one_speed_cannot_tell() -> None:
     u = np.full_like(still.u, 1.0)
     y = np.full_like(still.y, 17.0) + NOISE * np.random.default_rng(4).standard_normal(u.shape)
     said = found([log("a.csv", 1), log("b.csv", 2), replace(still, u=u, y=y, sha256="")])
-    assert said.logs[2].effects[0].state == HIDDEN
+    assert said.logs[2].effects[0].state == INCONCLUSIVE
 
 
 def test_a_log_that_judges_may_have_a_battery_of_its_own() -> None:
     logs = [log("full.csv", 1), log("empty.csv", 2, gain=17.0)]
     said = found(logs, [log("half.csv", 3, gain=18.5)])
-    ((judge,),) = (said.differences[0].numbers["half.csv"],)
+    ((judge,),) = (said.differences[0].parameters["half.csv"],)
     assert judge.value == pytest.approx(18.5 / 20.0, abs=0.01)
-    assert [v.judges for v in said.logs] == [False, False, True]
+    assert [v.validation for v in said.logs] == [False, False, True]
 
 
 def test_stretches_of_one_file_are_one_log() -> None:
@@ -111,7 +111,7 @@ def test_stretches_of_one_file_are_one_log() -> None:
     logs = logs_of([*parts, log("b.csv", 2)], parts)
     assert logs.names == ("a.csv", "b.csv")
     assert logs.estimation == (0, 0, 1)
-    assert logs.held == (0, 0)
+    assert logs.holdout == (0, 0)
 
 
 def test_logs_of_different_machines_are_refused() -> None:
@@ -136,8 +136,8 @@ def _every_other(e: Array, k: int) -> Array:
     return out
 
 
-def node(id: str, sizes: list[float], seed: int = 1) -> Node:
-    return Node((id,), np.zeros(1), (), errors(sizes, seed), np.ones(1, dtype=bool))
+def node(id: str, sizes: list[float], seed: int = 1) -> CandidateModel:
+    return CandidateModel((id,), np.zeros(1), (), errors(sizes, seed), np.ones(1, dtype=bool))
 
 
 def test_a_short_log_that_was_made_for_it_breaks_a_tie_that_a_long_one_cannot() -> None:
@@ -165,9 +165,9 @@ def test_another_ground_is_seen_as_another_width_and_a_short_log_cannot_tell() -
     pose = diagnose_pose(logs[:1], (), Geometry())
     several = SeveralLogs(tuple(LogView(n, False, (), (), {}) for n in named))
     said = with_ground(several, logs, logs_of(logs, logs), pose, Geometry())
-    assert [v.effects[0].state for v in said.logs] == [PRESENT, PRESENT, HIDDEN]
+    assert [v.effects[0].state for v in said.logs] == [SIGNIFICANT, SIGNIFICANT, INCONCLUSIVE]
     (ratio,) = said.constancy
     assert not ratio.same
-    seen = [v.effects[0].numbers[0].value for v in said.logs[:2]]
+    seen = [v.effects[0].parameters[0].value for v in said.logs[:2]]
     assert seen == pytest.approx([0.8, 0.6], abs=0.02)
     assert "track-width ratio differs between logs" in " ".join(sentences(said))

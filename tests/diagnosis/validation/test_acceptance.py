@@ -9,30 +9,30 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array, Channel, Record
-from sysid.diagnosis.base_model import Base, full_drive, plain_base
+from sysid.diagnosis.base_model import Base, fit_baseline, full_drive
 from sysid.diagnosis.findings import sentence_of
 from sysid.diagnosis.gap import carries_an_output, share_closed
 from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.policies import RULE, VERDICT
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.named_sets import Interval, Naming
-from sysid.diagnosis.search.supermodel import SuperModel
-from sysid.diagnosis.study import Study, noise_of
+from sysid.diagnosis.search.full_model import FullModel
+from sysid.diagnosis.search.selection import Interval, Selection
+from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.validation import acceptance
 from sysid.diagnosis.validation.acceptance import (
-    Number,
+    ParameterEstimate,
     _acting_alone,
     against,
-    doubtful_slots,
     drifts,
     least_beside,
+    uncertain_parameters,
 )
 from sysid.diagnosis.verdict import Remaining, verdict_of
 from sysid.effects.catalogue import about, chain_effects
 from sysid.structures.augmented.structure import Augmented
 
 CLEAR = Evidence(-60.0, 6.0, 0.9, 0.5, 1e-6)
-AWAY = Number(0.3, 0.0, 0.05)
+AWAY = ParameterEstimate(0.3, 0.0, 0.05)
 
 
 def test_what_stands_is_not_spoken_against() -> None:
@@ -43,19 +43,19 @@ def test_what_stands_is_not_spoken_against() -> None:
 @pytest.mark.parametrize(
     ("evidence", "number", "words"),
     [
-        (CLEAR, Number(-0.031, 0.0, 0.062), "away from doing nothing"),
+        (CLEAR, ParameterEstimate(-0.031, 0.0, 0.062), "includes the null value"),
         (replace(CLEAR, p_value=0.118), AWAY, "may be chance (p = 0.12"),
         (replace(CLEAR, p_value=0.062), AWAY, "may be chance (p = 0.062"),
         (replace(CLEAR, delta_bic=-5.0), AWAY, "cost more than they gain"),
         (replace(CLEAR, ratio=1.15), AWAY, "changes the held-out error by +15 %"),
-        (CLEAR, Number(0.3, 0.0, 0.0), "away from doing nothing"),  # a slope of nothing
-        (CLEAR, Number(0.3, 0.0, 0.01, Interval(0.0, 0.6)), "away from doing nothing"),
-        (CLEAR, Number(0.3, 0.0, 0.01, Interval(0.2, 0.4, visited=False)), "away"),
-        (CLEAR, Number(0.9, 1e6, 0.01, Interval(0.8, None)), "away from doing nothing"),
+        (CLEAR, ParameterEstimate(0.3, 0.0, 0.0), "includes the null value"),  # a slope of nothing
+        (CLEAR, ParameterEstimate(0.3, 0.0, 0.01, Interval(0.0, 0.6)), "includes the null value"),
+        (CLEAR, ParameterEstimate(0.3, 0.0, 0.01, Interval(0.2, 0.4, visited=False)), "null value"),
+        (CLEAR, ParameterEstimate(0.9, 1e6, 0.01, Interval(0.8, None)), "includes the null value"),
     ],
 )
 def test_what_evidence_speaks_against_is_dropped(
-    evidence: Evidence, number: Number, words: str
+    evidence: Evidence, number: ParameterEstimate, words: str
 ) -> None:
     assert words in against(evidence, [number])
 
@@ -92,13 +92,13 @@ def test_a_wave_that_may_come_any_number_of_times_is_what_wanders(
     monkeypatch: pytest.MonkeyPatch, error: float | None, dropped: bool
 ) -> None:
     """A random walk beside a multisine had been a weight with 0.030 ± 0.015 waves a rad."""
-    model = SuperModel((about("gravity-load"),), 1, 1, np.array([10.0]), 0.05)
-    rate = model.place["gravity-load", "per_turn", 0]
+    model = FullModel((about("gravity-load"),), 1, 1, np.array([10.0]), 0.05)
+    rate = model.index["gravity-load", "per_turn", 0]
     q = model.null.copy()
     q[rate] = 0.03
     monkeypatch.setattr(acceptance, "std_errors", lambda base, node: {rate: error} if error else {})
     named = SimpleNamespace(id="gravity-load", touched=np.array([True]))
-    naming: Any = SimpleNamespace(final=SimpleNamespace(q=q), named=[named])
+    naming: Any = SimpleNamespace(final=SimpleNamespace(q=q), selected=[named])
     base: Any = SimpleNamespace(search=SimpleNamespace(model=model))
     found = acceptance.unknown_wave(base, naming)
     assert (found is not None) == dropped
@@ -106,9 +106,9 @@ def test_a_wave_that_may_come_any_number_of_times_is_what_wanders(
 
 
 def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end() -> None:
-    assert against(CLEAR, [Number(0.01, 0.0, 0.1), AWAY]) == ""
-    assert Number(0.9, 1e6, 0.0, Interval(0.8, 0.95)).away
-    assert Number(0.3, 0.0, 9.0, Interval(0.1, 0.5)).away  # the likelihood knows better
+    assert against(CLEAR, [ParameterEstimate(0.01, 0.0, 0.1), AWAY]) == ""
+    assert ParameterEstimate(0.9, 1e6, 0.0, Interval(0.8, 0.95)).away
+    assert ParameterEstimate(0.3, 0.0, 9.0, Interval(0.1, 0.5)).away  # the likelihood knows better
 
 
 def test_one_alone_must_do_what_a_first_effect_must() -> None:
@@ -121,7 +121,7 @@ def test_what_takes_less_than_all_leave_is_a_share_of_a_misfit() -> None:
     gone = least_beside([("freewheel", 97.0, 2.8), ("dead-time", 2.0, 2.8)])
     assert gone is not None
     assert gone.id == "dead-time"
-    assert "explains 2.0 % of the gap of its outputs, less than the 2.8 %" in gone.reason
+    assert "closes 2.0 % of the gap of its outputs, less than the 2.8 %" in gone.reason
     assert least_beside([("input-delay", 96.0, 0.2), ("battery-discharge", 4.4, 0.2)]) is None
 
 
@@ -146,21 +146,21 @@ def base() -> Base:
     u, y = lagging()
     record = Record(u, y, 0.05, (Channel("volts", "V"),), (Channel("omega", "rad/s"),))
     some = [e for e in chain_effects() if e.id == "dead-zone"]
-    return plain_base([record], None, some)
+    return fit_baseline([record], None, some)
 
 
-def named(base: Base) -> Naming:
+def named(base: Base) -> Selection:
     """A dead zone with numbers of both sides; the log drives one."""
-    search, q = base.search, base.node.q.copy()
+    search, q = base.search, base.candidate.q.copy()
     mine = search.model.of("dead-zone")
     q[list(mine)] = [0.05, 0.05, 0.0]
-    node = search.node(("dead-zone",), q, (*base.node.free, *mine))
-    return Naming(base.node, node, search.account(base.node, node, (), ()), (), ())
+    node = search.candidate(("dead-zone",), q, (*base.candidate.free, *mine))
+    return Selection(base.candidate, node, search.account(base.candidate, node, (), ()), (), ())
 
 
 def test_a_side_that_slopes_say_nothing_of_is_asked_of_the_likelihood(base: Base) -> None:
-    slots = base.search.model.slots
-    doubted = {slots[k].name for k in doubtful_slots(base, named(base))}
+    slots = base.search.model.parameters
+    doubted = {slots[k].name for k in uncertain_parameters(base, named(base))}
     assert "minus" in doubted
 
 
@@ -178,22 +178,22 @@ def test_numbers_that_only_shape_an_effect_are_no_sign_of_it(
 ) -> None:
     u, y = lagging()  # never backwards: no log shows a zone on that side
     record = Record(u, y, 0.05, (Channel("volts", "V"),), (Channel("omega", "rad/s"),))
-    base = plain_base([record], None, [e for e in chain_effects() if e.id == id])
-    search, q = base.search, base.node.q.copy()
-    mine = {name: search.model.place[id, name, 0] for name in values}
+    base = fit_baseline([record], None, [e for e in chain_effects() if e.id == id])
+    search, q = base.search, base.candidate.q.copy()
+    mine = {name: search.model.index[id, name, 0] for name in values}
     for name, k in mine.items():
         q[k] = values[name]
-    node = search.node((id,), q, (*base.node.free, *mine.values()))
+    node = search.candidate((id,), q, (*base.candidate.free, *mine.values()))
     alone = _acting_alone(base, node, tuple(mine.values()))
     assert {name for name, k in mine.items() if k in alone} == expected
 
 
 def test_a_name_that_does_not_stand_is_dropped_with_the_reason(base: Base) -> None:
     scales = full_drive(base.parts.estimation)
-    study = Study(base, noise_of(base), scales, 0)
+    study = DiagnosisSession(base, noise_of(base), scales, 0)
     kept, dropped = study.confirmed(named(base))
-    assert kept.named == ()
-    assert kept.final is base.node
+    assert kept.selected == ()
+    assert kept.final is base.candidate
     (gone,) = dropped
     assert gone.id == "dead-zone"
     assert gone.reason
@@ -205,17 +205,17 @@ def test_a_noise_that_a_model_undercuts_was_none_and_beside_a_name_less_asks_for
 ) -> None:
     """Readings without a sign look noisy; what hides in that noise was never looked for."""
     noise = noise_of(base)
-    study = Study(base, noise, full_drive(base.parts.estimation), 0)
-    rng, errors = np.random.default_rng(2), base.node.errors
+    study = DiagnosisSession(base, noise, full_drive(base.parts.estimation), 0)
+    rng, errors = np.random.default_rng(2), base.candidate.errors
 
-    def of(size: float, effects: tuple[str, ...]) -> Naming:
-        white = tuple(size * noise.high * rng.standard_normal(e.shape) for e in errors.held)
-        node = replace(base.node, effects=effects, errors=replace(errors, held=white))
-        return Naming(base.node, node, (), (), ())
+    def of(size: float, effects: tuple[str, ...]) -> Selection:
+        white = tuple(size * noise.high * rng.standard_normal(e.shape) for e in errors.holdout)
+        node = replace(base.candidate, effects=effects, errors=replace(errors, holdout=white))
+        return Selection(base.candidate, node, (), (), ())
 
-    assert study.refuted(of(0.5, ("unsigned-speed",))) < VERDICT.below
+    assert study.refuted(of(0.5, ("unsigned-speed",))) < VERDICT.noise_refuted_below
     assert study.refuted(of(1.0, ("unsigned-speed",))) == 1.0
-    between = (VERDICT.audible + VERDICT.loud) / 2.0
+    between = (VERDICT.residual_to_noise_later + VERDICT.residual_to_noise) / 2.0
     assert study.remains(of(between, ())) == 0.0
     assert study.remains(of(between, ("dead-zone",))) == RULE.in_loop
 
@@ -223,7 +223,7 @@ def test_a_noise_that_a_model_undercuts_was_none_and_beside_a_name_less_asks_for
 def test_a_number_on_a_bound_is_said_to_be_on_it() -> None:
     value = Value("kappa[omega]", -0.9, 0.0, "1/drive", bounded=True)
     said = sentence_of(about("concave-gain"), [value], ())
-    assert "the more it answers" in said
+    assert "static gain rises" in said
     assert "± 0" not in said
     assert "= -0.9 1/drive (on the bound of the search)" in said
     assert value.to_json()["on_bound"] is True
@@ -244,18 +244,22 @@ def test_what_only_the_samples_show_is_no_missing_effect(id: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("explains", "remains", "words"),
+    ("delta_bic", "gain", "remains", "words"),
     [
-        (62.4, "something else remains where it runs backward", "Explains 62 % of the gap; some"),
-        (99.6, "", "Explains 100 % of the gap."),
-        (0.4, "", "Explains less than 1 % of the gap."),
-        (None, "", ""),
+        (
+            -9.0,
+            0.5,
+            "partly explained",
+            "Without it the held-out error is 2 times as large; partly",
+        ),
+        (-9.0, 0.75, "", "Without it the held-out error is 4 times as large."),
+        (0.0, 0.0, "", ""),
     ],
 )
-def test_an_entry_says_how_well_its_law_fits(
-    explains: float | None, remains: str, words: str
+def test_an_entry_gives_the_error_without_it(
+    delta_bic: float, gain: float, remains: str, words: str
 ) -> None:
-    entry = NamedEffect("x", "motor", (), (), -9.0, 0.0, 0.5, (), "", explains, remains)
+    entry = NamedEffect("x", "motor", (), (), delta_bic, 0.0, gain, (), "", remains)
     assert entry.fit_words.startswith(words)
     assert bool(entry.fit_words) == bool(words)
 

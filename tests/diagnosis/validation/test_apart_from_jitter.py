@@ -3,9 +3,9 @@
 import numpy as np
 
 from sysid.data.record import Channel, Record
-from sysid.diagnosis.base_model import full_drive, plain_base
+from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.policies import RULE
-from sysid.diagnosis.study import Study, noise_of
+from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.effects.catalogue import effect
 
 DT, FINE, STEPS, HOLD = 0.03, 30, 60, 30
@@ -35,24 +35,24 @@ def logged(short: float, jitter: float, seed: int) -> Record:
     )  # fmt: skip
 
 
-def study_of(short: float) -> Study:
+def study_of(short: float) -> DiagnosisSession:
     log = logged(short, 0.045, 1)
-    base = plain_base([log], None, EFFECTS)
-    return Study(base, noise_of(base), full_drive([log]), 0)
+    base = fit_baseline([log], None, EFFECTS)
+    return DiagnosisSession(base, noise_of(base), full_drive([log]), 0)
 
 
 def test_a_dead_zone_is_seen_between_the_changes() -> None:
     study = study_of(12.0)
     found = study.searched(EFFECTS, lambda text, share: None)
-    assert [n.id for n in found.naming.named] == ["dead-zone"]
-    (late,) = found.study.late
+    assert [n.id for n in found.selection.selected] == ["dead-zone"]
+    (late,) = found.session.jitter
     assert late.output == "speed"
     # the search of all samples did not name it: errors behind changes hide what it explains
     (_, before), (_, after) = (
-        n.errors.mean_squares() for n in (study.base.node, found.study.base.node)
+        n.errors.mean_squares() for n in (study.base.candidate, found.session.base.candidate)
     )
     assert after < RULE.held_out**2 * before
 
 
 def test_where_nothing_is_hidden_nothing_is_named() -> None:
-    assert study_of(0.0).searched(EFFECTS, lambda text, share: None).naming.named == ()
+    assert study_of(0.0).searched(EFFECTS, lambda text, share: None).selection.selected == ()

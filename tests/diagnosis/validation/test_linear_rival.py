@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array, Channel, Record
-from sysid.diagnosis.base_model import Base, divided, plain_base
+from sysid.diagnosis.base_model import Base, divided, fit_baseline
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.named_sets import Named, Naming
+from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.diagnosis.validation.linear_rival import linear_rival, worse_than_linear
 from sysid.effects.catalogue import catalogue
 from sysid.effects.conformance import superposes
@@ -34,7 +34,7 @@ def motor(spring: float = 0.0, friction: float = 0.0, samples: int = 1500) -> Re
 
 def of(record: Record) -> Base:
     half = len(record) // 2
-    return plain_base([record.rows(0, half)], [record.rows(half, len(record))], ())
+    return fit_baseline([record.rows(0, half)], [record.rows(half, len(record))], ())
 
 
 @pytest.fixture(scope="module")
@@ -42,16 +42,16 @@ def sprung() -> Base:
     return of(motor(spring=2.0))
 
 
-def naming(base: Base, id: str) -> Naming:
+def naming(base: Base, id: str) -> Selection:
     """One effect that was accepted and left the errors as they are."""
     clear = Evidence(-60.0, 6.0, 0.9, 0.5, 1e-6)
-    node = replace(base.node, effects=(id,))
-    mine = Named(id, clear, (), np.array([True]), {id: node}, base.node)
-    return Naming(base.node, node, (mine,), (), ())
+    node = replace(base.candidate, effects=(id,))
+    mine = SelectedEffect(id, clear, (), np.array([True]), {id: node}, base.candidate)
+    return Selection(base.candidate, node, (mine,), (), ())
 
 
 def errors_of(base: Base) -> Array:
-    return np.sqrt(base.node.errors.mean_squares()[1])
+    return np.sqrt(base.candidate.errors.mean_squares()[1])
 
 
 def test_a_spring_is_linear_motion_and_no_curved_law(sprung: Base) -> None:
@@ -83,8 +83,8 @@ def test_dry_friction_is_no_linear_motion(sprung: Base) -> None:
     assert rival.rmse[0] > 5.0 * NOISE
     assert worse_than_linear(sprung, rival, naming(sprung, "coulomb-friction")) is not None
     # a model after that explains the friction
-    quiet = tuple(e * NOISE / errors_of(sprung)[0] for e in sprung.node.errors.held)
-    final = replace(sprung.node, errors=replace(sprung.node.errors, held=quiet))
+    quiet = tuple(e * NOISE / errors_of(sprung)[0] for e in sprung.candidate.errors.holdout)
+    final = replace(sprung.candidate, errors=replace(sprung.candidate.errors, holdout=quiet))
     after = replace(naming(sprung, "coulomb-friction"), final=final)
     assert worse_than_linear(sprung, rival, after) is None
     assert rival.words(after, np.array([NOISE]), ("omega_l",)) == ""

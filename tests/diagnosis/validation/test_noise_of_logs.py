@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array, Channel, Record
-from sysid.diagnosis.base_model import full_drive, plain_base
+from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.gap import ChannelGap, Gap
 from sysid.diagnosis.samples import inspect_samples
 from sysid.diagnosis.search.evidence import noise_floor
-from sysid.diagnosis.study import Study, noise_of
+from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.validation.noise import between_repeats, floor_of
 from sysid.diagnosis.verdict import Remaining
 
@@ -31,11 +31,11 @@ def two_level(noise: float, friction: float = 0.0, hold: int = 5, seed: int = 1)
     return Record(7.2 * d, y, DT, volts, speed)
 
 
-def studied(record: Record) -> Study:
+def studied(record: Record) -> DiagnosisSession:
     half = len(record) // 2
     parts = [record.rows(0, half)], [record.rows(half, len(record))]
-    base = plain_base(*parts, ())
-    return Study(base, noise_of(base), full_drive(parts[0]), 0)
+    base = fit_baseline(*parts, ())
+    return DiagnosisSession(base, noise_of(base), full_drive(parts[0]), 0)
 
 
 def test_a_log_that_never_settles_shows_its_noise() -> None:
@@ -48,8 +48,8 @@ def test_a_log_that_never_settles_shows_its_noise() -> None:
 
 def test_dry_friction_under_two_levels_is_not_called_noise() -> None:
     study = studied(two_level(0.05, friction=0.1))
-    assert study.doubtful
-    assert study.loud(study.nothing)
+    assert study.needs_explanation
+    assert study.far_above_noise(study.nothing)
     assert study.required_ratio() > 0.0
     # neither way takes the friction itself for noise
     assert study.floor[0] < 0.1
@@ -75,9 +75,9 @@ def test_what_comes_again_with_the_command_is_no_noise() -> None:
 
 def test_errors_are_loud_only_beyond_what_the_noise_may_be() -> None:
     gap = Gap(1.0, 1.0, 0.1, 0.0, (0.0, 0.0), {"y": ChannelGap(1.6, 1.6, 1.0)})
-    assert Remaining(None, gap).loud
+    assert Remaining(None, gap).above_noise
     unsure = {"y": ChannelGap(1.6, 1.6, 1.0, (0.8, 1.2))}
-    assert not Remaining(None, Gap(1.0, 1.0, 0.1, 0.0, (0.0, 0.0), unsure)).loud
+    assert not Remaining(None, Gap(1.0, 1.0, 0.1, 0.0, (0.0, 0.0), unsure)).above_noise
 
 
 def test_steps_of_a_coarse_sensor_are_noise_although_its_line_blurs_them() -> None:

@@ -25,11 +25,11 @@ ROBOT = Robot(dt=0.01, difference=0.0)
 
 def test_the_limits_of_a_first_order_robot_are_those_of_its_equation() -> None:
     """0.43 m/s at full drive after a lag of 0.2 s; opposite drives turn at 2·0.43/B."""
-    found = limits_of(ROBOT, Geometry())
+    limits = limits_of(ROBOT, Geometry())
     yaw = 2 * 0.43 / Geometry().B
     # A time is read to one sample of 0.01 s in 0.2 s.
     expected = (0.43, 0.43 / 0.2, yaw, yaw / 0.2)
-    assert found == pytest.approx(expected, rel=0.06)
+    assert limits == pytest.approx(expected, rel=0.06)
     assert limits_of(replace(ROBOT, top_speed=0.0), Geometry()) == Limits()
 
 

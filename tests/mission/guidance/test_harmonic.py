@@ -30,11 +30,11 @@ def test_every_corner_is_the_mean_of_its_neighbours() -> None:
 
 def test_every_way_up_leads_to_the_goal() -> None:
     """From all over the map, dead end included; a few start inside the wall's margin."""
-    found = plan(goal(3, 0, walls=U, guidance=KIND))
-    assert found.arrives
-    assert found.arriving_share == 1.0
-    assert found.min_clearance_m is not None
-    assert found.min_clearance_m > 0.15
+    route = plan(goal(3, 0, walls=U, guidance=KIND))
+    assert route.arrives
+    assert route.arriving_share == 1.0
+    assert route.min_clearance_m is not None
+    assert route.min_clearance_m > 0.15
 
 
 def test_the_u_is_driven_around_at_once() -> None:

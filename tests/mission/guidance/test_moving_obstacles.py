@@ -22,9 +22,9 @@ GAINS = PotentialField()
 def test_an_obstacle_at_rest_repels_as_published(x: float, y: float, psi: float, v: float) -> None:
     body, still = Body(Pose(x, y, psi), v, 0.0), Disc(0.3, 0.2, 0.15)
     published = repulsive_force(x, y, still, GAINS, floats)
-    found = moving_force(body, still, GAINS.eta, GAINS.rho0, floats)
+    force = moving_force(body, still, GAINS.eta, GAINS.rho0, floats)
     if math.hypot(x - 0.3, y - 0.2) > 0.01:  # nearer both are as good as infinite
-        assert found == pytest.approx(published, rel=1e-9)
+        assert force == pytest.approx(published, rel=1e-9)
 
 
 def test_the_distance_left_is_what_braking_leaves() -> None:

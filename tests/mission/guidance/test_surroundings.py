@@ -118,9 +118,9 @@ def test_the_distance_between_ways_is_the_smallest_of_their_points(
     on_second = np.array(c) + share * (np.array(d) - c)
     gaps = np.linalg.norm(on_first[:, None] - on_second[None], axis=2)
     step = max(math.dist(a, b), math.dist(c, d)) / 200
-    found = distance_between_segments(a, b, c, d, floats)
+    result = distance_between_segments(a, b, c, d, floats)
     # Points on the ways cannot be nearer than the ways; they miss them by a step of each at most.
-    assert gaps.min() - step - 1e-12 <= found <= gaps.min() + 1e-12
+    assert gaps.min() - step - 1e-12 <= result <= gaps.min() + 1e-12
 
 
 @given(POINT, st.lists(POINT, min_size=2, max_size=5))

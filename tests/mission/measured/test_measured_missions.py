@@ -16,7 +16,7 @@ from sysid.estimation.pem import fit
 from sysid.export.package import write_package
 from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
 from sysid.mission.measured.against import against_runs
-from sysid.mission.measured.drive import MeasuredDrive, reading_noise
+from sysid.mission.measured.drive import MeasuredDrive, measurement_noise
 from sysid.mission.measured.fan import Comparison, compared
 from sysid.mission.monte_carlo.paths import RunPaths, run_paths
 from sysid.mission.monte_carlo.setup import Setup
@@ -53,9 +53,9 @@ def driven(mission: Mission, robot: Robot | None = None, standing: int = 0) -> R
     log, rng = simulate(mission, robot).log, np.random.default_rng(standing)
 
     def columns(*names: str) -> Array:
-        found = np.column_stack([log[n] for n in names])
-        rest = found[:1] if "x" in names else np.zeros((1, len(names)))
-        return np.vstack([np.repeat(rest, standing, axis=0), found])
+        signals = np.column_stack([log[n] for n in names])
+        rest = signals[:1] if "x" in names else np.zeros((1, len(names)))
+        return np.vstack([np.repeat(rest, standing, axis=0), signals])
 
     pose = columns("x", "y", "psi")
     speeds = columns("omega_l", "omega_r")
@@ -107,13 +107,13 @@ def test_every_instant_alone_would_be_left_by_nearly_all() -> None:
 
 
 def test_a_twin_stays_inside_whenever_it_set_off() -> None:
-    found = against_runs(driven(SHORT, standing=13), SHORT, [model()], RUNS)
-    assert found.leaves_at_s is None
-    assert found.where is None
-    assert found.inside_share == 1.0
-    assert found.offset_s == pytest.approx(1.3)
-    assert found.sentence == f"run7.csv stays inside the fan of {RUNS} runs."
-    assert "first command, at 1.3 s" in found.notes[0]
+    comparison = against_runs(driven(SHORT, standing=13), SHORT, [model()], RUNS)
+    assert comparison.leaves_at_s is None
+    assert comparison.where is None
+    assert comparison.inside_share == 1.0
+    assert comparison.offset_s == pytest.approx(1.3)
+    assert comparison.sentence == f"run7.csv stays inside the fan of {RUNS} runs."
+    assert "first command, at 1.3 s" in comparison.notes[0]
 
 
 def test_a_robot_that_is_carried_off_leaves_then() -> None:
@@ -121,12 +121,12 @@ def test_a_robot_that_is_carried_off_leaves_then() -> None:
     record = driven(SHORT)
     assert record.pose is not None
     drift = 0.1 * np.maximum(record.t - 2.0, 0.0)
-    found = judged(replace(record, pose=record.pose + np.outer(drift, (0.0, 1.0, 0.0))))
-    assert found.leaves_at_s is not None
-    assert 2.0 <= found.leaves_at_s <= 3.0
-    assert found.quantity == "y"
-    assert found.where is not None
-    assert "m more than the middle of the fan" in found.sentence
+    comparison = judged(replace(record, pose=record.pose + np.outer(drift, (0.0, 1.0, 0.0))))
+    assert comparison.leaves_at_s is not None
+    assert 2.0 <= comparison.leaves_at_s <= 3.0
+    assert comparison.quantity == "y"
+    assert comparison.where is not None
+    assert "m more than the middle of the fan" in comparison.sentence
 
 
 def test_one_wild_reading_is_no_leaving() -> None:
@@ -138,25 +138,25 @@ def test_one_wild_reading_is_no_leaving() -> None:
 
 
 def test_a_log_that_ends_early_is_judged_as_far_as_it_goes() -> None:
-    found = judged(driven(SHORT).rows(0, 30))
-    assert found.leaves is None
-    assert "up to its end at 2.9 s, before the last run has ended" in found.sentence
+    comparison = judged(driven(SHORT).rows(0, 30))
+    assert comparison.leaves is None
+    assert "up to its end at 2.9 s, before the last run has ended" in comparison.sentence
 
 
 def test_without_commands_time_counts_from_the_first_motion() -> None:
     record = driven(SHORT, standing=20)
     seen = Record(np.zeros((len(record), 0)), record.y, record.dt, pose=record.pose, name="cam.csv")
-    found = against_runs(seen, SHORT, [model()], RUNS)
-    assert 2.0 < found.offset_s < 2.6  # it takes a while to come 2 cm far
-    assert found.leaves is None
-    assert "first motion" in found.notes[0]
+    comparison = against_runs(seen, SHORT, [model()], RUNS)
+    assert 2.0 < comparison.offset_s < 2.6  # it takes a while to come 2 cm far
+    assert comparison.leaves is None
+    assert "first motion" in comparison.notes[0]
 
 
 def test_the_runs_start_where_the_log_does() -> None:
     there = SHORT.model_copy(update={"start": (0.2, -0.1, 0.3)})
-    found = against_runs(driven(there, standing=5), SHORT, [model()], RUNS)
-    assert found.leaves is None
-    assert "0.22 m and 0.3 rad from the mission's start" in " ".join(found.notes)
+    comparison = against_runs(driven(there, standing=5), SHORT, [model()], RUNS)
+    assert comparison.leaves is None
+    assert "0.22 m and 0.3 rad from the mission's start" in " ".join(comparison.notes)
 
 
 def test_noise_of_readings_is_seen_through_the_way() -> None:
@@ -165,8 +165,8 @@ def test_noise_of_readings_is_seen_through_the_way() -> None:
     noise = (0.004, 0.006, 0.01)
     read = way + noise * np.random.default_rng(1).standard_normal(way.shape)
     # the median of 400 differences, some of them alike: within a quarter
-    np.testing.assert_allclose(reading_noise(read), noise, rtol=0.25)
-    assert reading_noise(way)[0] == pytest.approx(1e-3)
+    np.testing.assert_allclose(measurement_noise(read), noise, rtol=0.25)
+    assert measurement_noise(way)[0] == pytest.approx(1e-3)
 
 
 # What cannot be -----------------------------------------------------------------------------------
@@ -174,7 +174,9 @@ def test_noise_of_readings_is_seen_through_the_way() -> None:
 
 def test_a_log_without_a_way_is_refused() -> None:
     record = driven(SHORT)
-    with pytest.raises(DataError, match=r"run7.csv holds no path to compare \(columns x, y, psi"):
+    with pytest.raises(
+        DataError, match=r"run7.csv has fewer than 10 rows of a path \(columns x, y, psi"
+    ):
         MeasuredDrive.of(Record(record.u, record.y, 0.1, name="run7.csv"))
     still = np.zeros((len(record), 3))
     with pytest.raises(DataError, match="the robot does not move"):
@@ -210,14 +212,14 @@ def test_a_robot_that_slips_leaves_and_the_diagnosis_says_so(
     slips = Ground(("track-slip",), {"track-slip": {"share": np.array([0.15, 0.15])}})
     log = saved("slip.csv", driven(ROUND, Robot(ground=slips)))
     options = ("--plant", "plant", "--measured", log, "--plot", "fan.svg", "--json")
-    found = run(capsys, "simulate", "m.yaml", *options).document
-    measured = found["measured"]
+    result = run(capsys, "simulate", "m.yaml", *options).document
+    measured = result["measured"]
     assert measured["cause"] == "track-slip"
     assert "Likely cause: track-slip" in measured["sentence"]
     assert 0.0 < measured["leaves_at_s"] < 6.0
     assert set(measured["where"]) == {"x", "y"}
     assert 0.0 < measured["inside_share"] < 0.9
-    assert found["outcome"] == "arrived"  # the prediction itself is told as ever
+    assert result["outcome"] == "arrived"  # the prediction itself is told as ever
     assert "leaves at" in Path("fan.svg").read_text(encoding="utf-8")
 
 
@@ -229,8 +231,8 @@ def test_a_log_of_another_robot_is_compared_but_not_explained(
     names = ("volts", "speed", "x", "y", "psi")
     columns = [record.u[:, 0], record.y[:, 0], *record.pose.T]
     log = write_log(Path("other.csv"), names, columns)
-    found = run(capsys, "simulate", "m.yaml", "--plant", "plant", "--measured", log, "--json")
-    measured = found.document["measured"]
+    result = run(capsys, "simulate", "m.yaml", "--plant", "plant", "--measured", log, "--json")
+    measured = result.document["measured"]
     assert measured["cause"] is None
     assert "No cause can be named: other.csv has volts -> speed" in measured["sentence"]
 
@@ -243,7 +245,7 @@ def test_a_log_without_pose_is_refused_in_one_sentence(
     log = write_log(Path("bare.csv"), names, [*record.u.T, *record.y.T])
     refused = run(capsys, "simulate", "m.yaml", "--plant", "plant", "--measured", log)
     assert refused.code == 1
-    assert refused.err.startswith("bare.csv holds no path to compare")
+    assert refused.err.startswith("bare.csv has fewer than 10 rows of a path")
     replayed = run(capsys, "simulate", log, "--plant", "plant", "--measured", log)
     assert replayed.code == 2
     assert "--measured has no use with it" in replayed.err

@@ -17,12 +17,12 @@ from sysid.estimation.pem import fit
 from sysid.export.package import write_package
 from sysid.mission.monte_carlo.agreement import TOLERANCE, agreement
 from sysid.mission.monte_carlo.compiled import CompiledRuns
-from sysid.mission.monte_carlo.draws import Drawing, run_seeds
-from sysid.mission.monte_carlo.drivers import added, moments, shares
 from sysid.mission.monte_carlo.mission_runs import MissionRuns, wilson
 from sysid.mission.monte_carlo.paths import paths_of
 from sysid.mission.monte_carlo.runs import simulate_runs
+from sysid.mission.monte_carlo.sampler import Sampler, run_seeds
 from sysid.mission.monte_carlo.setup import Setup
+from sysid.mission.monte_carlo.variance_shares import added, moments, shares
 from sysid.mission.monte_carlo.varied_plant import ModelPlant
 from sysid.mission.spec import load_mission
 from sysid.mission.variation import Spread, Variation
@@ -56,11 +56,11 @@ def test_runs_at_once_are_runs_alone() -> None:
     setup = Setup.of(mission, [robot_model()])
     assert setup.varied == ("parameters", "noise", "start", "obstacles", "friction")
     seeds = run_seeds(1, 12)
-    draws = setup.drivers[0].drawing.draw(seeds)
-    figures = CompiledRuns(setup, 0, 16).figures(draws)
-    found = agreement(setup, seeds, figures)
-    assert found.apart == ()
-    assert found.largest < TOLERANCE
+    samples = setup.plant_variants[0].sampler.draw(seeds)
+    figures = CompiledRuns(setup, 0, 16).figures(samples)
+    agreed = agreement(setup, seeds, figures)
+    assert agreed.apart == ()
+    assert agreed.largest < TOLERANCE
     assert len(set(figures.x.tolist())) == len(seeds)  # the padding is not among them
     moved = figures._replace(x=figures.x + 1e-6)
     assert len(agreement(setup, seeds, moved).apart) == len(seeds)  # it can fail
@@ -70,7 +70,7 @@ def test_a_plant_that_is_no_model_runs_at_once_too() -> None:
     setup = Setup.of(goal(0.4, 0), [Robot()])
     assert setup.varied == ("start", "friction")
     seeds = run_seeds(0, 4)
-    figures = CompiledRuns(setup, 0, 4).figures(setup.drivers[0].drawing.draw(seeds))
+    figures = CompiledRuns(setup, 0, 4).figures(setup.plant_variants[0].sampler.draw(seeds))
     assert agreement(setup, seeds, figures).apart == ()
 
 
@@ -83,46 +83,46 @@ def test_a_ground_that_remembers_and_slides_is_the_same_in_a_batch() -> None:
     ground = Ground(tuple(numbers), numbers)
     setup = Setup.of(SHORT, [with_ground(two_tracks(), ground, {})])
     seeds = run_seeds(1, 3)
-    figures = CompiledRuns(setup, 0, 4).figures(setup.drivers[0].drawing.draw(seeds))
+    figures = CompiledRuns(setup, 0, 4).figures(setup.plant_variants[0].sampler.draw(seeds))
     assert agreement(setup, seeds, figures).apart == ()
 
 
-def drawing(**vary: object) -> Drawing:
+def sampler(**vary: object) -> Sampler:
     mission = SHORT.model_copy(update={"vary": Variation.model_validate(vary)})
-    return Setup.of(mission, [robot_model()]).drivers[0].drawing
+    return Setup.of(mission, [robot_model()]).plant_variants[0].sampler
 
 
 def test_draws_have_the_covariance_of_the_estimate() -> None:
     model = robot_model()
-    draws = drawing(friction=False).draw(run_seeds(0, 4000))
-    assert draws.redrawn.sum() == 0
+    samples = sampler(friction=False).draw(run_seeds(0, 4000))
+    assert samples.redrawn.sum() == 0
     error = np.sqrt(np.diag(model.covariance))
-    standardised = (draws.theta - model.theta) / error
+    standardised = (samples.theta - model.theta) / error
     # 4000 draws give a correlation within 4/√4000 = 0.063
     np.testing.assert_allclose(
         np.cov(standardised.T), model.covariance / np.outer(error, error), atol=0.07
     )
-    np.testing.assert_allclose(draws.start.std(axis=0), (0.02, 0.02, 0.03), rtol=0.05)
+    np.testing.assert_allclose(samples.start.std(axis=0), (0.02, 0.02, 0.03), rtol=0.05)
 
 
 def test_what_is_left_out_changes_nothing_else() -> None:
     seeds = run_seeds(3, 5)
-    every, few = drawing().draw(seeds), drawing(obstacles=False, parameters=False).draw(seeds)
+    every, few = sampler().draw(seeds), sampler(obstacles=False, parameters=False).draw(seeds)
     np.testing.assert_array_equal(every.start, few.start)
     np.testing.assert_array_equal(every.slip, few.slip)
     np.testing.assert_array_equal(few.theta, np.tile(robot_model().theta, (5, 1)))
     np.testing.assert_array_equal(few.obstacles, np.tile((0.7, 0.0), (5, 1, 1)))
-    alone = drawing().draw(seeds[2:3])
+    alone = sampler().draw(seeds[2:3])
     np.testing.assert_array_equal(alone.theta[0], every.theta[2])
 
 
 def test_draws_that_nobody_could_drive_are_made_again() -> None:
-    far = drawing(obstacles=0.4, start=False).draw(run_seeds(0, 300))
+    far = sampler(obstacles=0.4, start=False).draw(run_seeds(0, 300))
     gap = np.hypot(*(far.obstacles[:, 0] - (0.0, 0.0)).T)
     assert far.redrawn.sum() > 0
     assert gap.min() > 0.15  # the obstacle's radius
     around = goal(1.2, 0.5, obstacles=[(0.7, 0.0, 0.69)], vary={"obstacles": [-0.5, -0.5]})
-    hopeless = Setup.of(around, [robot_model()]).drivers[0].drawing
+    hopeless = Setup.of(around, [robot_model()]).plant_variants[0].sampler
     with pytest.raises(ModelError, match="inside an obstacle"):
         hopeless.draw([1])
 
@@ -137,20 +137,20 @@ class Narrow(ModelPlant):
 
 def test_a_direction_that_leads_nowhere_is_drawn_less_far() -> None:
     plant = Narrow(robot_model())
-    draws = Drawing(SHORT, plant, SHORT.vary).draw(run_seeds(0, 200))
-    assert draws.pulled.mean() > 0.9
-    assert plant.feasible(draws.theta).all()
+    samples = Sampler(SHORT, plant, SHORT.vary).draw(run_seeds(0, 200))
+    assert samples.pulled.mean() > 0.9
+    assert plant.feasible(samples.theta).all()
     last = plant.theta.size - 1  # of the other track, which the first one hardly is tied to
     error = np.sqrt(plant.model.covariance[last, last])
-    assert 0.8 < np.std(draws.theta[:, last]) / error < 1.2
+    assert 0.8 < np.std(samples.theta[:, last]) / error < 1.2
 
 
 def test_a_range_is_drawn_evenly() -> None:
     spread = Spread.model_validate([-1.0, 3.0])
-    found = spread.deviation(np.random.default_rng(0).standard_normal(4000))
-    assert found.min() > -1.0
-    assert found.max() < 3.0
-    np.testing.assert_allclose(np.quantile(found, (0.25, 0.5, 0.75)), (0, 1, 2), atol=0.1)
+    result = spread.deviation(np.random.default_rng(0).standard_normal(4000))
+    assert result.min() > -1.0
+    assert result.max() < 3.0
+    np.testing.assert_allclose(np.quantile(result, (0.25, 0.5, 0.75)), (0, 1, 2), atol=0.1)
 
 
 @pytest.mark.parametrize(
@@ -191,41 +191,41 @@ def test_shares_of_variance_are_found() -> None:
     varying = (("a", (0,)), ("b", (1,)), ("many", tuple(range(2, 12))))
     counts = np.ones(8000, dtype=bool)
     halves = [moments(z[s], varying, y[s], counts[s]) for s in (slice(4000), slice(4000, None))]
-    found = shares(added(halves), varying)
-    assert found is not None
-    assert [d.name for d in found.ranked] == ["a", "b", "many"]
-    told = [d.share_of_variance for d in found.ranked]
+    ranking = shares(added(halves), varying)
+    assert ranking is not None
+    assert [d.name for d in ranking.ranked] == ["a", "b", "many"]
+    shown = [d.share_of_variance for d in ranking.ranked]
     # shares of 8000 runs are known to a hundredth or two
-    assert told == pytest.approx([9 / 16, 2 / 16, 0.0], abs=0.03)
-    assert found.remainder == pytest.approx(5 / 16, abs=0.04)
+    assert shown == pytest.approx([9 / 16, 2 / 16, 0.0], abs=0.03)
+    assert ranking.remainder == pytest.approx(5 / 16, abs=0.04)
     few = moments(z[:40], varying, y[:40], counts[:40])
     assert shares(few, varying) is None
 
 
 def test_a_batch_tells_what_its_runs_came_to() -> None:
-    found = batch()
-    told = found.summary()
-    assert sum(o["count"] for o in told["outcomes"].values()) == told["n"] == 1500
-    assert told["time_s"]["p05"] <= told["time_s"]["p50"] <= told["time_s"]["p95"]
-    assert "of 1 500 runs" in found.sentence
-    assert {d["name"] for d in told["drivers"]} == {
+    runs = batch()
+    summary = runs.summary()
+    assert sum(o["count"] for o in summary["outcomes"].values()) == summary["n"] == 1500
+    assert summary["time_s"]["p05"] <= summary["time_s"]["p50"] <= summary["time_s"]["p95"]
+    assert "of 1 500 runs" in runs.sentence
+    assert {d["name"] for d in summary["drivers"]} == {
         "parameters", "start.x", "start.y", "start.psi", "obstacles[1]", "friction.slip",
     }  # fmt: skip
 
 
 def test_paths_are_those_of_the_runs() -> None:
-    setup, found = Setup.of(SHORT, [robot_model()]), batch()
-    for path, seed in zip(paths_of(setup, found.seeds[:2]), found.seeds, strict=False):
+    setup, runs = Setup.of(SHORT, [robot_model()]), batch()
+    for path, seed in zip(paths_of(setup, runs.seeds[:2]), runs.seeds, strict=False):
         log = setup.simulated(seed).log
         np.testing.assert_allclose(path, np.column_stack([log["x"], log["y"]]), atol=TOLERANCE)
 
 
 def test_a_worst_run_replays_alone() -> None:
-    setup, found = Setup.of(SHORT, [robot_model()]), batch()
-    worst = found.worst[0]
+    setup, runs = Setup.of(SHORT, [robot_model()]), batch()
+    worst = runs.worst[0]
     alone = setup.simulated(worst.seed)
     assert (alone.outcome.value, alone.time_s) == (worst.outcome, worst.time_s)
-    assert worst.time_s == max(found.time_s)
+    assert worst.time_s == max(runs.time_s)
 
 
 @pytest.mark.parametrize(("runs", "vary"), [(0, None), (10, ["wind"])])

@@ -14,9 +14,9 @@ from sysid.mission.contracts import Command, ControlInputs, Scene
 from sysid.mission.monte_carlo.agreement import agreement
 from sysid.mission.monte_carlo.chunks import ChunkResult, Runner, chunks
 from sysid.mission.monte_carlo.cluster import on_cluster
-from sysid.mission.monte_carlo.draws import run_seeds
 from sysid.mission.monte_carlo.processes import Processes
 from sysid.mission.monte_carlo.runs import simulate_runs
+from sysid.mission.monte_carlo.sampler import run_seeds
 from sysid.mission.monte_carlo.setup import Setup
 from sysid.mission.monte_carlo.workers import why_not_at_once
 from sysid.mission.settings import ControlSettings
@@ -84,9 +84,9 @@ def test_a_law_that_cannot_be_compiled_is_named_and_runs_all_the_same() -> None:
     setup = Setup.of(mission, [Robot()])
     assert why_not_at_once(setup).startswith("the law of control cannot be compiled (")
     assert why_not_at_once(Setup.of(MISSION, [Robot()])) == ""
-    found = simulate_runs(mission, [Robot()], 4, seed=1)
-    assert "one after the other, in processes: the law of control" in found.notes[-1]
-    assert agreement(setup, found.seeds, found.figures).largest == 0.0
+    batch = simulate_runs(mission, [Robot()], 4, seed=1)
+    assert "one after the other, in processes: the law of control" in batch.notes[-1]
+    assert agreement(setup, batch.seeds, batch.figures).largest == 0.0
 
 
 def test_an_unknown_scheduler_is_refused() -> None:

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from sensor_cases import SCENE, readings, way
+from sensor_cases import SCENE, measurements, way
 
 from sysid import floats
 from sysid.data.record import Array
@@ -28,13 +28,13 @@ NO_ERRORS: dict[str, Any] = {
 
 def sensor(kind: str, **keys: Any) -> ImperfectSensor:
     """A sensor without errors but for those of ``keys``."""
-    found = law_class("sensors", kind).model_validate(NO_ERRORS | keys)
-    assert isinstance(found, ImperfectSensor)
-    return found
+    result = law_class("sensors", kind).model_validate(NO_ERRORS | keys)
+    assert isinstance(result, ImperfectSensor)
+    return result
 
 
-def poses(found: dict[str, Array], *names: str) -> list[Pose]:
-    return [Pose(*values) for values in zip(*(found[n].tolist() for n in names), strict=True)]
+def poses(collected: dict[str, Array], *names: str) -> list[Pose]:
+    return [Pose(*values) for values in zip(*(collected[n].tolist() for n in names), strict=True)]
 
 
 # Without errors -----------------------------------------------------------------------------------
@@ -42,20 +42,20 @@ def poses(found: dict[str, Array], *names: str) -> list[Pose]:
 
 def test_the_acceleration_adds_up_to_the_speed_at_any_rate() -> None:
     for rate in (3.0, 10.0):
-        found = readings(sensor("accelerometer", rate=rate), 200)
-        read = ~np.isnan(found["acc_x"])
-        steps = np.diff(found["t"][read], prepend=0.0)
-        added = np.cumsum(found["acc_x"][read] * steps)
-        np.testing.assert_allclose(added, found["v"][read], rtol=0, atol=1e-12)
-        lateral = (found["v"] * found["yaw_rate"])[read]
-        np.testing.assert_array_equal(found["acc_y"][read], lateral)
+        result = measurements(sensor("accelerometer", rate=rate), 200)
+        read = ~np.isnan(result["acc_x"])
+        steps = np.diff(result["t"][read], prepend=0.0)
+        added = np.cumsum(result["acc_x"][read] * steps)
+        np.testing.assert_allclose(added, result["v"][read], rtol=0, atol=1e-12)
+        lateral = (result["v"] * result["yaw_rate"])[read]
+        np.testing.assert_array_equal(result["acc_y"][read], lateral)
 
 
 def test_the_heading_comes_from_the_field_where_no_iron_is() -> None:
-    found = readings(sensor("magnetometer", field=18.0, north=0.4), 200)
-    psi = 0.4 + np.arctan2(-found["mag_y"], found["mag_x"])
-    np.testing.assert_allclose(np.exp(1j * psi), np.exp(1j * found["psi"]), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(np.hypot(found["mag_x"], found["mag_y"]), 18.0, rtol=1e-12)
+    result = measurements(sensor("magnetometer", field=18.0, north=0.4), 200)
+    psi = 0.4 + np.arctan2(-result["mag_y"], result["mag_x"])
+    np.testing.assert_allclose(np.exp(1j * psi), np.exp(1j * result["psi"]), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.hypot(result["mag_x"], result["mag_y"]), 18.0, rtol=1e-12)
 
 
 def test_iron_in_the_world_bends_the_field_as_a_dipole() -> None:
@@ -75,10 +75,10 @@ def test_iron_in_the_world_bends_the_field_as_a_dipole() -> None:
 
 
 def test_iron_on_the_robot_turns_with_it() -> None:
-    found = readings(sensor("magnetometer", bias=[4.0, -2.0]), 100)
-    plain = readings(sensor("magnetometer"), 100)
-    np.testing.assert_allclose(found["mag_x"] - plain["mag_x"], 4.0, rtol=1e-12)
-    np.testing.assert_allclose(found["mag_y"] - plain["mag_y"], -2.0, rtol=1e-12)
+    result = measurements(sensor("magnetometer", bias=[4.0, -2.0]), 100)
+    plain = measurements(sensor("magnetometer"), 100)
+    np.testing.assert_allclose(result["mag_x"] - plain["mag_x"], 4.0, rtol=1e-12)
+    np.testing.assert_allclose(result["mag_y"] - plain["mag_y"], -2.0, rtol=1e-12)
 
 
 @pytest.mark.parametrize("keys", [{}, {"rate": 3.0}, {"dropout": 0.5}])
@@ -87,11 +87,11 @@ def test_visual_odometry_and_fixes_without_errors_are_the_pose(keys: dict[str, f
         ("visual_odometry", ("vo_x", "vo_y", "vo_psi")),
         ("position_fixes", ("fix_x", "fix_y")),
     ):
-        found = readings(sensor(kind, **keys), 300)
-        read = ~np.isnan(found[names[0]])
+        result = measurements(sensor(kind, **keys), 300)
+        read = ~np.isnan(result[names[0]])
         assert 0 < read.sum() <= 300
         for name in names:
-            error = found[name][read] - found[name.split("_")[1]][read]
+            error = result[name][read] - result[name.split("_")[1]][read]
             # A pose of visual odometry is the sum of up to 300 motions, each rounded.
             np.testing.assert_allclose(error, 0.0, rtol=0, atol=1e-12)
 
@@ -99,23 +99,25 @@ def test_visual_odometry_and_fixes_without_errors_are_the_pose(keys: dict[str, f
 # With errors --------------------------------------------------------------------------------------
 
 
-def errors_of(found: dict[str, Array], kind: str) -> dict[str, Array]:
-    """What each reading errs by, by name."""
-    t, v, yaw = found["t"], found["v"], found["yaw_rate"]
+def errors_of(collected: dict[str, Array], kind: str) -> dict[str, Array]:
+    """What each measurement errs by, by name."""
+    t, v, yaw = collected["t"], collected["v"], collected["yaw_rate"]
     if kind == "visual_odometry":
-        truth, seen = poses(found, "x", "y", "psi"), poses(found, "vo_x", "vo_y", "vo_psi")
+        truth, seen = poses(collected, "x", "y", "psi"), poses(collected, "vo_x", "vo_y", "vo_psi")
         pairs = [(truth[k - 1 : k + 1], seen[k - 1 : k + 1]) for k in range(1, t.size)]
         moves = [
             np.subtract(motion_between(*s, floats), motion_between(*p, floats)) for p, s in pairs
         ]
         return dict(zip(("vo_x", "vo_y", "vo_psi"), np.transpose(moves), strict=True))
-    exact = readings(sensor(kind), t.size)
+    exact = measurements(sensor(kind), t.size)
     if kind == "encoders":
         mean = np.array([[left, right] for *_, left, right in way(t.size)])
         mean = 0.5 * (mean[1:] + mean[:-1])
         exact = {"omega_l": np.r_[0.0, mean[:, 0]], "omega_r": np.r_[0.0, mean[:, 1]]}
     assert yaw.shape == v.shape
-    return {name: (found[name] - column)[1:] for name, column in exact.items() if name in found}
+    return {
+        name: (collected[name] - column)[1:] for name, column in exact.items() if name in collected
+    }
 
 
 @pytest.mark.parametrize("kind", kinds("sensors"))
@@ -123,8 +125,8 @@ def test_the_variance_that_filters_are_told_is_that_of_the_readings(kind: str) -
     cls = law_class("sensors", kind)
     plain = cls.model_validate({"bias_std": 0.0, "bias_walk": 0.0, "latency": 0.0})
     assert isinstance(plain, ImperfectSensor)
-    found = readings(plain, 3000)
-    errors = errors_of(found, kind)
+    result = measurements(plain, 3000)
+    errors = errors_of(result, kind)
     for name, figures in plain.figures(0.1).items():
         got = np.mean(errors[name] ** 2)
         # Five standard deviations of a variance of 3000 numbers; rounding of counts is correlated
@@ -153,7 +155,7 @@ def test_a_batch_reads_what_single_runs_read(kind: str) -> None:
         return jax.lax.scan(step, first, (times, numbers, z))[1]
 
     batch = np.stack(jax.jit(jax.vmap(one))(draws), axis=-1)
-    single = [readings(several, samples, seed=seed, name=kind) for seed in range(3)]
+    single = [measurements(several, samples, seed=seed, name=kind) for seed in range(3)]
     wanted = np.stack([[run[name] for name in several.names] for run in single]).transpose(0, 2, 1)
     assert np.isnan(wanted).any()
     np.testing.assert_allclose(batch, wanted, rtol=0, atol=1e-12 * np.nanmax(np.abs(wanted)))

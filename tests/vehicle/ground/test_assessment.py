@@ -23,25 +23,25 @@ def named(traction: Traction, slope: float | None = None) -> dict[str, Quantity]
 def test_the_uncertainty_of_coulombs_thrust_by_hand() -> None:
     """F = A c + W tan φ on a stiff soil: s² = (A s_c)² + (W s_φ / cos² φ)²."""
     soil = Soil(1e3, 0.5, 1e-9, std=(("cohesion", 100.0), ("friction_angle", 0.01)))
-    found = named(Traction(soil, ROBOT))["thrust_max"]
+    numbers = named(Traction(soil, ROBOT))["thrust_max"]
     area = 2.0 * 0.14 * 0.04
     shares = area * 100.0, ROBOT.weight * 0.01 / math.cos(0.5) ** 2
-    assert found.value == pytest.approx(area * 1e3 + ROBOT.weight * math.tan(0.5), rel=1e-6)
-    assert found.std_error == pytest.approx(math.hypot(*shares), rel=1e-4)  # tan is not straight
-    assert found.driven_by == "cohesion"
+    assert numbers.value == pytest.approx(area * 1e3 + ROBOT.weight * math.tan(0.5), rel=1e-6)
+    assert numbers.std_error == pytest.approx(math.hypot(*shares), rel=1e-4)  # tan is not straight
+    assert numbers.driven_by == "cohesion"
 
 
 def test_the_uncertainty_of_a_preset_is_that_of_soils_drawn_from_it() -> None:
     sand = soil_preset("dry-sand")
-    found = named(Traction(sand, ROBOT), 0.2)
+    numbers = named(Traction(sand, ROBOT), 0.2)
     rng = np.random.default_rng(3)
     drawn = {n: getattr(sand, n) + s * rng.standard_normal(2000) for n, s in sand.std}
     drawn["shear_modulus"] = np.maximum(drawn["shear_modulus"], 1e-3)
     many = Traction(replace(sand, **{n: np.abs(v) for n, v in drawn.items()}), ROBOT, slope=0.2)
     slip = many.slip_for(ROBOT.weight * math.sin(0.2))
     # 2000 draws leave 1.6 %; K enters almost in proportion, so the first order is close
-    assert found["slope_slip"].std_error == pytest.approx(slip.std(), rel=0.1)
-    assert found["slope_slip"].driven_by == "shear_modulus"
+    assert numbers["slope_slip"].std_error == pytest.approx(slip.std(), rel=0.1)
+    assert numbers["slope_slip"].driven_by == "shear_modulus"
 
 
 def test_what_has_no_uncertainty_says_why() -> None:

@@ -89,8 +89,8 @@ def test_it_stands_still_with_the_mass_and_inertia_that_the_vehicle_has() -> Non
 
 
 def test_a_vehicle_without_mass_is_refused_in_one_sentence() -> None:
-    found = load_vehicle(VEHICLES / "devastator.yaml")
-    bare = Vehicle(found.wheels, body=found.body.model_copy(update={"mass": None}))
+    vehicle = load_vehicle(VEHICLES / "devastator.yaml")
+    bare = Vehicle(vehicle.wheels, body=vehicle.body.model_copy(update={"mass": None}))
     with pytest.raises(ModelError, match="needs the mass of the body"):
         mjcf_text(bare)
 

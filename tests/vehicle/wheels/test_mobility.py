@@ -51,8 +51,8 @@ TYPES: dict[str, tuple[int, int]] = {  # Campion, Bastin and D'Andréa-Novel 199
 def test_the_classical_types(name: str) -> None:
     vehicle = sysid.load_vehicle(EXAMPLES / f"{name}.yaml")
     mobility, steerability = TYPES[name]
-    found = vehicle.mobility, vehicle.steerability, vehicle.manoeuvrability
-    assert found == (mobility, steerability, mobility + steerability)
+    result = vehicle.mobility, vehicle.steerability, vehicle.manoeuvrability
+    assert result == (mobility, steerability, mobility + steerability)
 
 
 def test_every_example_is_checked() -> None:
@@ -62,9 +62,9 @@ def test_every_example_is_checked() -> None:
 def test_a_tracked_robot_has_the_matrices_of_the_thesis() -> None:
     """(2.22), and (2.13) from (2.17) and (2.19)."""
     vehicle = sysid.load_vehicle(EXAMPLES / "devastator.yaml")
-    found = vehicle.constraints()
-    np.testing.assert_allclose(found.C1, [[0, 1, 0], [0, 1, 0]], atol=EXACT)
-    assert found.rank == 1
+    constraints = vehicle.constraints()
+    np.testing.assert_allclose(constraints.C1, [[0, 1, 0], [0, 1, 0]], atol=EXACT)
+    assert constraints.rank == 1
     geometry = Geometry()
     twist = vehicle.forward({"left": 7.0, "right": 11.0}).twist
     forward, yaw_rate = body_velocity(7.0, 11.0, geometry)
@@ -115,10 +115,10 @@ def test_angles_that_do_not_fit_leave_no_centre_and_are_named() -> None:
 
 def test_a_differential_drive_may_turn_about_any_point_of_its_axle() -> None:
     vehicle = Vehicle((fixed(0.2, 0.3), fixed(0.2, -0.1)))
-    found = vehicle.icr()
-    assert found.kind is IcrKind.LINE
-    assert found.point == pytest.approx((0.2, 0.1), abs=EXACT)
-    assert found.direction == pytest.approx((0.0, 1.0), abs=EXACT)
+    icr = vehicle.icr()
+    assert icr.kind is IcrKind.LINE
+    assert icr.point == pytest.approx((0.2, 0.1), abs=EXACT)
+    assert icr.direction == pytest.approx((0.0, 1.0), abs=EXACT)
     turning = vehicle.icr(speeds={"wheel_1": 1.0, "wheel_2": 3.0})
     assert turning.point == pytest.approx((0.2, 0.5), abs=EXACT)  # 0.1 + 0.2 (3 + 1)/(3 − 1)
     assert vehicle.icr(speeds={"wheel_1": 2.0, "wheel_2": 2.0}).kind is IcrKind.INFINITY

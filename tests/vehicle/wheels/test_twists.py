@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import sysid
 from sysid.errors import UsageError
-from sysid.vehicle.wheels.twists import speeds_tell_motion
+from sysid.vehicle.wheels.twists import speeds_determine_motion
 from sysid.vehicle.wheels.vehicle import Vehicle
 from sysid.vehicle.wheels.wheel import Wheel, velocity_at
 
@@ -23,7 +23,7 @@ motion = st.tuples(*(st.floats(-2, 2).map(lambda v: round(v, 3)) for _ in range(
 
 
 @law
-@given(st.sampled_from([n for n in NAMES if speeds_tell_motion(VEHICLES[n].wheels)]), motion)
+@given(st.sampled_from([n for n in NAMES if speeds_determine_motion(VEHICLES[n].wheels)]), motion)
 def test_forward_undoes_inverse(name: str, wanted: Sequence[float]) -> None:
     vehicle = VEHICLES[name]
     answer = vehicle.inverse(wanted)
@@ -63,7 +63,7 @@ def test_no_wheel_slides_at_the_possible_motion(name: str, wanted: Sequence[floa
 
 def test_mecanum_wheels_have_their_textbook_speeds() -> None:
     """ω = (Vx ∓ Vy ∓ (a + b) ψ̇)/r with half lengths a = 0.2, b = 0.17 m, r = 0.05 m."""
-    found = VEHICLES["mecanum"].inverse((0.3, 0.2, 0.5))
+    inverse = VEHICLES["mecanum"].inverse((0.3, 0.2, 0.5))
     turning = 0.37 * 0.5
     expected = {
         "front_left": 0.3 - 0.2 - turning,
@@ -72,33 +72,33 @@ def test_mecanum_wheels_have_their_textbook_speeds() -> None:
         "rear_right": 0.3 - 0.2 + turning,
     }
     # the file gives π/4 with six decimals
-    assert {n: w.speed for n, w in found.wheels.items()} == pytest.approx(
+    assert {n: w.speed for n, w in inverse.wheels.items()} == pytest.approx(
         {n: v / 0.05 for n, v in expected.items()}, abs=1e-4
     )
 
 
 def test_what_a_differential_drive_cannot_do_is_told() -> None:
-    found = VEHICLES["devastator"].inverse((0.2, 0.1, 1.0))
-    assert not found.exact
-    np.testing.assert_allclose(found.possible, [0.2, 0.0, 1.0])
-    np.testing.assert_allclose(found.impossible, [0.0, 0.1, 0.0])
-    assert found.residual == pytest.approx(0.1)  # all wheels would slide by 0.1 m/s
-    assert found.wheels["right"].speed == pytest.approx((0.2 + 0.093) / 0.0215)
+    inverse = VEHICLES["devastator"].inverse((0.2, 0.1, 1.0))
+    assert not inverse.exact
+    np.testing.assert_allclose(inverse.possible, [0.2, 0.0, 1.0])
+    np.testing.assert_allclose(inverse.impossible, [0.0, 0.1, 0.0])
+    assert inverse.residual == pytest.approx(0.1)  # all wheels would slide by 0.1 m/s
+    assert inverse.wheels["right"].speed == pytest.approx((0.2 + 0.093) / 0.0215)
 
 
 def test_a_car_turns_no_tighter_than_its_steering() -> None:
     """The inner wheel at its limit δ puts the centre at half the track + length / tan δ."""
-    found = VEHICLES["ackermann"].inverse((0.0, 0.0, 1.0))
-    assert found.wheels["front_left"].angle == pytest.approx(0.6)
-    radius = found.possible[0] / found.possible[2]
+    inverse = VEHICLES["ackermann"].inverse((0.0, 0.0, 1.0))
+    assert inverse.wheels["front_left"].angle == pytest.approx(0.6)
+    radius = inverse.possible[0] / inverse.possible[2]
     assert radius == pytest.approx(0.2 + 0.5 / math.tan(0.6))
-    assert not found.exact
+    assert not inverse.exact
 
 
 def test_the_nearest_motion_within_limits_is_the_best_of_many() -> None:
     vehicle = VEHICLES["ackermann"]
     wanted = np.array([0.3, 0.1, 1.5])
-    found = vehicle.inverse(wanted)
+    inverse = vehicle.inverse(wanted)
     least = 0.2 + 0.5 / math.tan(0.6)
     centre = np.mean([w.position for w in vehicle.wheels], axis=0)
 
@@ -107,10 +107,10 @@ def test_the_nearest_motion_within_limits_is_the_best_of_many() -> None:
         return math.sqrt(float(np.mean(np.sum(np.square(rest), axis=1))))
 
     assert centre[0] == 0.25
-    assert found.residual == pytest.approx(lacking(found.possible))
+    assert inverse.residual == pytest.approx(lacking(inverse.possible))
     for radius in (least, 1.1 * least, 3.0, -least, 1e6):
         for speed in np.linspace(-1, 1, 41):
-            assert lacking(np.array([speed, 0.0, speed / radius])) >= found.residual - 1e-12
+            assert lacking(np.array([speed, 0.0, speed / radius])) >= inverse.residual - 1e-12
 
 
 def test_a_caster_trails_where_it_does_not_slide() -> None:
@@ -135,10 +135,10 @@ def test_a_skid_steered_robot_turns_less_than_its_wheels_say() -> None:
     a, b = 0.15, 0.2
     places = {"fl": (a, b), "fr": (a, -b), "rl": (-a, b), "rr": (-a, -b)}
     robot = Vehicle(tuple(Wheel(name=n, at=(*p, 0.0), r=0.1) for n, p in places.items()))
-    found = robot.forward({"fl": -5.0, "rl": -5.0, "fr": 5.0, "rr": 5.0})
-    assert found.twist == pytest.approx([0.0, 0.0, b * 0.5 / (a**2 + b**2)], abs=1e-12)
-    assert not found.agree
-    assert found.residual > 0.1
+    forward = robot.forward({"fl": -5.0, "rl": -5.0, "fr": 5.0, "rr": 5.0})
+    assert forward.twist == pytest.approx([0.0, 0.0, b * 0.5 / (a**2 + b**2)], abs=1e-12)
+    assert not forward.agree
+    assert forward.residual > 0.1
 
 
 def test_disagreeing_wheels_are_a_sign_of_slip() -> None:
@@ -160,7 +160,7 @@ def test_questions_without_an_answer_are_refused() -> None:
         vehicle.forward({"left": math.nan, "right": 1.0})
     with pytest.raises(UsageError, match="three finite numbers"):
         vehicle.inverse((1.0, 2.0))
-    with pytest.raises(UsageError, match="tells nothing without its angle"):
+    with pytest.raises(UsageError, match="is of no use without its angle"):
         VEHICLES["differential"].forward({"left": 1.0, "right": 1.0, "rear": 1.0})
 
 

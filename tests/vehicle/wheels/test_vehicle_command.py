@@ -12,26 +12,26 @@ Capture = pytest.CaptureFixture[str]
 
 
 def test_the_document_says_everything(capsys: Capture) -> None:
-    found = run(capsys, "vehicle", EXAMPLES / "devastator.yaml", "--json").document
-    degrees = (found["mobility"], found["steerability"], found["manoeuvrability"])
+    result = run(capsys, "vehicle", EXAMPLES / "devastator.yaml", "--json").document
+    degrees = (result["mobility"], result["steerability"], result["manoeuvrability"])
     assert degrees == (2, 0, 2)
-    assert found["icr"] | {"sentence": ""} == {
+    assert result["icr"] | {"sentence": ""} == {
         "kind": "line",
         "x": 0.0,
         "y": 0.0,
         "direction": [0.0, 1.0],
         "sentence": "",
     }
-    left = found["wheels"][0]
+    left = result["wheels"][0]
     assert (left["name"], left["kind"], left["y"]) == ("left", "fixed", 0.093)
     assert left["speeds"] == {
         "vx": pytest.approx(1 / 0.0215),
         "vy": None,
         "wz": pytest.approx(-0.093 / 0.0215),
     }
-    assert found["limits"]["vx_m_s"] == pytest.approx(0.43)
-    assert found["mass_kg"] == pytest.approx(1.592)
-    assert "7.39 times" in found["notes"][0]
+    assert result["limits"]["vx_m_s"] == pytest.approx(0.43)
+    assert result["mass_kg"] == pytest.approx(1.592)
+    assert "7.39 times" in result["notes"][0]
 
 
 def test_motions_are_turned_into_speeds_and_back(capsys: Capture) -> None:
@@ -39,9 +39,9 @@ def test_motions_are_turned_into_speeds_and_back(capsys: Capture) -> None:
     wanted = run(capsys, "vehicle", file, "--twist", "-0.1,0,0.5", "--json").document["inverse"]
     assert wanted["residual_m_s"] == 0.0
     speeds = ",".join(f"{n}={w['speed']!r}" for n, w in wanted["wheels"].items())
-    told = run(capsys, "vehicle", file, "--speeds", speeds, "--json").document["forward"]
-    assert told["twist"] == pytest.approx({"vx": -0.1, "vy": 0.0, "wz": 0.5}, abs=1e-12)
-    assert told["icr"]["y"] == pytest.approx(-0.2)
+    result = run(capsys, "vehicle", file, "--speeds", speeds, "--json").document["forward"]
+    assert result["twist"] == pytest.approx({"vx": -0.1, "vy": 0.0, "wz": 0.5}, abs=1e-12)
+    assert result["icr"]["y"] == pytest.approx(-0.2)
     in_order = run(capsys, "vehicle", file, "--speeds", "10,10", "--json").document["forward"]
     assert in_order["twist"]["vx"] == pytest.approx(0.215)
 

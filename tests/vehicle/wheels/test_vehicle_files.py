@@ -142,8 +142,8 @@ def test_what_a_urdf_holds_is_read_as_it_was_written(
     file.write_text(text)
     read = sysid.load_vehicle(file)
     assert read.notes == ()
-    for given_wheel, found in zip(vehicle.wheels, read.wheels, strict=True):
-        assert found == given_wheel
+    for given_wheel, result in zip(vehicle.wheels, read.wheels, strict=True):
+        assert result == given_wheel
     assert (read.body, read.friction, read.name) == (vehicle.body, vehicle.friction, vehicle.name)
     assert urdf_text(read) == text
 

@@ -26,7 +26,7 @@ class Block:
         parameters, states, inputs, outputs: members of its structs.
         start, step: lines of its functions.
         support: tables that they read.
-        held: parameters that are constants, because the law decides by them while it is written.
+        fixed: parameters that are constants, because the law decides by them while it is written.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Block:
     start: tuple[str, ...]
     step: tuple[str, ...]
     support: tuple[str, ...]
-    held: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()
 
 
 _READ = re.compile(r"\bstate->(\w+)")
@@ -75,13 +75,13 @@ def recorded(law: Law) -> Block:
     """A law as C.
 
     A law may decide by a number while it is written, in Python; that number stays as it is, and
-    stands in the list of what is held.
+    stands in ``fixed``.
 
     Raises:
         ModelError: the law uses what cannot be written as C.
     """
     free = dict(law.parameters)
-    held: list[str] = []
+    fixed: list[str] = []
     try:
         return _recorded(law, free, ())
     except UNWRITABLE:
@@ -90,10 +90,10 @@ def recorded(law: Law) -> Block:
         try:
             _recorded(law, {place: free[place]}, ())
         except UNWRITABLE:
-            held.append(identifier(place))
+            fixed.append(identifier(place))
             del free[place]
     try:
-        return _recorded(law, free, tuple(held))
+        return _recorded(law, free, tuple(fixed))
     except UNWRITABLE as error:
         raise ModelError(
             f"the {law.name} of this mission cannot be written as C: {error.__cause__ or error}"
@@ -117,8 +117,8 @@ class _Recording:
 
     def parameters(self, program: Program) -> dict[Path, Any]:
         """All parameters, the free ones as values of a program."""
-        held = {p: v for p, v in self.law.parameters.items() if p not in self.free}
-        return held | {p: _value(program, "parameters", p, 0.0) for p in self.free}
+        fixed = {p: v for p, v in self.law.parameters.items() if p not in self.free}
+        return fixed | {p: _value(program, "parameters", p, 0.0) for p in self.free}
 
     def stepped(self, program: Program, first: Any, fixed: set[Path]) -> tuple[Any, Any, Any]:
         """(state before, state after, outputs) of a step where some of the state is fixed."""
@@ -145,7 +145,7 @@ class _Recording:
             fixed |= still
 
 
-def _recorded(law: Law, free: Mapping[Path, float], held: tuple[str, ...]) -> Block:
+def _recorded(law: Law, free: Mapping[Path, float], fixed: tuple[str, ...]) -> Block:
     recording, numbers = _Recording(law, free), count()
     begin = Program(numbers)
     first = law.start(recording.parameters(begin))
@@ -172,7 +172,7 @@ def _recorded(law: Law, free: Mapping[Path, float], held: tuple[str, ...]) -> Bl
         start=tuple(opened),
         step=tuple(lines),
         support=(*program.support(used), *begin.support(used)),
-        held=held,
+        fixed=fixed,
     )
 
 
@@ -208,7 +208,7 @@ def _unchanged(state: Any, after: Any, first: Any) -> set[Path]:
     """Places where a step leaves what the start put there as plain numbers."""
     before, ended, begun = (dict(leaves(t)) for t in (state, after, first))
     if before.keys() != ended.keys():
-        raise ModelError("its memory has other parts after a step than before")
+        raise ModelError("its memory changes its parts during a step")
     return {
         p
         for p, value in begun.items()
@@ -223,12 +223,12 @@ def _texts_of(value: Any) -> list[str]:
 
 def _assigned(struct: str, tree: Leaves) -> list[tuple[str, list[Cell]]]:
     """What is to be put into the members of a struct."""
-    found = []
+    assigned = []
     for path, value in tree:
         cells = cells_of(value)
         name = f"{struct}->{identifier(path)}"
-        found.append((f"{name}[{{}}]" if cells.ndim else name, cells.ravel().tolist()))
-    return found
+        assigned.append((f"{name}[{{}}]" if cells.ndim else name, cells.ravel().tolist()))
+    return assigned
 
 
 def _texts(rows: Sequence[tuple[str, list[Cell]]]) -> Iterator[str]:

@@ -62,15 +62,15 @@ def documented(law: Any, path: Path) -> tuple[str, str]:
     section = (inspect.getdoc(type(law)) or "").partition("Attributes:")[2]
     joined = re.sub(r"\n {5,}", " ", section)  # a line that goes on is indented further
     for line in joined.splitlines():
-        found = _ATTRIBUTE.match(line.strip())
-        names = found[1].split(", ") if found else []
-        if found and path[-1] in names:
-            units = _UNITS.search(found[2])
+        match = _ATTRIBUTE.match(line.strip())
+        names = match[1].split(", ") if match else []
+        if match and path[-1] in names:
+            units = _UNITS.search(match[2])
             several = units[1].partition(" is ")[0].split(", ") if units else [""]
             at = names.index(path[-1])
             single = len(several) != len(names) or (units and " is " in units[1])
             unit = several[0] if single else several[at]
-            words = _UNITS.sub("", found[2]).partition(";")[0].strip(" .`")
+            words = _UNITS.sub("", match[2]).partition(";")[0].strip(" .`")
             return _plain(unit), _plain(words)
     return "", ""
 

@@ -51,7 +51,7 @@ def flat(body: Body) -> dict[str, Any]:
 
 def scene_numbers(scene: Scene) -> dict[Path, float]:
     """Numbers of a scene that may change from mission to mission, by place."""
-    found: dict[Path, float] = {
+    by_path: dict[Path, float] = {
         **{("start", k): v for k, v in scene.start._asdict().items()},
         ("goal", "x"): scene.goal[0],
         ("goal", "y"): scene.goal[1],
@@ -63,12 +63,12 @@ def scene_numbers(scene: Scene) -> dict[Path, float]:
         moving = obstacle.vx != 0.0 or obstacle.vy != 0.0
         for name, value in obstacle._asdict().items():
             if moving or name not in ("vx", "vy"):
-                found["obstacle", str(k), name] = value
+                by_path["obstacle", str(k), name] = value
     for k, place in enumerate(scene.way, 1):
-        found |= {("waypoint", str(k), n): v for n, v in zip("xy", place, strict=True)}
+        by_path |= {("waypoint", str(k), n): v for n, v in zip("xy", place, strict=True)}
     for k, place in enumerate(scene.path, 1):
-        found |= {("path", str(k), n): v for n, v in zip("xy", place, strict=True)}
-    return {p: float(v) for p, v in found.items()}
+        by_path |= {("path", str(k), n): v for n, v in zip("xy", place, strict=True)}
+    return {p: float(v) for p, v in by_path.items()}
 
 
 def with_scene_numbers(scene: Scene, given: Numbers) -> Scene:
@@ -117,41 +117,41 @@ def _law(
     step: Callable[[Any, Scene, Any, Mapping[str, Any]], tuple[Any, Any]],
 ) -> Law:
     """A law of the loop with its own numbers and those of the scene as parameters."""
-    own = getattr(loop, name)
+    law = getattr(loop, name)
 
     def start(given: Numbers) -> Any:
-        return with_numbers(own, given).start(with_scene_numbers(loop.scene, given), TRACE)
+        return with_numbers(law, given).start(with_scene_numbers(loop.scene, given), TRACE)
 
     def advance(given: Numbers, state: Any, read: Any) -> tuple[Any, Any]:
         scene = with_scene_numbers(loop.scene, given)
-        return step(with_numbers(own, given), scene, state, read)
+        return step(with_numbers(law, given), scene, state, read)
 
-    mine = dict(numbers(own))
+    own_numbers = dict(numbers(law))
 
     def words(place: Path) -> tuple[str, str]:
-        return documented(own, place) if place in mine else described(identifier(place))
+        return documented(law, place) if place in own_numbers else described(identifier(place))
 
-    parameters = {**scene_numbers(loop.scene), **mine}
+    parameters = {**scene_numbers(loop.scene), **own_numbers}
     return Law(name, title, parameters, dict(inputs), start, advance, words)
 
 
 def _guidance(loop: Loop) -> Law:
     def step(law: Any, scene: Scene, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
         asked = GuidanceInputs(read["t"], body_of(read), scene)
-        state, found = law.step(state, asked, loop.control.period, TRACE)
-        return state, guidance_outputs(found)
+        state, references = law.step(state, asked, loop.control.period, TRACE)
+        return state, guidance_outputs(references)
 
     title = "From the estimated pose to references of speed and yaw, once a control period"
     return _law("guidance", title, loop, {"t": 0.0, **ESTIMATE}, step)
 
 
-def guidance_outputs(found: References) -> dict[str, Any]:
+def guidance_outputs(references: References) -> dict[str, Any]:
     """References as outputs."""
     return {
-        "reference_speed": found.speed,
-        "reference_psi": found.psi,
-        "arrived": found.arrived,
-        "gives_up": found.gives_up,
+        "reference_speed": references.speed,
+        "reference_psi": references.psi,
+        "arrived": references.arrived,
+        "gives_up": references.gives_up,
     }
 
 
@@ -174,37 +174,37 @@ def _control(loop: Loop) -> Law:
 SIDES = ("l", "r")
 
 
-def compensated_numbers(drive: Any) -> dict[Path, float]:
+def compensated_numbers(shaper: Any) -> dict[Path, float]:
     """Numbers of the effects that a command module makes up for, by place."""
-    if not isinstance(drive, Compensation):
+    if not isinstance(shaper, Compensation):
         return {}
     return {
         (id, name, side): float(value)
-        for id in drive.ids
-        for name, values in drive.identified.parameters[id].items()
+        for id in shaper.ids
+        for name, values in shaper.identified.parameters[id].items()
         for side, value in zip(SIDES, values, strict=True)
     }
 
 
-def with_compensated_numbers(drive: Any, given: Numbers) -> Any:
+def with_compensated_numbers(shaper: Any, given: Numbers) -> Any:
     """The same command module with other numbers at these places."""
-    if not isinstance(drive, Compensation) or not given:
-        return drive
-    numbers = {id: dict(named) for id, named in drive.identified.parameters.items()}
-    for id in drive.ids:
+    if not isinstance(shaper, Compensation) or not given:
+        return shaper
+    numbers = {id: dict(named) for id, named in shaper.identified.parameters.items()}
+    for id in shaper.ids:
         for name, values in numbers[id].items():
             sides = zip(SIDES, values, strict=True)
             numbers[id][name] = TRACE.stack([given.get((id, name, s), v) for s, v in sides])
-    return replace(drive, identified=replace(drive.identified, parameters=numbers))
+    return replace(shaper, identified=replace(shaper.identified, parameters=numbers))
 
 
 def _command(loop: Loop) -> Law:
-    parameters = compensated_numbers(loop.drive)
+    parameters = compensated_numbers(loop.shaper)
 
     def step(given: Numbers, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
         wanted = Command(read["v_cmd"], read["psi_cmd"])
-        drive = with_compensated_numbers(loop.drive, given)
-        pwm, applied = drive(wanted, body_of(read), read["t"], TRACE)
+        shaper = with_compensated_numbers(loop.shaper, given)
+        pwm, applied = shaper(wanted, body_of(read), read["t"], TRACE)
         return (), command_outputs(pwm, applied)
 
     inputs = dict.fromkeys(("t", "v_cmd", "psi_cmd", *ESTIMATE), 0.0)
@@ -231,14 +231,14 @@ def _navigation(loop: Loop) -> Law:
     names = ("omega_l", "omega_r", *(n for s in loop.scene.sensors.values() for n in s.names))
 
     def step(law: Any, scene: Scene, state: Any, read: Mapping[str, Any]) -> tuple[Any, Any]:
-        readings = {n: read[n] for n in names}
+        measurements = {n: read[n] for n in names}
         drive = (read["drive_l"], read["drive_r"])
-        seen = NavigationInputs(read["t"], readings, scene, drive)
+        seen = NavigationInputs(read["t"], measurements, scene, drive)
         state, body = law.step(state, seen, read["dt"], TRACE)
         return state, flat(body)
 
     inputs = dict.fromkeys(dict.fromkeys(("t", "dt", *names, "drive_l", "drive_r")), 0.0)
-    title = "From what the sensors read to where the robot is, at every sample"
+    title = "From the sensor measurements to the robot's pose, at every sample"
     return _law("navigation", title, loop, inputs, step)
 
 
@@ -260,7 +260,7 @@ def _motion(loop: Loop) -> Law:
         return OnGround(under, last) if ground.remembers else last, flat(body)
 
     inputs = dict.fromkeys(("t", "dt", "omega_l", "omega_r"), 0.0)
-    title = "From the track speeds on the ground to where the vehicle is, at every sample"
+    title = "From the track speeds on the ground to the vehicle's pose, at every sample"
     law = _law("motion", title, loop, inputs, step)
     if not ground.remembers:
         return law

@@ -13,9 +13,9 @@ from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.gap import measure_gap
 from sysid.diagnosis.search.batched_search import refined
 from sysid.diagnosis.search.evidence import noise_floor
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import prepare
-from sysid.diagnosis.search.starts import clip_level, free_slots, starts_of
-from sysid.diagnosis.search.supermodel import SuperModel
+from sysid.diagnosis.search.starts import clip_level, free_parameters, starts_of
 from sysid.effects.catalogue import about, chain_effects, effect
 from sysid.structures.augmented.chain import drive_before
 from sysid.structures.augmented.given_base import begins_at_rest
@@ -109,17 +109,17 @@ def test_a_gap_is_found_though_runs_change_with_it_by_jumps(inertia: float, coas
     s, theta = chain(("backlash",), [0.8, inertia, coast, 0.0])
     u = switched(900, 18, seed=6)
     r = record(u, s.simulate(theta, u))
-    m = SuperModel(chain_effects(), 1, 2, np.array([12.0, 12.0]), DT)
+    m = FullModel(chain_effects(), 1, 2, np.array([12.0, 12.0]), DT)
     start = m.null
     for i in range(2):
-        start[m.place["core", "gain", i]] = 19.0
-        start[m.place["core", "f1", i]] = -0.85
+        start[m.index["core", "gain", i]] = 19.0
+        start[m.index["core", "f1", i]] = -0.85
         for name, value in (("gap", 0.3), ("inertia", 0.8), ("coast", 0.4)):
-            start[m.place["backlash", name, i]] = value
-    core = tuple(k for k, slot in enumerate(m.slots) if slot.owner == "core")
-    free = (*core, *free_slots(m, about("backlash"), m.null, range(2)))
+            start[m.index["backlash", name, i]] = value
+    core = tuple(k for k, slot in enumerate(m.parameters) if slot.owner == "core")
+    free = (*core, *free_parameters(m, about("backlash"), m.null, range(2)))
     q, _ = refined(m, start[None], [free], prepare([r], FULL, 1), 20, unknown=(0,))
-    gaps = [q[0][m.place["backlash", "gap", i]] for i in range(2)]
+    gaps = [q[0][m.index["backlash", "gap", i]] for i in range(2)]
     # between two jumps every gap fits as well: 45 reversals leave some hundredths of a rad
     np.testing.assert_allclose(gaps, 0.8, rtol=0.08)
 
@@ -135,11 +135,11 @@ def test_a_delay_on_a_whole_record_is_that_of_its_steps() -> None:
     s, theta = chain(("input-delay",), [2.4 * DT])
     u = switched(300, 7)
     y = s.simulate(theta, u)
-    m = SuperModel(chain_effects(), 1, 2, np.array([12.0, 12.0]), DT)
+    m = FullModel(chain_effects(), 1, 2, np.array([12.0, 12.0]), DT)
     q = m.null
     for i in range(2):
-        q[m.place["core", "gain", i]], q[m.place["core", "f1", i]] = theta[0], theta[1]
-        q[m.place["input-delay", "delay", i]] = 2.4 * DT
+        q[m.index["core", "gain", i]], q[m.index["core", "f1", i]] = theta[0], theta[1]
+        q[m.index["input-delay", "delay", i]] = 2.4 * DT
     run = m.run(q, prepare([record(u, y)], FULL, 1))[0][: len(u)]
     np.testing.assert_allclose(run, y, atol=1e-9)
 
@@ -169,8 +169,8 @@ def test_a_name_whose_law_fits_in_part_says_how_much_is_left(tmp_path: Path) -> 
     assert (load.id, ripple.id) == ("gravity-load", "speed-ripple")
     lines = {v.name.partition("[")[0]: v.value for v in (*load.parameters, *ripple.parameters)}
     assert (lines["per_turn"], lines["load_per_turn"]) == pytest.approx((1 / 3, 5 / 3), rel=0.01)
-    assert ripple.explains_percent is not None
-    assert 1.0 < ripple.explains_percent < 20.0
+    assert ripple.error_ratio_without is not None
+    assert 1.0 < ripple.error_ratio_without < 1.2
     assert "something else remains" in ripple.fit_words
     assert "is left" in found.story
 
@@ -252,10 +252,10 @@ def test_a_wave_is_sought_beside_a_core_without_end_too() -> None:
     """A search may pass unstable cores: what they do to a wave is beyond all numbers."""
     rng = np.random.default_rng(0)
     log = Record(rng.uniform(-1.0, 1.0, (3000, 1)), rng.standard_normal((3000, 1)), 0.02)
-    model = SuperModel((effect("gravity-load"),), 1, 1, np.ones(1), log.dt)
+    model = FullModel((effect("gravity-load"),), 1, 1, np.ones(1), log.dt)
     data = prepare([log], np.ones(1), 1)
     q = model.null.copy()
-    q[model.place["core", "f1", 0]] = -1.5
+    q[model.index["core", "f1", 0]] = -1.5
     errors = np.zeros(data.y.shape)
     errors[: len(log)] = log.y
     rows = starts_of(model, effect("gravity-load"), q, errors, data)

@@ -23,11 +23,11 @@ ROWS_A_COLUMN = 4
 """Runs for each regressor, at least: with fewer a share is mostly chance."""
 
 Varying = Sequence[tuple[str, tuple[int, ...]]]
-"""Names of what varies, with the places of their numbers, see ``Drawing.varying``."""
+"""Names of what varies, with the indices of their numbers, see ``Sampler.varying``."""
 
 
 @dataclass(frozen=True)
-class DriverShare:
+class VarianceShare:
     """How much of a figure's variance one varied quantity makes alone."""
 
     name: str
@@ -43,7 +43,7 @@ class Shares:
         remainder: what none of them explains alone.
     """
 
-    ranked: tuple[DriverShare, ...]
+    ranked: tuple[VarianceShare, ...]
     remainder: float
 
 
@@ -90,40 +90,40 @@ def shares(sums: Moments, varying: Varying) -> Shares | None:
     if total <= 1e-18 * G[-1, -1]:  # rounding of equal figures
         return None
     A, b = centred[:-1, :-1], centred[:-1, -1]
-    left = _residual(A, b, total, np.arange(len(b)))
-    chance = left / (n - p)  # what one column without meaning takes
-    found = []
+    unexplained = _residual(A, b, total, np.arange(len(b)))
+    chance = unexplained / (n - p)  # what one column without meaning takes
+    single = []
     for name, columns in _columns(varying):
         others = np.setdiff1d(np.arange(len(b)), columns)
-        gained = _residual(A, b, total, others) - left - len(columns) * chance
-        found.append(DriverShare(name, float(np.clip(gained / total, 0.0, 1.0))))
-    ranked = tuple(sorted(found, key=lambda d: -d.share_of_variance))
+        gained = _residual(A, b, total, others) - unexplained - len(columns) * chance
+        single.append(VarianceShare(name, float(np.clip(gained / total, 0.0, 1.0))))
+    ranked = tuple(sorted(single, key=lambda d: -d.share_of_variance))
     explained = sum(d.share_of_variance for d in ranked)
     return Shares(ranked, max(0.0, 1.0 - explained))
 
 
 def _squared(varying: Varying) -> list[int]:
     """Places, among the inputs that are used, whose squares are regressors."""
-    found: list[int] = []
+    squared: list[int] = []
     at = 0
-    for _, places in varying:
-        if len(places) <= FEW:
-            found += range(at, at + len(places))
-        at += len(places)
-    return found
+    for _, indices in varying:
+        if len(indices) <= FEW:
+            squared += range(at, at + len(indices))
+        at += len(indices)
+    return squared
 
 
 def _columns(varying: Varying) -> list[tuple[str, Index]]:
     """Regressors of each quantity: its numbers, then their squares."""
     squared = _squared(varying)
-    width, at = sum(len(places) for _, places in varying), 0
-    found: list[tuple[str, Index]] = []
-    for name, places in varying:
-        own = list(range(at, at + len(places)))
-        own += [width + squared.index(k) for k in own if k in squared]
-        found.append((name, np.array(own, dtype=np.intp)))
-        at += len(places)
-    return found
+    width, at = sum(len(indices) for _, indices in varying), 0
+    regressors: list[tuple[str, Index]] = []
+    for name, indices in varying:
+        columns = list(range(at, at + len(indices)))
+        columns += [width + squared.index(k) for k in columns if k in squared]
+        regressors.append((name, np.array(columns, dtype=np.intp)))
+        at += len(indices)
+    return regressors
 
 
 def _residual(A: Array, b: Array, total: float, kept: Index) -> float:

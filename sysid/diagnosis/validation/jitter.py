@@ -1,8 +1,9 @@
-"""Commands that act unevenly late: jitter of a line or a board, which no model can foretell.
+"""Jitter: commands whose delay varies from one to the next, which no model predicts.
 
-A model knows one delay. Where the delay of each change of the command is drawn anew, the readings
-behind a change are the model's, moved in time by as much as this one was early or late. A response
-may be over within a sample and its delay differ by several: so it is moved, and no slope is asked.
+A model knows one delay. Where the delay of each change of the command is drawn anew, the
+measurements behind a change are the model's, moved in time by as much as this one was early or
+late. A response may be over within a sample and its delay differ by several: so it is moved, and no
+slope is asked.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.diagnosis.base_model import Base
-from sysid.diagnosis.search.named_sets import Node
+from sysid.diagnosis.search.selection import CandidateModel
 
 FURTHEST, STEP = 4.0, 0.125
 """By how much and in which steps a response is moved [samples]; between steps by a parabola. Most
@@ -27,17 +28,17 @@ MOVES = 0.05
 HOLDS = 1e-3
 """Change of the drive below which it holds."""
 
-FEWEST = 15
-"""Changes that a spread is told from: it is then known to a fifth."""
+MIN_CHANGES = 15
+"""Changes at least from which a spread is estimated, to about a fifth."""
 
 SHORTEST, LONGEST = 3, 12
-"""Samples behind a change that tell when it acted; the next one must leave as many."""
+"""Samples behind a change that show when it acted; the next one must leave as many."""
 
 MOST = 0.5
 """Share of the errors behind changes that uneven delays must explain: else it is something else."""
 
-FORETOLD = 0.3
-"""Share of the delays that command and change may foretell: else they are no jitter but an effect
+MAX_PREDICTED_SHARE = 0.3
+"""Share of the delays that command and change may predict: else they are no jitter but an effect
 that depends on them."""
 
 SURE = 3.0
@@ -54,7 +55,7 @@ SHIFTS = np.arange(-FURTHEST, FURTHEST + 0.5 * STEP, STEP)
 """By how much a response is moved [samples]; later is positive."""
 
 Rows = tuple[Array, ...]
-"""A number a sample, (N, ny) a record."""
+"""A parameter a sample, (N, ny) a record."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ class Behind:
 
 
 @dataclass(frozen=True)
-class UnevenDelay:
+class Jitter:
     """Delays of one output that differ from change to change.
 
     Attributes:
@@ -98,45 +99,45 @@ class UnevenDelay:
     def sentence(self) -> str:
         """What it is, and how large."""
         return (
-            f"Commands act unevenly late: from change to change the delay of {self.output} varies "
-            f"by {self.spread:.2g} s (standard deviation of {self.changes}), which is "
-            f"{100.0 * self.share:.0f} % of its errors there. Such jitter of a line or a board no "
-            "model foretells: stamp commands with the time at which they act."
+            f"The delay of {self.output} varies from command to command by {self.spread:.2g} s "
+            f"(standard deviation of {self.changes} changes). This jitter is "
+            f"{100.0 * self.share:.0f} % of its errors there, and no model predicts it: log the "
+            "time at which each command acts."
         )
 
 
-def uneven_delays(base: Base, node: Node, floor: Array) -> tuple[UnevenDelay, ...]:
+def detect_jitter(base: Base, candidate: CandidateModel, floor: Array) -> tuple[Jitter, ...]:
     """Outputs whose errors behind changes of the command are delays that differ.
 
     δ_k is the least of Σ (y(t) − ŷ(t − δ))² over the samples behind change k.
 
     Args:
         base: the search.
-        node: the model whose errors are asked.
+        candidate: the model whose errors are asked.
         floor: noise of each output, (ny,).
     """
     search, names = base.search, base.parts.estimation[0].output_names
     data = search.data
-    run = search.model.run(node.q, data)[0]
+    run = search.model.run(candidate.q, data)[0]
     errors = np.where(data.weight > 0.0, data.y - run, np.nan)
     starts = np.cumsum([0, *data.lengths])
-    found = []
+    jitters = []
     for i, name in enumerate(names):
         seen = [
             _behind(data.drive[a:b, i], errors[a:b, i], run[a:b, i])
             for a, b in pairwise(starts.tolist())
         ]
         parts = [s for s in seen if s is not None]
-        told = _spread(parts, float(floor[i])) if parts else None
-        if told is not None:
+        measured = _spread(parts, float(floor[i])) if parts else None
+        if measured is not None:
             changes = sum(len(p.power) for p in parts)
-            spread, share, furthest = told
+            spread, share, furthest = measured
             dt = search.model.dt
-            found.append(UnevenDelay(name, spread * dt, changes, share, furthest * dt))
-    return tuple(found)
+            jitters.append(Jitter(name, spread * dt, changes, share, furthest * dt))
+    return tuple(jitters)
 
 
-def rows_apart(base: Base, late: Sequence[UnevenDelay], floor: Array) -> tuple[Rows, Rows]:
+def rows_without_jitter(base: Base, late: Sequence[Jitter], floor: Array) -> tuple[Rows, Rows]:
     """Which samples of both parts such delays do not spoil: 1, else 0, (N, ny) a record.
 
     Within ``REACH`` spreads to either side, and as far as a change was early or late, the
@@ -144,9 +145,9 @@ def rows_apart(base: Base, late: Sequence[UnevenDelay], floor: Array) -> tuple[R
     that a dead zone leaves at constant speed.
     """
     search = base.search
-    found = []
-    for data in (search.data, search.held_data):
-        runs = data.split(search.model.run(base.node.q, data)[0])
+    parts = []
+    for data in (search.data, search.holdout_data):
+        runs = data.split(search.model.run(base.candidate.q, data)[0])
         rows = [np.ones(run.shape) for run in runs]
         for u in late:
             i = base.parts.estimation[0].output_names.index(u.output)
@@ -155,8 +156,8 @@ def rows_apart(base: Base, late: Sequence[UnevenDelay], floor: Array) -> tuple[R
                 near = np.pad(run[:, i], reach, mode="edge")
                 around = np.lib.stride_tricks.sliding_window_view(near, 2 * reach + 1)
                 kept[:, i] = np.ptp(around, axis=1) < floor[i]
-        found.append(tuple(rows))
-    return found[0], found[1]
+        parts.append(tuple(rows))
+    return parts[0], parts[1]
 
 
 def _behind(drive: Array, errors: Array, run: Array) -> Behind | None:
@@ -196,7 +197,7 @@ def _spread(parts: Sequence[Behind], floor: float) -> tuple[float, float, float]
     None where they are no jitter.
     """
     costs = np.concatenate([p.costs for p in parts])
-    if len(costs) < FEWEST:
+    if len(costs) < MIN_CHANGES:
         return None
     power, errors, samples, before, after = (
         np.concatenate([getattr(p, n) for p in parts])
@@ -208,8 +209,8 @@ def _spread(parts: Sequence[Behind], floor: float) -> tuple[float, float, float]
     gain = np.array([_at(c, about) for c in costs]) - np.array([c for _, c in least])
     if float(np.median(gain)) < SURE * floor**2 * MEDIAN or np.mean(gain) < SURE * floor**2:
         return None
-    left = float(np.sum(errors - samples * floor**2))
-    share = float(np.sum(gain - floor**2)) / left if left > 0.0 else 0.0
+    excess = float(np.sum(errors - samples * floor**2))
+    share = float(np.sum(gain - floor**2)) / excess if excess > 0.0 else 0.0
     step = after - before
     sizes = (np.ones(len(step)), step, after)
     known = np.column_stack([*sizes, *(f(x) for x in sizes[1:] for f in (np.abs, np.sign))])
@@ -218,7 +219,7 @@ def _spread(parts: Sequence[Behind], floor: float) -> tuple[float, float, float]
     rest = float(np.sum((delays - fitted) ** 2 * power)) / (len(step) - known.shape[1])
     apart = (delays - about) ** 2 * power
     whole = float(np.sum(apart)) / (len(step) - 1)
-    if share < MOST or not rest > (1.0 - FORETOLD) * whole:
+    if share < MOST or not rest > (1.0 - MAX_PREDICTED_SHARE) * whole:
         return None
     spread = np.sqrt(max(float(np.sum(apart - floor**2)) / float(np.sum(power)), 0.0))
     seen = gain > SURE * floor**2

@@ -1,4 +1,4 @@
-"""``sysid estimate``: where a robot was, from a log of its sensors."""
+"""``sysid localize``: where a robot was, from a log of its sensors."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sysid.data.record import Array
-    from sysid.mission.estimate import Estimation
+    from sysid.mission.localize import Localization
 
 
-def estimate(
+def localize(
     log: Annotated[
         Path, typer.Argument(metavar="LOG", help="A log of the sensors: CSV, Parquet or bag.")
     ],
@@ -33,7 +33,7 @@ def estimate(
         list[str] | None,
         typer.Option(
             metavar="NAME=COLUMN",
-            help="Column of a reading (omega_l, gyro_z, mag_x, vo_x, fix_x, …) of another name.",
+            help="Column that holds a measurement (omega_l, gyro_z, mag_x, vo_x, fix_x, …).",
         ),
     ] = None,
     time: reading.Time = None,
@@ -44,7 +44,7 @@ def estimate(
     latency: reading.Latency = None,
     to: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME_estimate.csv]."),
+        typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME_localized.csv]."),
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the path: .svg or .png.")
@@ -52,16 +52,16 @@ def estimate(
     workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
     json: reading.Json = False,
 ) -> None:
-    """Estimate where a robot was, with its uncertainty, from a log of its sensors."""
-    from sysid.mission.estimate import estimate as follow
-    from sysid.mission.estimate import write_estimate
+    """Localize a robot from a log of its sensors: its path, with the uncertainty."""
+    from sysid.mission.localize import localize as follow
+    from sysid.mission.localize import write_localization
     from sysid.mission.registry import kind_of
     from sysid.mission.spec import load_mission
 
     targets.check_picture(plot)
     if to is not None:
         targets.check(to, "--to")
-    target = to or Workspace(workspace).missions_dir / f"{log.stem}_estimate.csv"
+    target = to or Workspace(workspace).missions_dir / f"{log.stem}_localized.csv"
     if target.exists() and log.exists() and target.samefile(log):
         raise UsageError(f"--to {target} would overwrite the log; name another file")
     given = LawChoice(navigation=navigation).applied(load_mission(mission))
@@ -69,19 +69,19 @@ def estimate(
         time=time, ts=ts, units=units, map=map, stamps=stamps, latency=latency
     )
     with render.progress(f"Following {log.name}"):
-        found = follow(log, given, columns_of(sensor or []), options)
+        localization = follow(log, given, columns_of(sensor or []), options)
     targets.make_folder(target, "--to")
     facts: dict[str, Any] = {
         "navigation": kind_of("navigation", given.navigation),
-        "output": write_estimate(found, target),
-        "used": found.used,
-        "consistency": found.consistency,
-        "errors": found.errors,
-        "end": {n: float(found.columns[f"{n}_est"][-1]) for n in ("x", "y", "psi")},
-        "warnings": [*found.notes, *(f.text for f in found.log.findings)],
+        "output": write_localization(localization, target),
+        "used": localization.used,
+        "consistency": localization.consistency,
+        "errors": localization.errors,
+        "end": {n: float(localization.columns[f"{n}_est"][-1]) for n in ("x", "y", "psi")},
+        "warnings": [*localization.notes, *(f.text for f in localization.log.findings)],
     }
     if plot is not None:
-        _draw(plot, log.stem, found)
+        _draw(plot, log.stem, localization)
         facts["plot"] = plot
     render.document(facts) if json else _show(log.name, facts)
 
@@ -92,13 +92,13 @@ def columns_of(given: list[str]) -> dict[str, str]:
     Raises:
         UsageError: one has another form.
     """
-    found: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for pair in (p for item in given for p in item.split(",")):
         name, sign, column = (part.strip() for part in pair.partition("="))
         if not (name and sign and column):
             raise UsageError(f"--sensor cannot read {pair!r}; write NAME=COLUMN, as gyro_z=imu_wz")
-        found[name] = column
-    return found
+        columns[name] = column
+    return columns
 
 
 def _show(name: str, facts: dict[str, Any]) -> None:
@@ -132,13 +132,13 @@ def _verdict(large: bool) -> str:
     return "larger than believed" if large else "smaller than believed"
 
 
-def _draw(path: Path, name: str, found: "Estimation") -> None:
+def _draw(path: Path, name: str, localization: "Localization") -> None:
     """The estimated path with ellipses of 95 %, and the errors beside what the filter believes."""
     import numpy as np
 
     from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
 
-    c, pose = found.columns, found.log.pose
+    c, pose = localization.columns, localization.log.pose
     lines = [Line("estimate", c["x_est"], c["y_est"])]
     if pose is not None:
         lines.append(Line("true", pose[:, 0], pose[:, 1], reference=True))
@@ -157,7 +157,7 @@ def _draw(path: Path, name: str, found: "Estimation") -> None:
         panels.append(Panel("error of the position", "time [s]", "[m]", tuple(position)))
         panels.append(Panel("error of the heading", "time [s]", "[rad]", tuple(heading)))
     title = f"{name}: estimated path"
-    write_picture(path, ResponsePicture(title, ", ".join(found.used), tuple(panels)))
+    write_picture(path, ResponsePicture(title, ", ".join(localization.used), tuple(panels)))
 
 
 def _ellipses(columns: "Mapping[str, Array]") -> "tuple[tuple[Array, Array], ...]":
@@ -168,10 +168,10 @@ def _ellipses(columns: "Mapping[str, Array]") -> "tuple[tuple[Array, Array], ...
         return ()
     angle = np.linspace(0.0, 2.0 * np.pi, 49)
     circle = np.sqrt(-2.0 * np.log(0.05)) * np.array([np.cos(angle), np.sin(angle)])
-    found = []
+    ellipses = []
     for k in np.linspace(0, len(columns["t"]) - 1, 11).astype(int)[1:]:
         xx, xy, yy = (columns[n][k] for n in ("P_xx", "P_xy", "P_yy"))
         size, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
         x, y = axes @ (np.sqrt(np.maximum(size, 0.0))[:, None] * circle)
-        found.append((columns["x_est"][k] + x, columns["y_est"][k] + y))
-    return tuple(found)
+        ellipses.append((columns["x_est"][k] + x, columns["y_est"][k] + y))
+    return tuple(ellipses)

@@ -8,7 +8,7 @@ from command_line import run
 from mission_cases import Robot
 
 from sysid.errors import DataError
-from sysid.mission.estimate import estimate
+from sysid.mission.localize import localize
 from sysid.mission.result import write_columns, write_log
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import Mission, load_mission
@@ -42,19 +42,19 @@ def test_the_log_of_a_mission_gives_the_estimate_of_its_loop(
     driven: tuple[Path, Path, Mission],
 ) -> None:
     _, log, mission = driven
-    found, loop = estimate(log, mission), columns(log)
+    localization, loop = localize(log, mission), columns(log)
     for name in ("x_est", "y_est", "psi_est", "P_xx", "P_psi"):
         # The same filter on numbers that went through a file, which keeps all their digits.
-        np.testing.assert_allclose(found.columns[name], loop[name], rtol=1e-9, atol=1e-12)
-    assert found.errors["position_rms_m"] < 0.02  # fixes of 1 cm and wheels
-    assert {"gyro_z", "fix_x", "omega_l"} <= set(found.used)
+        np.testing.assert_allclose(localization.columns[name], loop[name], rtol=1e-9, atol=1e-12)
+    assert localization.errors["position_rms_m"] < 0.02  # fixes of 1 cm and wheels
+    assert {"gyro_z", "fix_x", "omega_l"} <= set(localization.used)
 
 
 def test_columns_of_other_names_and_units_are_found(
     driven: tuple[Path, Path, Mission], tmp_path: Path
 ) -> None:
     _, log, mission = driven
-    own, other = estimate(log, mission), tmp_path / "other.csv"
+    own, other = localize(log, mission), tmp_path / "other.csv"
     table = columns(log)
     renamed = {
         "time [ms]": table["t"] * 1e3,
@@ -67,21 +67,21 @@ def test_columns_of_other_names_and_units_are_found(
         "pwm_r": table["pwm_r"],
     }
     write_columns(renamed, other)
-    found = estimate(other, mission, {"gyro_z": "-imu_wz"})
-    assert found.errors == {}  # no pose, no truth
-    np.testing.assert_allclose(found.columns["x_est"], own.columns["x_est"], atol=1e-9)
-    np.testing.assert_allclose(found.columns["psi_est"], own.columns["psi_est"], atol=1e-9)
-    over = estimate(other, mission, {"gyro_z": "imu_wz"})
+    localization = localize(other, mission, {"gyro_z": "-imu_wz"})
+    assert localization.errors == {}  # no pose, no truth
+    np.testing.assert_allclose(localization.columns["x_est"], own.columns["x_est"], atol=1e-9)
+    np.testing.assert_allclose(localization.columns["psi_est"], own.columns["psi_est"], atol=1e-9)
+    over = localize(other, mission, {"gyro_z": "imu_wz"})
     assert any("mounted upside down" in note for note in over.notes)
-    assert not any("mounted upside down" in note for note in found.notes)
+    assert not any("mounted upside down" in note for note in localization.notes)
 
 
 def test_a_filter_that_believes_too_much_is_told_so(driven: tuple[Path, Path, Mission]) -> None:
     _, log, mission = driven
     sure = mission.navigation.model_copy(update={"r": {"fix_x": 1e-6, "fix_y": 1e-6}, "gate": 1.0})
-    found = estimate(log, mission.model_copy(update={"navigation": sure})).consistency
-    assert found["nis_mean"] > found["nis_bounds"][1]
-    assert found["nees_mean"] > found["nees_bounds"][1]
+    localization = localize(log, mission.model_copy(update={"navigation": sure})).consistency
+    assert localization["nis_mean"] > localization["nis_bounds"][1]
+    assert localization["nees_mean"] > localization["nees_bounds"][1]
 
 
 def test_the_command_writes_the_pose_with_its_covariance(
@@ -89,7 +89,7 @@ def test_the_command_writes_the_pose_with_its_covariance(
 ) -> None:
     mission, log, _ = driven
     target, picture = tmp_path / "pose.csv", tmp_path / "pose.svg"
-    line = ("estimate", log, "--mission", mission, "--to", target, "--plot", picture)
+    line = ("localize", log, "--mission", mission, "--to", target, "--plot", picture)
     facts = run(capsys, *line, "--navigation", "ekf", "--json").document
     assert facts["navigation"] == "ekf"
     assert facts["output"] == str(target)
@@ -104,7 +104,10 @@ def test_the_command_writes_the_pose_with_its_covariance(
     ("more", "words"),
     [
         (("--sensor", "gyro_z=nothing"), "has no column 'nothing' for gyro_z"),
-        (("--sensor", "gyro=gyro_z"), "'gyro' is no reading of a sensor: the readings are omega_l"),
+        (
+            ("--sensor", "gyro=gyro_z"),
+            "'gyro' is no reading of a sensor: the readings are omega_l",
+        ),
         (("--sensor", "gyro_z"), "--sensor cannot read 'gyro_z'; write NAME=COLUMN"),
         (("--navigation", "x"), "unknown kind 'x' of navigation"),
         (("--unit", "gyro_z=m"), "gyro_z is in m, but gyro_z is to be in rad/s"),
@@ -117,17 +120,17 @@ def test_mistakes_are_one_sentence(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     mission, log, _ = driven
-    found = run(capsys, "estimate", log, "--mission", mission, *more)
-    assert found.code == 2
-    assert words in found.err
-    assert len(found.err.strip().splitlines()) == 1
+    result = run(capsys, "localize", log, "--mission", mission, *more)
+    assert result.code == 2
+    assert words in result.err
+    assert len(result.err.strip().splitlines()) == 1
 
 
 def test_a_log_without_readings_is_refused(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text("t,temperature\n0,20\n1,21\n2,22\n")
-    with pytest.raises(DataError, match="holds none of the readings omega_l, omega_r"):
-        estimate(log, Mission(goal=(1.0, 0.0)))
+    with pytest.raises(DataError, match="holds none of the measurements omega_l, omega_r"):
+        localize(log, Mission(goal=(1.0, 0.0)))
     log.write_text("t,omega_l,omega_r\n0,1,1\n2,1,1\n1,1,1\n")
     with pytest.raises(DataError, match=r"log\.csv, line 4"):
-        estimate(log, Mission(goal=(1.0, 0.0)))
+        localize(log, Mission(goal=(1.0, 0.0)))

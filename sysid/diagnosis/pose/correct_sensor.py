@@ -1,7 +1,7 @@
-"""Wheel speeds put right for what the sensors have been found to make of them.
+"""Wheel speeds corrected for the selected effects of the sensor.
 
 The vehicle stage drives the vehicle by the measured speeds. A sensor that clips, lags or loses the
-sign shows there as slip or as another radius. With the model that names it the readings are put
+sign shows there as slip or as another radius. With the model that names it the measurements are put
 right by
 
     ω̂ = y + (run without the sensor's effects − run with them),
@@ -19,38 +19,38 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.samples import inspect_samples
-from sysid.diagnosis.search.named_sets import Naming
 from sysid.diagnosis.search.prepared import Data
+from sysid.diagnosis.search.selection import Selection
 from sysid.effects.base import Place
 from sysid.effects.catalogue import about
 
 Parts = tuple[tuple[Record, ...], tuple[Record, ...]]
-"""Records that estimate, and records that judge."""
+"""Estimation records, and held-out records."""
 
 
-def put_right(base: Base, naming: Naming) -> Parts:
+def correct_sensor(base: Base, selection: Selection) -> Parts:
     """The records of both parts, their outputs as speeds.
 
     Effects of the sensor that may as well be the motor's (a bias, a load) change nothing here.
 
     Args:
         base: the base around which effects were named.
-        naming: what was named.
+        selection: what was named.
     """
-    both = tuple(base.parts.estimation), tuple(base.parts.held)
+    both = tuple(base.parts.estimation), tuple(base.parts.holdout)
     sensors = [
         n.id
-        for n in naming.named
+        for n in selection.selected
         if all(about(id).place is Place.READING for id in (n.id, *n.ties))
     ]
     lost = tuple(inspect_samples(part).weights for part in both)
     if base.on_rate or not (sensors or any(np.any(w == 0.0) for part in lost for w in part)):
         return both
-    search, node = base.search, naming.final
-    held = search.in_phase(node.q, node.effects)
+    search, candidate = base.search, selection.final
+    holdout_q = search.in_phase(candidate.q, candidate.effects)
     return (
-        _corrected(base, both[0], lost[0], node.q, search.data, sensors),
-        _corrected(base, both[1], lost[1], held, search.held_data, sensors),
+        _corrected(base, both[0], lost[0], candidate.q, search.data, sensors),
+        _corrected(base, both[1], lost[1], holdout_q, search.holdout_data, sensors),
     )
 
 
@@ -64,8 +64,8 @@ def _corrected(
 ) -> tuple[Record, ...]:
     model, plain = base.search.model, q.copy()
     for id in sensors:
-        mine = list(model.of(id))
-        plain[mine] = model.null[mine]
+        indices = list(model.of(id))
+        plain[indices] = model.null[indices]
     read, moved = (data.split(run) for run in model.run(np.array([q, plain]), data))
     return tuple(
         replace(r, y=m + _bridged(r.y - a, w))

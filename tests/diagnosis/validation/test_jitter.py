@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array
-from sysid.diagnosis.validation.uneven_delay import _behind, _spread
+from sysid.diagnosis.validation.jitter import _behind, _spread
 
 NOISE, HOLD, COUNT = 0.02, 14, 120
 DELAY = 4

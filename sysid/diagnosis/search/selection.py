@@ -1,4 +1,4 @@
-"""Sets of effects in the course of a search: fitted, judged, named."""
+"""Sets of effects in a search: candidate models, scored candidates, the selection."""
 
 import math
 from collections.abc import Mapping
@@ -15,11 +15,11 @@ from sysid.fitting.profile import NORMAL
 
 @dataclass(frozen=True)
 class Interval:
-    """A 95 % interval of one number.
+    """A 95 % interval of one parameter.
 
     Attributes:
         low, high: its ends; None where the log does not contradict that there is no limit.
-        visited: whether the log depends on the number at all.
+        visited: whether the log depends on the parameter at all.
     """
 
     low: float | None
@@ -50,22 +50,23 @@ class Interval:
         return Interval(low, high, self.visited)
 
     def times(self, factor: float) -> "Interval":
-        """That of the number in another unit."""
+        """That of the parameter in another unit."""
         low, high = (None if v is None else factor * v for v in (self.low, self.high))
         return Interval(low, high, self.visited)
 
 
 @dataclass(frozen=True, eq=False)
-class Node:
-    """A set of effects with its fitted super-model.
+class CandidateModel:
+    """A set of effects with its fitted full model.
 
     Attributes:
         effects: ids in order of acceptance.
-        q: all slots, (slots,).
-        free: estimated slots.
+        q: all parameters, (parameters,).
+        free: estimated parameters.
         errors: free-run errors of both parts.
         touched: outputs that the newest effect changes.
-        excluded: effects that could not be told from an accepted one, not looked for again.
+        excluded: effects that could not be distinguished from an accepted one, not looked for
+            again.
     """
 
     effects: tuple[str, ...]
@@ -76,19 +77,19 @@ class Node:
     excluded: tuple[str, ...] = ()
 
     @property
-    def held_rmse(self) -> float:
+    def holdout_rmse(self) -> float:
         """Held-out RMSE over all outputs."""
-        return float(np.sqrt(np.nanmean(np.concatenate(self.errors.held) ** 2)))
+        return float(np.sqrt(np.nanmean(np.concatenate(self.errors.holdout) ** 2)))
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
-    """An accepted effect: its evidence and what cannot be told from it.
+class SelectedEffect:
+    """An accepted effect: its evidence and what cannot be distinguished from it.
 
     Attributes:
         id: in the catalogue.
         evidence: against the model without it.
-        ties: effects that cannot be told from it.
+        ties: effects that cannot be distinguished from it.
         touched: outputs on which it shows.
         rivals: the fitted models of it and of its ties, by id.
         rest: the model without it.
@@ -98,66 +99,66 @@ class Named:
     evidence: Evidence
     ties: tuple[str, ...]
     touched: NDArray[np.bool_]
-    rivals: Mapping[str, Node]
-    rest: Node
+    rivals: Mapping[str, CandidateModel]
+    rest: CandidateModel
 
 
 @dataclass(frozen=True, eq=False)
-class Naming:
-    """Outcome of the search.
+class Selection:
+    """Result of the search.
 
     Attributes:
-        base: the model before.
+        base: the original model.
         final: the model with all accepted effects.
-        named: accepted effects in order.
+        selected: accepted effects in order.
         minor: effects that help a little but not enough to be proven, with their evidence.
         candidates: score of every effect at the first stage, best first: the likelihood ratio
             (in units of BIC) over both parts of the data.
-        intervals: of numbers whose standard error no slope tells, by slot.
+        intervals: of parameters without a standard error from gradients, by index.
     """
 
-    base: Node
-    final: Node
-    named: tuple[Named, ...]
+    base: CandidateModel
+    final: CandidateModel
+    selected: tuple[SelectedEffect, ...]
     minor: tuple[tuple[str, Evidence], ...]
     candidates: tuple[tuple[str, float], ...]
     intervals: Mapping[int, Interval] = field(default_factory=dict)
 
 
-def without_name(naming: Naming, id: str, base: Node) -> Naming:
+def moved_to_base(selection: Selection, id: str, base: CandidateModel) -> Selection:
     """An effect that belongs to the base, which is fitted with it, instead of being named."""
 
-    def apart(node: Node) -> Node:
-        return replace(node, effects=tuple(e for e in node.effects if e != id))
+    def apart(candidate: CandidateModel) -> CandidateModel:
+        return replace(candidate, effects=tuple(e for e in candidate.effects if e != id))
 
-    named = tuple(
+    selected = tuple(
         replace(
             n,
             rest=apart(n.rest) if n.rest.effects else base,
             rivals={k: apart(r) for k, r in n.rivals.items()},
         )
-        for n in naming.named
+        for n in selection.selected
         if n.id != id
     )
     return replace(
-        naming,
+        selection,
         base=base,
-        final=apart(naming.final) if named else base,
-        named=named,
-        minor=tuple(m for m in naming.minor if m[0] != id),
-        candidates=tuple(c for c in naming.candidates if c[0] != id),
+        final=apart(selection.final) if selected else base,
+        selected=selected,
+        minor=tuple(m for m in selection.minor if m[0] != id),
+        candidates=tuple(c for c in selection.candidates if c[0] != id),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class ScoredCandidate:
     """A candidate with its evidence and score."""
 
-    node: Node
+    candidate: CandidateModel
     evidence: Evidence
     score: float
 
     @property
     def id(self) -> str:
         """The newest effect."""
-        return self.node.effects[-1]
+        return self.candidate.effects[-1]

@@ -1,4 +1,4 @@
-"""How large what has no name is, and what it would do to a mission.
+"""The size of the remaining error beyond the noise, and its consequence for a mission.
 
 A test of long logs finds structure far too small to matter. So its size is said beside it: the
 root mean square of the errors beyond the noise, and where a robot would stand after a minute or
@@ -18,16 +18,16 @@ LASTS, WAY = 60.0, 10.0
 """A mission as it is usual: so long [s], so far [m]."""
 
 USUAL = 95.0
-"""Percentile of the readings' sizes that the errors are compared with."""
+"""Percentile of the measurements' sizes that the errors are compared with."""
 
 
 @dataclass(frozen=True)
-class LeftOver:
+class ExcessError:
     """Errors beyond the noise.
 
     Attributes:
         outputs: of each output its name, its unit, the RMS beyond the noise, and that in per cent
-            of the usual size of its readings.
+            of the usual size of its measurements.
         after_time: how far off a robot is after ``LASTS`` [m]; None where the log is no robot's.
         after_way: the same after ``WAY``.
     """
@@ -40,12 +40,13 @@ class LeftOver:
     def sentence(self) -> str:
         """The sizes in words."""
         sizes = ", ".join(
-            f"{rms:.2g}{f' {unit}' if unit else ''} RMS on {name} ({share:.2g} % of its usual size)"
+            f"{rms:.2g}{f' {unit}' if unit else ''} RMS on {name} "
+            f"({share:.2g} % of the typical output)"
             for name, unit, rms, share in self.outputs
         )
         if not sizes:
             return ""
-        said = f"In size: {sizes} beyond the noise."
+        said = f"Remaining error beyond the noise: {sizes}."
         if self.after_time is not None and self.after_way is not None:
             said += (
                 f" A robot driven by this model would be about {self.after_time:.2g} m off after "
@@ -66,9 +67,9 @@ class LeftOver:
         }
 
 
-def left_over(
+def excess_error(
     records: Sequence[Record], errors: Sequence[Array], floor: Array, geometry: Geometry | None
-) -> LeftOver:
+) -> ExcessError:
     """Size of the errors beyond the noise.
 
     Args:
@@ -85,14 +86,14 @@ def left_over(
         for c, rms, size in zip(records[0].outputs, beyond, usual, strict=True)
     )
     if not (records[0].is_robot_log and all(c.unit == "rad/s" for c in records[0].outputs)):
-        return LeftOver(sizes)
+        return ExcessError(sizes)
     r = (geometry or Geometry()).r
     minutes = np.concatenate(
         [_drifts(rec, err, r) for rec, err in zip(records, errors, strict=True)]
     )
     drift = float(np.sqrt(np.mean(minutes[:, 0] ** 2)))
     way = float(np.mean(minutes[:, 1]))
-    return LeftOver(sizes, drift, drift * WAY / way if way > 0.0 else None)
+    return ExcessError(sizes, drift, drift * WAY / way if way > 0.0 else None)
 
 
 def _drifts(record: Record, errors: Array, r: float) -> Array:
@@ -102,10 +103,10 @@ def _drifts(record: Record, errors: Array, r: float) -> Array:
     mean of those that do.
     """
     parts = max(round(len(record) * record.dt / LASTS), 1)
-    found = []
+    drifts = []
     for e, y in zip(np.array_split(errors, parts), np.array_split(record.y, parts), strict=True):
         there = np.isfinite(e).all(axis=1)
         if there.any():
             means = float(np.mean(e[there])), float(np.mean(np.abs(y[there])))
-            found.append([r * LASTS * mean for mean in means])
-    return np.array(found or [[0.0, 0.0]])
+            drifts.append([r * LASTS * mean for mean in means])
+    return np.array(drifts or [[0.0, 0.0]])

@@ -20,7 +20,7 @@ Row = Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class RecordedRun:
     """What happened.
 
     Attributes:
@@ -46,12 +46,12 @@ class _Watched:
 
     def step(self, state: Any, inputs: Any, dt: float, xp: Any) -> tuple[Any, Any]:
         """The law's step."""
-        after, found = self.law.step(state, inputs, dt, xp)
-        self.rows.append({**self.inputs(inputs, dt), **self.outputs(found)})
-        return after, found
+        after, output = self.law.step(state, inputs, dt, xp)
+        self.rows.append({**self.inputs(inputs, dt), **self.outputs(output)})
+        return after, output
 
 
-def driven(loop: Loop, seed: int = 0) -> Drive:
+def record_run(loop: Loop, seed: int = 0) -> RecordedRun:
     """Drive a closed loop once.
 
     Args:
@@ -81,7 +81,7 @@ def driven(loop: Loop, seed: int = 0) -> Drive:
             lambda i, dt: {
                 "t": i.t,
                 "dt": dt,
-                **i.readings,
+                **i.measurements,
                 "drive_l": i.drive[0],
                 "drive_r": i.drive[1],
             },
@@ -91,17 +91,17 @@ def driven(loop: Loop, seed: int = 0) -> Drive:
     }
     commands: list[Row] = []
 
-    def drive(command: Any, estimate: Any, t: float, xp: Any) -> Any:
-        found = loop.drive(command, estimate, t, xp)
+    def shaper(command: Any, estimate: Any, t: float, xp: Any) -> Any:
+        shaped = loop.shaper(command, estimate, t, xp)
         read = {"t": t, "v_cmd": command.v_cmd, "psi_cmd": command.psi_cmd, **flat(estimate)}
-        commands.append({**read, **command_outputs(*found)})
-        return found
+        commands.append({**read, **command_outputs(*shaped)})
+        return shaped
 
-    _, table = run(replace(loop, drive=drive, xp=floats, **watched), seed)
+    _, table = run(replace(loop, shaper=shaper, xp=floats, **watched), seed)
     rows = {n: w.rows for n, w in watched.items() if n != "motion"} | {"command": commands}
     columns = [COLUMNS.index(n) for n in CLOSED]
-    return Drive(
-        {law: _columns(found) for law, found in rows.items()},
+    return RecordedRun(
+        {law: _columns(shaped) for law, shaped in rows.items()},
         table[:, columns],
     )
 

@@ -16,7 +16,7 @@ from sysid.mission.registry import law
 from sysid.mission.result import write_columns
 from sysid.mission.spec import Mission
 
-READINGS = (
+MEASUREMENTS = (
     Wanted("omega_l", "rad/s", "speed", "left"),
     Wanted("omega_r", "rad/s", "speed", "right"),
     Wanted("ticks_l", ""),
@@ -44,7 +44,7 @@ ESTIMATE = ("x_est", "y_est", "psi_est", "v_est", "yaw_rate_est")
 
 
 @dataclass(frozen=True, eq=False)
-class Estimation:
+class Localization:
     """The pose over time as navigation sees it.
 
     Attributes:
@@ -66,12 +66,12 @@ class Estimation:
     notes: tuple[str, ...]
 
 
-def estimate(
+def localize(
     path: str | Path,
     mission: Mission,
     columns: Mapping[str, str] | None = None,
     options: ReadOptions | None = None,
-) -> Estimation:
+) -> Localization:
     """Run the navigation of a mission over a log.
 
     The first pose is the log's own where it has one (the truth that errors are counted against),
@@ -87,7 +87,7 @@ def estimate(
         DataError: the log cannot be read, or holds no wheel speed and no sensor.
         UsageError: a column or unit named is not there.
     """
-    return estimated(read_sensors(path, columns, options), mission)
+    return localize_log(read_sensors(path, columns, options), mission)
 
 
 def read_sensors(
@@ -95,17 +95,17 @@ def read_sensors(
     columns: Mapping[str, str] | None = None,
     options: ReadOptions | None = None,
 ) -> SensorLog:
-    """The readings and commands of a log; as for :func:`estimate`."""
-    return read_sensor_log(path, (*READINGS, *DRIVES), columns, options)
+    """The measurements and commands of a log; as for :func:`localize`."""
+    return read_sensor_log(path, (*MEASUREMENTS, *DRIVES), columns, options)
 
 
-def estimated(log: SensorLog, mission: Mission) -> Estimation:
-    """As :func:`estimate`, of a log that has been read."""
+def localize_log(log: SensorLog, mission: Mission) -> Localization:
+    """As :func:`localize`, of a log that has been read."""
     scene, notes = scene_of(log, mission)
     navigation = mission.navigation
     state = navigation.start(scene, np)
     rows: list[tuple[float, ...]] = []
-    reads = {n: v for n, v in log.readings.items() if not n.startswith("pwm_")}
+    reads = {n: v for n, v in log.measurements.items() if not n.startswith("pwm_")}
     for name in ("omega_l", "omega_r"):
         reads.setdefault(name, np.full(len(log.t), np.nan))
     drive = _drives(log)
@@ -113,30 +113,30 @@ def estimated(log: SensorLog, mission: Mission) -> Estimation:
     report = navigation.report if isinstance(navigation, Reporting) else _nothing
     names = list(reads)
     table = np.column_stack([reads[n] for n in names]).tolist()
-    for t, dt, read, held in zip(log.t.tolist(), steps.tolist(), table, drive, strict=True):
-        seen = NavigationInputs(t, dict(zip(names, read, strict=True)), scene, held)
+    for t, dt, read, command in zip(log.t.tolist(), steps.tolist(), table, drive, strict=True):
+        seen = NavigationInputs(t, dict(zip(names, read, strict=True)), scene, command)
         state, body = navigation.step(state, seen, dt, np)
         rows.append((t, *_flat(body), *report(state, np)))
     added = navigation.columns if isinstance(navigation, Reporting) else ()
     values = np.array(rows)
-    found = {n: values[:, k] for k, n in enumerate(("t", *ESTIMATE, *added))}
-    _check(found, log)
-    return Estimation(
+    columns = {n: values[:, k] for k, n in enumerate(("t", *ESTIMATE, *added))}
+    _check(columns, log)
+    return Localization(
         log=log,
-        columns=found,
+        columns=columns,
         used=tuple(n for n in names if np.isfinite(reads[n]).any()),
-        consistency=_consistency(found, log.pose),
-        errors={} if log.pose is None else _errors(found, log.pose),
+        consistency=_consistency(columns, log.pose),
+        errors={} if log.pose is None else _errors(columns, log.pose),
         notes=(*notes, *_turned_over(log)),
     )
 
 
 def _turned_over(log: SensorLog) -> tuple[str, ...]:
     """Whether the gyroscope says the opposite of the wheels, as one mounted upside down does."""
-    if not {"gyro_z", "omega_l", "omega_r"} <= log.readings.keys():
+    if not {"gyro_z", "omega_l", "omega_r"} <= log.measurements.keys():
         return ()
-    turning = log.readings["omega_r"] - log.readings["omega_l"]
-    gyro = log.readings["gyro_z"]
+    turning = log.measurements["omega_r"] - log.measurements["omega_l"]
+    gyro = log.measurements["gyro_z"]
     both = np.isfinite(turning) & np.isfinite(gyro)
     if min(len(np.unique(x[both])) for x in (turning, gyro)) < 2:
         return ()
@@ -144,8 +144,8 @@ def _turned_over(log: SensorLog) -> tuple[str, ...]:
     if alike > -OPPOSITE:
         return ()
     return (
-        f"gyro_z turns against the wheels (correlation {alike:.2f}), as a sensor that is mounted "
-        "upside down does: put a minus before its column.",
+        f"gyro_z turns against the wheels (correlation {alike:.2f}), as an upside-down sensor "
+        "does; put a minus before its column.",
     )
 
 
@@ -169,44 +169,45 @@ def scene_of(log: SensorLog, mission: Mission) -> tuple[Scene, tuple[str, ...]]:
                 f"The estimate starts in the log's first pose ({x:.3g}, {y:.3g}, {psi:.3g})."
             )
         scene = scene._replace(start=first)
-    read = {n for n in log.readings if np.isfinite(log.readings[n]).any()}
+    read = {n for n in log.measurements if np.isfinite(log.measurements[n]).any()}
     kept = {k: s for k, s in scene.sensors.items() if read & set(s.names)}
     if {"omega_l", "omega_r"} <= read and "encoders" not in kept:
         kept = {"encoders": law("sensors", {"kind": "encoders"}), **kept}
-        notes.append("The mission names no encoders: wheel speeds count as those of its defaults.")
+        notes.append(
+            "The mission lists no encoders, so default encoders are assumed for the wheel speeds."
+        )
     missing = [k for k in scene.sensors if k not in kept]
     if missing:
-        notes.append(f"The log holds nothing of {', '.join(missing)}: the filter does without.")
+        notes.append(f"The log has no {', '.join(missing)}; the filter runs without.")
     return scene._replace(sensors=kept), tuple(notes)
 
 
 def _drives(log: SensorLog) -> list[tuple[float, float]]:
     """The command held before each row [drive]; none where the log has no commands."""
-    pwm = [log.readings[w.name] for w in DRIVES if w.name in log.readings]
+    pwm = [log.measurements[w.name] for w in DRIVES if w.name in log.measurements]
     if len(pwm) < len(DRIVES):
         return [(0.0, 0.0)] * len(log.t)
-    held = np.nan_to_num(np.column_stack(pwm)) / PWM_FULL_SCALE
-    before = np.vstack([np.zeros(2), held[:-1]])
+    commands = np.nan_to_num(np.column_stack(pwm)) / PWM_FULL_SCALE
+    before = np.vstack([np.zeros(2), commands[:-1]])
     return [(left, right) for left, right in before.tolist()]
 
 
-def _check(found: Mapping[str, Array], log: SensorLog) -> None:
+def _check(columns: Mapping[str, Array], log: SensorLog) -> None:
     """Refuse an estimate that is no number."""
     for name in ESTIMATE[:3]:
-        lost = np.flatnonzero(np.logical_not(np.isfinite(found[name])))
+        lost = np.flatnonzero(np.logical_not(np.isfinite(columns[name])))
         if len(lost):
             raise DataError(
-                f"{log.name}: the estimate is lost at t = {log.t[lost[0]]:g} s: the navigation "
-                "needs a reading that is missing there; fill it, or choose a filter that does "
-                "without"
+                f"{log.name}: the estimate diverges at t = {log.t[lost[0]]:g} s: a measurement is "
+                "missing there; fill it, or choose a filter that does not need it"
             )
 
 
-def _errors(found: Mapping[str, Array], pose: Array) -> dict[str, float]:
+def _errors(columns: Mapping[str, Array], pose: Array) -> dict[str, float]:
     """Errors against the true pose, where that is known."""
     known = np.isfinite(pose).all(axis=1)
-    distance = np.hypot(found["x_est"] - pose[:, 0], found["y_est"] - pose[:, 1])[known]
-    angle = (found["psi_est"] - pose[:, 2])[known]
+    distance = np.hypot(columns["x_est"] - pose[:, 0], columns["y_est"] - pose[:, 1])[known]
+    angle = (columns["psi_est"] - pose[:, 2])[known]
     angle = np.arctan2(np.sin(angle), np.cos(angle))
     return {
         "position_rms_m": float(np.sqrt(np.mean(distance**2))),
@@ -215,33 +216,34 @@ def _errors(found: Mapping[str, Array], pose: Array) -> dict[str, float]:
     }
 
 
-def write_estimate(found: Estimation, path: str | Path) -> Path:
+def write_localization(localization: Localization, path: str | Path) -> Path:
     """Write the estimate as CSV, a row for each row of the log; numbers survive unrounded.
 
     Raises:
         DataError: the file cannot be written there.
     """
-    return write_columns(found.columns, path)
+    return write_columns(localization.columns, path)
 
 
-def _consistency(found: Mapping[str, Array], pose: Array | None) -> dict[str, Any]:
+def _consistency(columns: Mapping[str, Array], pose: Array | None) -> dict[str, Any]:
     """NIS and NEES over the run, with the 95 % bounds in which a filter that is right keeps them.
 
-    NIS: the innovations of a right filter are independent, so that their sum is χ² of all readings.
+    NIS: the innovations of a right filter are independent, so that their sum is χ² of all
+        measurements.
     NEES: the error of the position, (x̂ − x)ᵀP⁻¹(x̂ − x), is χ² of 2 at each instant, but errors of
     one run are like each other over time: it counts as many of them as are independent.
     """
-    if "nis" not in found:
+    if "nis" not in columns:
         return {}
-    came = found["nis_dof"] > 0
-    nis, dof = found["nis"][came], found["nis_dof"][came]
+    came = columns["nis_dof"] > 0
+    nis, dof = columns["nis"][came], columns["nis_dof"][came]
     facts: dict[str, Any] = {"nis_mean": None, "nis_bounds": None}
     if came.any():
         facts = {"nis_mean": float(nis.mean()), "nis_bounds": _bounds(float(dof.sum()), len(nis))}
     facts |= {"nees_mean": None, "nees_bounds": None}
     if pose is not None:
-        dx, dy = found["x_est"] - pose[:, 0], found["y_est"] - pose[:, 1]
-        xx, xy, yy = (found[n] for n in ("P_xx", "P_xy", "P_yy"))
+        dx, dy = columns["x_est"] - pose[:, 0], columns["y_est"] - pose[:, 1]
+        xx, xy, yy = (columns[n] for n in ("P_xx", "P_xy", "P_yy"))
         nees = (yy * dx**2 - 2 * xy * dx * dy + xx * dy**2) / (xx * yy - xy**2)
         nees = nees[np.isfinite(nees)][1:]  # the start is given, not estimated
         count = _independent(nees)

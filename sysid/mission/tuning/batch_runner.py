@@ -20,7 +20,7 @@ from sysid.fitting.compiled import compiled, jax_module
 from sysid.mission.loop import COLUMNS, Loop, Tick, Verdict
 from sysid.mission.monte_carlo.clock import BLOCK, Clock, Pattern
 from sysid.mission.monte_carlo.figures import FAILED
-from sysid.mission.monte_carlo.setup import Driver, Setup
+from sysid.mission.monte_carlo.setup import PlantVariant, Setup
 from sysid.mission.noise import block as noise_block
 from sysid.mission.noise import generator
 from sysid.mission.settings import TunedSettings
@@ -28,7 +28,7 @@ from sysid.mission.simulator import LIMITS, closed_loop, simulate
 from sysid.mission.spec import Mission
 from sysid.mission.tuning.criteria import Driven
 
-LANES = 1024
+BATCH_SIZE = 1024
 """Runs side by side at most: their states fit into a core's cache."""
 
 
@@ -65,32 +65,32 @@ class Tally(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class BatchRunner:
     """One mission and its plant, driven with gains of all kinds.
 
     Attributes:
         setup: mission and plant.
         names: of the gains, in the order of their columns.
-        lanes: runs side by side; fewer are padded.
+        batch_size: runs side by side; fewer are padded.
         recorded: whether speed and yaw are wanted, sample by sample.
         alone: whether the runs go one after the other.
     """
 
     setup: Setup
     names: tuple[str, ...]
-    lanes: int
+    batch_size: int
     recorded: bool
     alone: bool = False
 
     @property
-    def driver(self) -> Driver:
+    def variant(self) -> PlantVariant:
         """The plant, wired."""
-        return self.setup.drivers[0]
+        return self.setup.plant_variants[0]
 
     @property
     def mission(self) -> Mission:
         """The mission."""
-        return self.driver.drawing.mission
+        return self.variant.sampler.mission
 
     def with_gains(self, gains: Any) -> Mission:
         """The mission with gains, numbers or traced ones."""
@@ -107,23 +107,23 @@ class Course:
         at = np.array_split(np.arange(len(runs.seeds)), -(-len(runs.seeds) // RUNS_ALONE))
         if len(at) == 1:
             return self.one_by_one(runs)
-        course = replace(self, setup=self.setup.plain())
+        runner = replace(self, setup=self.setup.plain())
         with ProcessPoolExecutor(cpu_count(), mp_context=get_context("spawn")) as pool:
-            return joined(list(pool.map(course.one_by_one, [runs.rows(rows) for rows in at])))
+            return joined(list(pool.map(runner.one_by_one, [runs.rows(rows) for rows in at])))
 
     def one_by_one(self, runs: Runs) -> Driven:
         """Run after run, in NumPy; a run that gives no numbers counts as failed."""
         return joined([self._one(runs.rows([k])) for k in range(len(runs.seeds))])
 
     def _one(self, run: Runs) -> Driven:
-        robot = self.driver.robot_of(run.theta[0], 0.0)
+        robot = self.variant.robot_of(run.theta[0], 0.0)
         state = robot.initial_state()
-        for _ in range(self.driver.held):
+        for _ in range(self.variant.settling_steps):
             state, _ = robot.step(state, np.zeros(2))
         robot = replace(robot, rest=state)
         mission = self.with_gains(run.gains[0].tolist())
         try:
-            result = simulate(mission, robot, run.seeds[0], self.driver.robot)
+            result = simulate(mission, robot, run.seeds[0], self.variant.robot)
         except ModelError:
             nothing, row = np.full(1, np.nan), np.full((1, 1), np.nan)
             return Driven(np.array([FAILED]), nothing, nothing, nothing, np.zeros(1), row, row)
@@ -143,11 +143,11 @@ class Course:
     # --------------------------------------------------------------------------- side by side
 
     def together(self, runs: Runs) -> Driven:
-        """All of them, ``lanes`` at a time."""
+        """All of them, ``batch_size`` at a time."""
         parts = []
-        for at in range(0, len(runs.seeds), self.lanes):
-            chosen = np.arange(at, min(at + self.lanes, len(runs.seeds)))
-            padded = np.minimum(np.arange(at, at + self.lanes), chosen[-1])
+        for at in range(0, len(runs.seeds), self.batch_size):
+            chosen = np.arange(at, min(at + self.batch_size, len(runs.seeds)))
+            padded = np.minimum(np.arange(at, at + self.batch_size), chosen[-1])
             parts.append(self._chunk(runs.rows(padded), len(chosen)))
         return joined(parts)
 
@@ -156,8 +156,8 @@ class Course:
         numbers = jnp.asarray(runs.gains), jnp.asarray(runs.theta)
         noise = self._noise(runs.seeds)
         state = self._starts(numbers)
-        zeros = [jnp.zeros(self.lanes)] * (len(Tally._fields) - 1)
-        tally = Tally(jnp.zeros(self.lanes, jnp.int64), *zeros)
+        zeros = [jnp.zeros(self.batch_size)] * (len(Tally._fields) - 1)
+        tally = Tally(jnp.zeros(self.batch_size, jnp.int64), *zeros)
         rows: list[tuple[Array, Array, Array]] = []
         k = 0
         while True:
@@ -180,7 +180,7 @@ class Course:
 
     @cached_property
     def _clock(self) -> Clock:
-        return Clock(self.driver.robot.dt, self.mission.control.period)
+        return Clock(self.variant.robot.dt, self.mission.control.period)
 
     @cached_property
     def _programs(self) -> dict[tuple[Pattern, ...], Callable[..., Any]]:
@@ -188,9 +188,9 @@ class Course:
         return {}
 
     def _loop(self, gains: Any, theta: Any) -> Loop:
-        robot = self.driver.robot_of(theta, 0.0)
+        robot = self.variant.robot_of(theta, 0.0)
         mission, xp = self.with_gains(gains), jax_module().numpy
-        return closed_loop(mission, robot, self.driver.scene, xp, self.driver.drive)
+        return closed_loop(mission, robot, self.variant.scene, xp, self.variant.shaper)
 
     def _start(self, numbers: tuple[Any, Any]) -> Any:
         """State before the first sample, at rest without drive."""
@@ -199,9 +199,11 @@ class Course:
         loop = self._loop(*numbers)
         state = loop.start()
         plant, nothing = jnp.asarray(state.plant, jnp.float64), jnp.zeros(2)
-        held = self.driver.held
-        if held:
-            plant = jax.lax.fori_loop(0, held, lambda _, x: loop.plant.step(x, nothing)[0], plant)
+        settling_steps = self.variant.settling_steps
+        if settling_steps:
+            plant = jax.lax.fori_loop(
+                0, settling_steps, lambda _, x: loop.plant.step(x, nothing)[0], plant
+            )
         return jax.tree.map(jnp.asarray, state._replace(plant=plant))
 
     @cached_property
@@ -220,7 +222,7 @@ class Course:
     def _types(self) -> Any:
         """Types of the state's numbers after a sample, which it begins with as well."""
         jax = jax_module()
-        plant = self.driver.drawing.plant
+        plant = self.variant.sampler.plant
         one = np.ones(len(self.names)), plant.theta
         state = jax.eval_shape(self._start, one)
         draws = tuple(np.zeros(s.draws) for s in self.mission.sensors.values())
@@ -231,7 +233,7 @@ class Course:
     def _sampled(self, pattern: Pattern) -> Callable[..., Any]:
         """One sample of one run with so many control instants before it and with it."""
         before, now = pattern
-        places = [COLUMNS.index(name) for name in ("v", "psi")]
+        indices = [COLUMNS.index(name) for name in ("v", "psi")]
 
         def sample(numbers: tuple[Any, Any], state: Any, at: Any, draws: Any) -> Any:
             jnp = jax_module().numpy
@@ -251,7 +253,7 @@ class Course:
                 after.progress.clearance,
                 (command.v_cmd**2 + command.psi_cmd**2) * loop.plant.dt,
             )
-            return after, tally, tuple(seen[k] for k in places)
+            return after, tally, tuple(seen[k] for k in indices)
 
         return sample
 
@@ -264,25 +266,25 @@ class Course:
         """All runs through a block of samples."""
         jax = jax_module()
         jnp, types = jax.numpy, self._types
-        lanes = [jax.vmap(self._sampled(p), in_axes=(0, 0, None, 0)) for p in patterns]
+        branches = [jax.vmap(self._sampled(p), in_axes=(0, 0, None, 0)) for p in patterns]
 
         def block(numbers: Any, state: Any, tally: Tally, clock: Any, noise: Any) -> Any:
             def sample(carried: tuple[Any, Tally], given: Any) -> Any:
                 state, tally = carried
                 (t, dt, kind, instants), draws = given
 
-                def one(lane: Any) -> Any:
+                def one(branch: Any) -> Any:
                     def run(state: Any) -> Any:
-                        after, seen, row = lane(numbers, state, (t, dt, instants), draws)
+                        after, seen, row = branch(numbers, state, (t, dt, instants), draws)
                         seen = Tally(
-                            *(jnp.broadcast_to(v, (self.lanes,)).astype(e.dtype)
+                            *(jnp.broadcast_to(v, (self.batch_size,)).astype(e.dtype)
                               for v, e in zip(seen, tally, strict=True))
                         )  # fmt: skip
                         return jax.tree.map(jnp.asarray, after, types), seen, row
 
                     return run
 
-                state, seen, row = jax.lax.switch(kind, [one(b) for b in lanes], state)
+                state, seen, row = jax.lax.switch(kind, [one(b) for b in branches], state)
                 seen = seen._replace(effort=tally.effort + seen.effort)
                 over = tally.verdict != Verdict.GOES_ON
                 tally = Tally(*(jnp.where(over, a, b) for a, b in zip(tally, seen, strict=True)))
@@ -294,18 +296,18 @@ class Course:
         return block
 
     def _noise(self, seeds: tuple[int, ...]) -> Iterator[Any]:
-        """Standard normal numbers of block after block, (BLOCK, lanes, count) for each sensor."""
+        """Standard normal numbers of each block, (BLOCK, batch_size, count) for each sensor."""
         jnp = jax_module().numpy
         named = [
             ({s: generator(s, name) for s in dict.fromkeys(seeds)}, sensor.draws)
             for name, sensor in self.mission.sensors.items()
         ]
         while True:
-            found = []
+            arrays = []
             for streams, n in named:
-                own = {s: noise_block(stream, n, BLOCK) for s, stream in streams.items()}
-                found.append(jnp.asarray(np.stack([own[s] for s in seeds], axis=1)))
-            yield tuple(found)
+                numbers = {s: noise_block(stream, n, BLOCK) for s, stream in streams.items()}
+                arrays.append(jnp.asarray(np.stack([numbers[s] for s in seeds], axis=1)))
+            yield tuple(arrays)
 
 
 def joined(parts: list[Driven]) -> Driven:

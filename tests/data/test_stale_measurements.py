@@ -8,8 +8,8 @@ import pytest
 from command_line import run, write_log
 
 from sysid.data.io import read_file
-from sysid.data.reading.held import refreshed, refreshes, without_repeats
 from sysid.data.reading.read_options import ReadOptions
+from sysid.data.reading.stale import refreshed, refreshes, without_repeats
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.samples import inspect_samples
 from sysid.diagnosis.search.evidence import noise_floor

@@ -1,6 +1,6 @@
-"""The super-model: every effect of the catalogue in one compiled simulation.
+"""The full model: every effect of the catalogue in one compiled simulation.
 
-Absent effects sit at their null values, so that trying a candidate means freeing a few numbers
+Absent effects sit at their null values, so that trying a candidate means freeing a few parameters
 and never compiling a new model. Many candidates, starts and shifted copies for slopes run side by
 side (``batched_search.py`` searches over them).
 
@@ -12,12 +12,12 @@ from functools import cached_property
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.diagnosis.search.numbers import Numbers
+from sysid.diagnosis.search.parameter_table import ParameterTable
 from sysid.diagnosis.search.prepared import Data
 from sysid.diagnosis.search.runs import Runs
 
 
-class SuperModel(Numbers):
+class FullModel(ParameterTable):
     """All effects around cores of one order, for a number of tracks."""
 
     @cached_property
@@ -25,5 +25,5 @@ class SuperModel(Numbers):
         return Runs(self)
 
     def run(self, q: Array, data: Data) -> Array:
-        """Readings for parameter vectors q (lanes, slots), shape (lanes, M, tracks)."""
+        """Measurements for parameter vectors q (batch, parameters), shape (batch, M, tracks)."""
         return self.runs(np.atleast_2d(q), data)

@@ -19,7 +19,7 @@ COLOUR = style.SERIES[3]
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class PoseEstimate:
     """What navigation believed at each sample.
 
     Attributes:
@@ -35,7 +35,7 @@ class Estimate:
         object.__setattr__(self, "covariance", frozen(self.covariance, 3))
 
 
-def draw(axes: "Axes", estimate: Estimate) -> None:
+def draw(axes: "Axes", estimate: PoseEstimate) -> None:
     """Draw the path, and ellipses at equal distances along it."""
     path = estimate.path
     axes.plot(

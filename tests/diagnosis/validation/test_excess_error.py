@@ -6,7 +6,7 @@ import pytest
 from sysid.data.record import Channel, Record
 from sysid.diagnosis.gap import ChannelGap, Gap, with_path
 from sysid.diagnosis.pose.evidence import pose_gap
-from sysid.diagnosis.validation.left_over import left_over
+from sysid.diagnosis.validation.excess_error import excess_error
 from sysid.diagnosis.validation.localise import Region, leading
 from sysid.vehicle.kinematics import Geometry
 
@@ -48,7 +48,7 @@ def test_windows_that_an_effect_leaves_alone_count_for_the_path() -> None:
     rng = np.random.default_rng(0)
     old = 5.0 * rng.standard_normal((400, 3))
     new = old.copy()
-    new[:40] = rng.standard_normal((40, 3))  # the effect mends one turn
+    new[:40] = rng.standard_normal((40, 3))  # the effect is_redundant one turn
     pairs = [(old, new)]
     assert pose_gap(pairs, np.ones(3)).closed_percent > 90.0
     whole = pose_gap(pairs, np.ones(3), everywhere=True)
@@ -65,11 +65,11 @@ def driven(error: float, samples: int = 3000) -> tuple[Record, np.ndarray]:
 
 def test_a_thousandth_of_the_speed_is_told_with_what_it_does_to_a_mission() -> None:
     record, errors = driven(0.01)
-    left = left_over([record], [errors], np.array([0.0, 0.0]), Geometry(0.03, 0.2))
+    left = excess_error([record], [errors], np.array([0.0, 0.0]), Geometry(0.03, 0.2))
     assert left.outputs[0] == ("omega_l", "rad/s", pytest.approx(0.01), pytest.approx(0.1))
     assert left.after_time == pytest.approx(0.03 * 0.01 * 60.0)  # r e t
     assert left.after_way == pytest.approx(10.0 * 0.001)  # the share of the way
-    assert "0.1 % of its usual size" in left.sentence
+    assert "0.1 % of the typical output" in left.sentence
     assert "0.018 m off after 60 s, and 0.01 m after 10 m" in left.sentence
     assert left.to_json()["after_10_m_m"] == left.after_way
 
@@ -77,18 +77,18 @@ def test_a_thousandth_of_the_speed_is_told_with_what_it_does_to_a_mission() -> N
 def test_lost_samples_and_noise_are_no_part_of_the_size_and_an_oven_drives_nowhere() -> None:
     record, errors = driven(0.01)
     errors[::2] = np.nan
-    left = left_over([record], [errors], np.array([0.01, 0.02]), None)
+    left = excess_error([record], [errors], np.array([0.01, 0.02]), None)
     assert left.outputs[0][2] == pytest.approx(0.0, abs=1e-9)
     assert left.outputs[1][2] == 0.0
     oven = Record(np.ones(50), np.full(50, 60.0), 1.0, (Channel("u"),), (Channel("temp", "C"),))
-    warm = left_over([oven], [np.full((50, 1), 0.6)], np.zeros(1), None)
+    warm = excess_error([oven], [np.full((50, 1), 0.6)], np.zeros(1), None)
     assert warm.after_time is None
     assert "robot" not in warm.sentence
 
 
 def test_where_something_remains_is_where_it_surely_stands_out() -> None:
     sure = Region("omega_l: it runs backward", 0.8, 0.3, (0.6, 0.9))
-    unsure = Region("omega_l: it stands", 0.9, 0.3, (0.2, 0.99))
+    unsure = Region("omega_l: it is at standstill", 0.9, 0.3, (0.2, 0.99))
     assert leading([unsure, sure], ["omega_l"]) == "it runs backward"
     assert leading([unsure, sure], ["omega_r"]) == ""
     late = Region("omega_l: the last third of the log", 0.9, 0.33, (0.8, 0.95))

@@ -1,8 +1,8 @@
-"""A drive: what the wheels rolled between equal instants, and the pose at its fresh readings.
+"""A trajectory: wheel travel between equal instants, and the pose where it was measured anew.
 
-Telemetry repeats readings: a lidar's pose may come every fifth row of a log, late and unevenly. A
-repeat is no measurement, so a drive keeps the readings that are new, each with its instant, and
-what the wheels rolled on a grid of its own that is fine enough to read the path between rows.
+Telemetry repeats measurements: a lidar's pose may come every fifth row of a log, late and
+unevenly. A repeat carries nothing new, so a trajectory keeps the new measurements with their
+instants, and the wheel travel on a grid of its own, fine enough to read the path between rows.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ SLOWEST_GRID, FASTEST_GRID = 0.05, 0.02
 vehicle changes its speed within the fastest one."""
 
 OFF_LENGTH = 0.125
-"""A window may be longer or shorter by this share, where readings come unevenly."""
+"""A window may be longer or shorter by this share, where measurements come unevenly."""
 
 AT_REST = 0.02
 """A vehicle is at rest in a window in which the wheels turn less than this share of what they turn
@@ -50,16 +50,16 @@ STILL = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class Trajectory:
     """One record as the fit of a vehicle sees it.
 
     Attributes:
         name: of the record.
         step: of the grid [s].
         omega: mean speed of the left and the right wheels in each step of the grid, (N, 2) [rad/s].
-        at: instants of the pose's readings, from the start of the record, (M,) [s].
+        at: instants of the pose's measurements, from the start of the record, (M,) [s].
         pose: x, y [m], ψ [rad], not wrapped, at these instants, (M, 3).
-        joins: number of the stretch without a jump that each reading belongs to, (M,).
+        joins: number of the stretch without a jump that each measurement belongs to, (M,).
         commanded: whether the speeds are commands, as none were measured.
     """
 
@@ -77,7 +77,7 @@ class Drive:
         return np.asarray(np.arange(len(self.omega) + 1) * self.step, dtype=np.float64)
 
     def windows(self, length: float = WINDOW) -> Index:
-        """First and last reading of every window in which the wheels turn, (W, 2).
+        """First and last measurement of every window in which the wheels turn, (W, 2).
 
         Windows begin ``OVERLAP`` times in their length, and hold no jump.
 
@@ -101,7 +101,7 @@ class Drive:
         return np.column_stack([first, last[first]])
 
     def _driven(self, last: Index) -> NDArray[np.bool_]:
-        """Whether the wheels turn between each reading and its last one, (M,)."""
+        """Whether the wheels turn between each measurement and its last one, (M,)."""
         rolled = np.concatenate([[0.0], np.cumsum(np.abs(self.omega).max(axis=1)) * self.step])
         between = np.interp(self.at[last], self.nodes, rolled) - np.interp(
             self.at, self.nodes, rolled
@@ -111,8 +111,8 @@ class Drive:
 
 
 @dataclass(frozen=True, eq=False)
-class Drives:
-    """The drives of one vehicle.
+class Trajectories:
+    """The trajectories of one vehicle.
 
     Attributes:
         each: in the order of the records.
@@ -120,13 +120,13 @@ class Drives:
         notes: what was done to them, in sentences.
     """
 
-    each: tuple[Drive, ...]
+    each: tuple[Trajectory, ...]
     tracks: tuple[Track, ...]
     notes: tuple[str, ...]
 
 
-def drives_of(records: Sequence[Record], geometry: Geometry) -> Drives:
-    """The drives that the records hold.
+def trajectories_of(records: Sequence[Record], geometry: Geometry) -> Trajectories:
+    """The trajectories that the records hold.
 
     Args:
         records: of one vehicle.
@@ -144,24 +144,23 @@ def drives_of(records: Sequence[Record], geometry: Geometry) -> Drives:
     commanded = meaning(records[0].output_names[0]).quantity == "command"
     if commanded:
         said.append(
-            "No wheel speeds were measured: the commanded ones stand for them, so that the lag of "
-            "the pose holds the answer of the wheels, too."
+            "No wheel speeds were measured, so the commanded ones are used; the lag of the pose "
+            "then includes the response of the wheels."
         )
     elif all(np.isfinite(r.y).all() for r in records):
         clean = facts.outliers
         records = clean.records
         if clean.words:
             said.append(
-                f"Put on the line between their neighbours: {clean.words} that stand far out of "
-                "them, as lost telegrams do; for the vehicle each would be a turn."
+                f"Interpolated: {clean.words} far from their neighbours, as after lost telegrams."
             )
     raw = tuple(Track(r.y, r.pose, r.dt) for r in records if r.pose is not None)
     if max(float(np.nanmax(np.abs(t.omega))) for t in raw) < STILL:
         raise DataError(f"the wheels of {records[0].name} never turn; give a log of a drive")
     tracks, changed = in_one_frame(raw) if all(len(t.starts) for t in raw) else (raw, ())
-    found = tuple(_drive(r.name, t, commanded) for r, t in zip(records, tracks, strict=True))
-    found, jumped = _without_jumps(found)
-    return Drives(found, tracks, (*said, *changed, *jumped))
+    each = tuple(_drive(r.name, t, commanded) for r, t in zip(records, tracks, strict=True))
+    each, jumped = _without_jumps(each)
+    return Trajectories(each, tracks, (*said, *changed, *jumped))
 
 
 # What a log must hold ---------------------------------------------------------------------------
@@ -185,8 +184,8 @@ def what_is_missing(records: Sequence[Record]) -> str:
         return ""
     has = ", ".join((*first.input_names, *first.output_names))
     return (
-        f"{first.name} lacks {' and '.join(lacking)}; without them no radius, width or slip can be "
-        f"told from it, which has {has}"
+        f"{first.name} lacks {' and '.join(lacking)}, which radius, width and slip need; "
+        f"it has {has}"
     )
 
 
@@ -227,10 +226,10 @@ def _is_a_drive(place: str, unit: str) -> bool:
 
 def _sided(record: Record, geometry: Geometry) -> Record:
     """The record with the mean speeds of its left and of its right wheels [rad/s] as outputs."""
-    found = _sides_of(record)
-    if found is None:
+    sides = _sides_of(record)
+    if sides is None:
         raise DataError(what_is_missing([record]))
-    place, left, right = found
+    place, left, right = sides
     values, channels = (
         (record.y, record.outputs) if place == "outputs" else (record.u, record.inputs)
     )
@@ -244,7 +243,7 @@ def _sided(record: Record, geometry: Geometry) -> Record:
 # Onto the grid ----------------------------------------------------------------------------------
 
 
-def _drive(name: str, track: Track, commanded: bool) -> Drive:
+def _drive(name: str, track: Track, commanded: bool) -> Trajectory:
     dt = track.dt
     step = dt / np.ceil(dt / SLOWEST_GRID - 1e-9) if dt > SLOWEST_GRID else max(dt, FASTEST_GRID)
     t = np.arange(len(track.omega), dtype=np.float64) * dt
@@ -260,7 +259,9 @@ def _drive(name: str, track: Track, commanded: bool) -> Drive:
     pose = track.pose[rows].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
     gaps = np.concatenate([[0], np.cumsum(lost)])
-    return Drive(name, step, np.diff(on_grid, axis=0) / step, t[rows], pose, gaps[rows], commanded)
+    return Trajectory(
+        name, step, np.diff(on_grid, axis=0) / step, t[rows], pose, gaps[rows], commanded
+    )
 
 
 def _at_rest(omega: Array) -> NDArray[np.bool_]:
@@ -274,34 +275,34 @@ def _filled(t: Array, values: Array) -> Array:
 
 
 def _without_jumps(
-    drives: tuple[Drive, ...],
-) -> tuple[tuple[Drive, ...], tuple[str, ...]]:
-    """The drives with stretches that end where the pose goes faster than the wheels ever roll.
+    trajectories: tuple[Trajectory, ...],
+) -> tuple[tuple[Trajectory, ...], tuple[str, ...]]:
+    """The trajectories, cut where the pose moves faster than the wheels ever roll.
 
     How far these carry it is seen in the log itself, so that no length need be known.
     """
-    found, count = [], 0
-    for d in drives:
+    cut, count = [], 0
+    for d in trajectories:
         jumped = _jumps(d)
         count += int(jumped.sum())
-        found.append(replace(d, joins=d.joins + np.cumsum(jumped)))
+        cut.append(replace(d, joins=d.joins + np.cumsum(jumped)))
     if not count:
-        return tuple(found), ()
+        return tuple(cut), ()
     times = "time" if count == 1 else "times"
     text = (
-        f"The pose jumps {count} {times} farther than the wheels could have carried the vehicle; "
-        "no window reaches over a jump."
+        f"The pose jumps {count} {times} farther than the wheels can move the vehicle; no window "
+        "spans a jump."
     )
-    return tuple(found), (text,)
+    return tuple(cut), (text,)
 
 
-def _jumps(d: Drive) -> NDArray[np.bool_]:
-    """Readings before which the pose has jumped, (M,)."""
+def _jumps(d: Trajectory) -> NDArray[np.bool_]:
+    """Measurements before which the pose has jumped, (M,)."""
     jumped = np.zeros(len(d.at), dtype=bool)
     if len(d.at) < 3:
         return jumped
     gap = np.diff(d.at)
-    gap = gap + float(np.median(gap))  # a reading may come late by the time of one
+    gap = gap + float(np.median(gap))  # a measurement may come late by the time of one
     moves = np.diff(d.pose, axis=0)
     way, turn = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
     around = max(round(LATEST / d.step), 1)

@@ -10,7 +10,7 @@ from sysid_cli.pictures import draw_mission
 from sysid.errors import DataError
 from sysid.mission.registry import law_class
 from sysid.mission.simulator import simulate
-from sysid.report.missions.estimate_drawing import Estimate, ellipse
+from sysid.report.missions.localization_drawing import PoseEstimate, ellipse
 from sysid.report.plots import MissionPicture
 
 
@@ -36,5 +36,5 @@ def test_an_estimate_of_another_length_is_refused() -> None:
     with pytest.raises(DataError, match="equally long"):
         MissionPicture(
             "m", "arrived", t, np.zeros((3, 3)), t, np.zeros((3, 2)), (1.0, 0.0), 0.1,
-            estimate=Estimate(np.zeros((2, 2)), np.zeros((2, 3))),
+            estimate=PoseEstimate(np.zeros((2, 2)), np.zeros((2, 3))),
         )  # fmt: skip

@@ -11,7 +11,7 @@ from sysid.data.record import Array, Index
 from sysid.errors import ModelError
 from sysid.mission.clearance import inside
 from sysid.mission.contracts import TurnsTracks
-from sysid.mission.monte_carlo.physics import PhysicsDrawing
+from sysid.mission.monte_carlo.physics import PhysicsSampler
 from sysid.mission.monte_carlo.varied_plant import Flags, VariedPlant
 from sysid.mission.noise import generator
 from sysid.mission.spec import Mission
@@ -43,7 +43,7 @@ def is_run_seed(seed: int) -> bool:
     return seed >= _FIRST
 
 
-class Draws(NamedTuple):
+class Samples(NamedTuple):
     """What K runs of one plant differ in.
 
     Attributes:
@@ -51,12 +51,12 @@ class Draws(NamedTuple):
         theta: the plant's parameters, (K, n).
         start: X, Y [m], ψ [rad], (K, 3).
         obstacles: X, Y of every obstacle [m], (K, obstacles, 2).
-        slip: share of the way lost in a turn on the spot, (K,).
+        slip: slip in a turn on the spot, (K,).
         inputs: the numbers behind them, standard normal before infeasible ones were drawn again,
-            (K, m); see :attr:`Drawing.names`.
+            (K, m); see :attr:`Sampler.names`.
         redrawn: draws that were not feasible, (K,).
         pulled: whether the plant's parameters were drawn less far than their errors say, (K,).
-        physics: of vehicle and floor, (K, numbers); see :class:`PhysicsDrawing`.
+        physics: of vehicle and floor, (K, numbers); see :class:`PhysicsSampler`.
     """
 
     seeds: tuple[int, ...]
@@ -71,7 +71,7 @@ class Draws(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
+class Sampler:
     """How the runs of one mission and one plant are drawn.
 
     A run's numbers come from streams of its own, and all of them are drawn whatever varies: to
@@ -97,31 +97,31 @@ class Drawing:
 
     @cached_property
     def varying(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
-        """Names of what varies, with the places of their numbers."""
+        """Names of what varies, with the indices of their numbers."""
         v, floor = self.variation, self._floor
-        found: list[tuple[str, tuple[int, ...]]] = []
+        varying: list[tuple[str, tuple[int, ...]]] = []
         if v.parameters and self.plant.size:
-            found.append(("parameters", tuple(range(floor + 2, floor + 2 + self.plant.size))))
+            varying.append(("parameters", tuple(range(floor + 2, floor + 2 + self.plant.size))))
         for k, part in enumerate(("x", "y", "psi")):
             if getattr(v.start, part):
-                found.append((f"start.{part}", (k,)))
+                varying.append((f"start.{part}", (k,)))
         if v.obstacles:
-            found.extend(
+            varying.extend(
                 (f"obstacles[{k + 1}]", (3 + 2 * k, 4 + 2 * k))
                 for k in range(len(self.mission.obstacles))
             )
         if self.slips:
-            found.append(("friction.slip", (floor,)))
+            varying.append(("friction.slip", (floor,)))
         if v.friction.dry and self.plant.has_friction:
-            found.append(("friction.dry", (floor + 1,)))
+            varying.append(("friction.dry", (floor + 1,)))
         first = floor + 2 + self.plant.size
-        found.extend((name, (first + k,)) for k, name in enumerate(self.physics.names))
-        return tuple(found)
+        varying.extend((name, (first + k,)) for k, name in enumerate(self.physics.names))
+        return tuple(varying)
 
     @cached_property
-    def physics(self) -> PhysicsDrawing:
+    def physics(self) -> PhysicsSampler:
         """How mass and soils are drawn."""
-        return PhysicsDrawing(self.mission, self.variation)
+        return PhysicsSampler(self.mission, self.variation)
 
     @property
     def slips(self) -> bool:
@@ -134,7 +134,7 @@ class Drawing:
         """Whether the places of obstacles differ from run to run."""
         return bool(self.variation.obstacles) and bool(self.mission.obstacles)
 
-    def draw(self, seeds: Sequence[int]) -> Draws:
+    def draw(self, seeds: Sequence[int]) -> Samples:
         """The numbers of these runs.
 
         Raises:
@@ -148,12 +148,12 @@ class Drawing:
             )
         start, obstacles, slip, dry = self._placed(z)
         theta, p, redrawn, pulled = self._plants(seeds, dry)
-        used = [k for _, places in self.varying for k in places]
+        used = [k for _, indices in self.varying for k in indices]
         q = np.array([generator(s, "vehicle").standard_normal(self.physics.size) for s in seeds])
         inputs = np.concatenate([z, p, q], axis=1)[:, used]
         again = again + redrawn
         physics = self.physics.drawn(q)
-        return Draws(tuple(seeds), theta, start, obstacles, slip, inputs, again, pulled, physics)
+        return Samples(tuple(seeds), theta, start, obstacles, slip, inputs, again, pulled, physics)
 
     def _plants(self, seeds: Sequence[int], dry: Array) -> tuple[Array, Array, Index, Flags]:
         """θ, the numbers behind it, draws made again, and which were pulled."""
@@ -190,16 +190,16 @@ class Drawing:
         start, obstacles, _, _ = self._placed(z)
         radii = np.array([o.radius for o in mission.obstacles])
         stands = np.array([o.velocity == (0.0, 0.0) for o in mission.obstacles], dtype=bool)
-        found = np.ones(len(z), dtype=bool)
+        free = np.ones(len(z), dtype=bool)
         always = np.ones(len(radii), dtype=bool)
         to_reach = (mission.goal, *mission.waypoints, *mission.path)
         # an obstacle that moves goes away again from what is to be reached later
         for point, counts in ((start[:, :2], always), *((np.array([p]), stands) for p in to_reach)):
             apart = np.hypot(*np.moveaxis(obstacles - point[:, None], -1, 0))
-            found &= np.all((apart > radii) | ~counts, axis=1)
+            free &= np.all((apart > radii) | ~counts, axis=1)
         for polygon in mission.polygons:
-            found &= [not inside(polygon, (x, y)) for x, y, _ in start.tolist()]
-        return found
+            free &= [not inside(polygon, (x, y)) for x, y, _ in start.tolist()]
+        return free
 
     @cached_property
     def _varies_theta(self) -> bool:

@@ -1,11 +1,11 @@
-"""Sensors that are slower than the log: their fresh readings, and logs at their rate.
+"""Stale measurements of sensors slower than the log: detection, and logs at the sensors' rate.
 
-A telemetry line often repeats the last reading until the sensor sends another one, every m rows
+A telemetry line often repeats the last measurement until the sensor sends another one, every m rows
 with a phase, more or less evenly. Repeats are no measurements: as such they double the noise's
-correlation, delay the output by (m − 1)/2 rows on average and hide dynamics. What tells a slower
-sensor from a coarse one: between two changes of many steps of its resolution it stands still for
-several rows, and these intervals keep to a clock, while readings that get lost now and then leave
-intervals that grow like a random walk.
+correlation, delay the output by (m − 1)/2 rows on average and hide dynamics. What distinguishes a
+slower sensor from a coarse one: between two changes of many steps of its resolution it stands still
+for several rows, and these intervals keep to a clock, while measurements that get lost now and then
+leave intervals that grow like a random walk.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,15 +24,15 @@ LARGE = 2.5
 """A change is large when it is more than so many of the smallest usual change (5 % quantile): one
 step of a coarse sensor says nothing about when it was read."""
 
-FEWEST = 20
+MIN_INTERVALS = 20
 """Intervals between large changes that must be seen."""
 
 SLOWEST = 1.3
-"""Rows between readings from which on a sensor counts as slower than the log."""
+"""Rows between measurements from which on a sensor counts as slower than the log."""
 
 EVEN = 0.3
-"""Standard deviation of the intervals over their mean below which they are even. Readings lost at
-random, a share p of them, leave intervals of mean 1/(1 − p) with √p: 0.48 and more."""
+"""Standard deviation of the intervals over their mean below which they are even. Measurements lost
+at random, a share p of them, leave intervals of mean 1/(1 − p) with √p: 0.48 and more."""
 
 CLOCK = 6
 """So many intervals in a row are summed: the variance of the sum of a jittering clock's is that
@@ -47,8 +47,8 @@ LONGEST = 100
 ONE_PHASE = 0.97
 """Share of all changes in one phase of a period that even a coarse sensor shows."""
 
-MANY = 60
-"""Changes needed to tell by the phase alone."""
+MIN_CHANGES = 60
+"""Changes needed to decide by the phase alone."""
 
 SHORTER = 0.3
 """A sensor up to this part of a row slower than a whole number of rows is read at that number."""
@@ -63,11 +63,11 @@ be one that follows steps at once."""
 
 @dataclass(frozen=True, eq=False)
 class Refresh:
-    """When a slow sensor's readings are fresh.
+    """When a slow sensor's measurements are fresh.
 
     Attributes:
-        period: rows from one reading to the next, on average.
-        fresh: rows that hold a new reading, (N,) a series.
+        period: rows from one measurement to the next, on average.
+        fresh: rows that hold a new measurement, (N,) a series.
     """
 
     period: float
@@ -79,21 +79,21 @@ class Refresh:
         return 1.0 - float(np.mean(np.concatenate(self.fresh)))
 
     def phase(self, series: int, rows: int) -> int:
-        """The row of every ``rows`` in which most readings of a series arrive."""
+        """The row of every ``rows`` in which most measurements of a series arrive."""
         at = np.flatnonzero(self.fresh[series]) % rows
         return int(np.argmax(np.bincount(at, minlength=rows)))
 
 
 def refreshed(series: Sequence[Array], inputs: Sequence[Array]) -> Refresh | None:
-    """How a sensor that repeats its readings is refreshed; None for one as fast as the log.
+    """How a sensor that repeats its measurements is refreshed; None for one as fast as the log.
 
     Args:
-        series: readings of one output, (N,) an experiment.
+        series: measurements of one output, (N,) an experiment.
         inputs: the commands beside them, (N, nu).
     """
     changes = [np.flatnonzero(np.diff(y) != 0.0) + 1 for y in series]
     total, rows = sum(len(c) for c in changes), sum(len(y) for y in series)
-    if total < FEWEST or total * SLOWEST > rows:
+    if total < MIN_INTERVALS or total * SLOWEST > rows:
         return None
     period = _by_intervals(series, changes) or _by_phase(changes)
     if period is None or _follows_steps(changes, inputs):
@@ -113,13 +113,13 @@ def _by_intervals(series: Sequence[Array], changes: Sequence[NDArray[np.int64]])
         intervals = np.diff(c).astype(np.float64)
         cuts = np.flatnonzero(np.diff(good.astype(int), prepend=0, append=0))
         runs += [intervals[a:b] for a, b in zip(cuts[::2], cuts[1::2], strict=True)]
-    if sum(len(r) for r in runs) < FEWEST:
+    if sum(len(r) for r in runs) < MIN_INTERVALS:
         return None
-    # a rest between two readings, or one that was lost, spans several periods
+    # a rest between two measurements, or one that was lost, spans several periods
     usual = float(np.median(np.concatenate(runs)))
     runs = [part for r in runs for part in _without(r, 1.6 * usual + 1.0)]
     every = np.concatenate(runs) if runs else np.zeros(0)
-    if len(every) < FEWEST:
+    if len(every) < MIN_INTERVALS:
         return None
     mean, spread = float(np.mean(every)), float(np.var(every))
     if not SLOWEST <= mean <= LONGEST:
@@ -127,7 +127,7 @@ def _by_intervals(series: Sequence[Array], changes: Sequence[NDArray[np.int64]])
     if spread <= (EVEN * mean) ** 2:
         return mean
     sums = [np.convolve(r, np.ones(CLOCK), "valid") for r in runs if len(r) >= CLOCK]
-    if sum(len(s) for s in sums) < FEWEST:
+    if sum(len(s) for s in sums) < MIN_INTERVALS:
         return None
     return mean if np.var(np.concatenate(sums)) <= KEEPS_TIME * CLOCK * spread else None
 
@@ -140,14 +140,14 @@ def _without(run: Array, most: float) -> list[Array]:
 
 def _by_phase(changes: Sequence[NDArray[np.int64]]) -> float | None:
     """Longest period of which every change of a coarse sensor has one phase."""
-    if sum(len(c) for c in changes) < MANY:
+    if sum(len(c) for c in changes) < MIN_CHANGES:
         return None
-    found = None
+    period = None
     for m in range(2, LONGEST + 1):
         counts = [np.bincount(c % m, minlength=m) for c in changes]
         if sum(int(n.max()) for n in counts) >= ONE_PHASE * sum(int(n.sum()) for n in counts):
-            found = float(m)
-    return found
+            period = float(m)
+    return period
 
 
 def _follows_steps(changes: Sequence[NDArray[np.int64]], inputs: Sequence[Array]) -> bool:
@@ -167,7 +167,7 @@ def _follows_steps(changes: Sequence[NDArray[np.int64]], inputs: Sequence[Array]
 
 
 def _fresh(rows: int, changes: NDArray[np.int64], period: float) -> Mask:
-    """Changes, and where readings arrived that happened to be the same again."""
+    """Changes, and where measurements arrived that happened to be the same again."""
     fresh = np.zeros(rows, dtype=bool)
     edges = np.concatenate([[0], changes, [rows]])
     for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
@@ -186,24 +186,24 @@ def refreshes(records: Sequence[Record]) -> tuple[Refresh | None, ...]:
 def without_repeats(
     records: Sequence[Record], slow: Sequence[Refresh | None]
 ) -> tuple[Record, ...]:
-    """The records with repeats of slow sensors replaced by what lies between fresh readings.
+    """The records with repeats of slow sensors replaced by what lies between fresh measurements.
 
     So that a dead time can be read off them: repeats would lengthen it by (m − 1)/2 rows.
     """
-    found = []
+    filled = []
     for k, r in enumerate(records):
         columns = [
-            y if s is None else between_readings(r.t, y, s.fresh[k])
+            y if s is None else between_measurements(r.t, y, s.fresh[k])
             for y, s in zip(r.y.T, slow, strict=True)
         ]
-        found.append(replace(r, y=np.column_stack(columns)))
-    return tuple(found)
+        filled.append(replace(r, y=np.column_stack(columns)))
+    return tuple(filled)
 
 
 def at_own_rate(
     records: Sequence[Record], of_outputs: Sequence[Refresh | None]
 ) -> tuple[Record, ...]:
-    """The records at the rate of the slowest sensor, in the phase of its fresh readings."""
+    """The records at the rate of the slowest sensor, in the phase of its fresh measurements."""
     slow = [r for r in of_outputs if r is not None]
     rows = max(max(int(np.ceil(s.period - SHORTER)) for s in slow), 1)
     slowest = max(slow, key=lambda s: s.period)
@@ -215,11 +215,11 @@ def at_own_rate(
 
 
 def fresh_only(records: Sequence[Record], i: int, refresh: Refresh | None) -> tuple[Record, ...]:
-    """Output ``i`` alone, one row a fresh reading; their instants need not be a uniform grid."""
-    found = []
+    """Output ``i`` alone, one row a fresh measurement; their instants may be uneven."""
+    selected = []
     for k, r in enumerate(records):
         rows = np.ones(len(r), dtype=bool) if refresh is None else refresh.fresh[k]
-        found.append(
+        selected.append(
             replace(
                 r,
                 u=r.u[rows],
@@ -229,15 +229,15 @@ def fresh_only(records: Sequence[Record], i: int, refresh: Refresh | None) -> tu
                 references=None,
             )
         )
-    return tuple(found)
+    return tuple(selected)
 
 
-def between_readings(t: Array, values: Array, fresh: Mask) -> Array:
-    """Repeats replaced by what lies on the line between fresh readings, (N,).
+def between_measurements(t: Array, values: Array, fresh: Mask) -> Array:
+    """Repeats replaced by what lies on the line between fresh measurements, (N,).
 
     Args:
         t: instants, (N,).
-        values: readings, (N,).
+        values: measurements, (N,).
         fresh: rows that hold a new one, (N,).
     """
     at = np.flatnonzero(fresh)
@@ -250,8 +250,8 @@ class SlowSensors:
 
     Attributes:
         rows: rows of the file that make one sample at the slowest sensor's rate; 1 for none.
-        values: the columns, with repeats replaced by what lies between fresh readings.
-        fresh: rows that hold a new reading of a slow output, (N,).
+        values: the columns, with repeats replaced by what lies between fresh measurements.
+        fresh: rows that hold a new measurement of a slow output, (N,).
         findings: what was seen and done.
     """
 
@@ -281,8 +281,10 @@ def slow_sensors(
     every = SlowSensors(1, values, np.ones(len(values), dtype=bool))
     if how == "keep":
         return every
-    found = {k: refreshed([values[:, k]], [values[:, :nu]]) for k in range(nu, len(names))}
-    slow = {k: r for k, r in found.items() if r is not None}
+    refreshes_by_column = {
+        k: refreshed([values[:, k]], [values[:, :nu]]) for k in range(nu, len(names))
+    }
+    slow = {k: r for k, r in refreshes_by_column.items() if r is not None}
     outputs = {k: r for k, r in slow.items() if k < nu + ny}
     if how != "auto":
         rows = int(how)
@@ -294,18 +296,18 @@ def slow_sensors(
         if how == "auto":
             return every
         raise UsageError(
-            f"{where}: one sample every {rows} rows leaves {len(values) // rows}; "
+            f"{where}: one sample every {rows} rows leaves {len(values) // rows} samples; "
             "give a smaller number of rows"
         )
     filled = values.copy()
     for k, r in slow.items():
-        filled[:, k] = between_readings(t, values[:, k], r.fresh[0])
+        filled[:, k] = between_measurements(t, values[:, k], r.fresh[0])
     fresh = np.sum([r.fresh[0] for r in outputs.values()], axis=0) if outputs else every.fresh
-    said = () if not outputs else (_said(names, outputs, rows, t, where),)
-    return SlowSensors(rows, filled, np.asarray(fresh, dtype=bool), said)
+    findings = () if not outputs else (_stale_finding(names, outputs, rows, t, where),)
+    return SlowSensors(rows, filled, np.asarray(fresh, dtype=bool), findings)
 
 
-def _said(
+def _stale_finding(
     names: Sequence[str], slow: Mapping[int, Refresh], rows: int, t: Array, where: str
 ) -> Finding:
     step = float(np.median(np.diff(t)))
@@ -317,8 +319,8 @@ def _said(
     text = (
         f"{where}: {who} {are} refreshed every {period:.3g} rows ({period * step:.3g} s, mostly in "
         f"row {', '.join(str(p) for p in dict.fromkeys(phases))} of {rows}); "
-        f"{100 * repeated:.0f} % of the rows repeat the last reading, so {their} fresh readings "
-        f"are used, one sample every {rows * step:.4g} s."
+        f"{100 * repeated:.0f} % of the rows repeat the last measurement, so {their} fresh "
+        f"measurements are used, one sample every {rows * step:.4g} s."
     )
     advice = "`held='keep'` reads every row as it was logged."
     only = names[next(iter(slow))] if len(slow) == 1 else None
@@ -326,7 +328,7 @@ def _said(
 
 
 def at_sensor_rate(record: Record, slow: SlowSensors, t: Array, rows: slice) -> Record:
-    """A record of the file at the slowest sensor's rate, in the phase of its fresh readings.
+    """A record of the file at the slowest sensor's rate, in the phase of its fresh measurements.
 
     Args:
         record: on the log's uniform grid.
@@ -350,7 +352,7 @@ def check_held(how: str) -> str:
     """
     if how in ("auto", "keep") or (how.isdigit() and int(how) >= 1):
         return how
-    raise UsageError(f"`held` is auto, keep or a number of rows in a sample, got {how!r}")
+    raise UsageError(f"`held` is auto, keep or a number of rows per sample, got {how!r}")
 
 
 def every_rows(record: Record, rows: int, phase: int) -> Record:

@@ -43,12 +43,12 @@ class PowerLog:
 
     Attributes:
         name: of the file.
-        t: instants [s], (N,); None for a table of steady readings.
+        t: instants [s], (N,); None for a table of steady measurements.
         voltage, current: of the battery [V, A], (N,), or None.
         drives: side → share of full drive, (N,); ``""`` where there is one motor.
         answers: side → (quantity, values (N,)): ``voltage`` [V], ``speed`` [rad/s] or ``current``
             [A] of the motor.
-        findings: what there is to say about the reading.
+        findings: what there is to say about the measurement.
     """
 
     name: str
@@ -79,10 +79,10 @@ def read_power_log(
     pwm_max: float | None = None,
     bags: ReadOptions = ANY_FILE,
 ) -> PowerLog:
-    """The readings of a file of the power bench.
+    """The measurements of a file of the power bench.
 
     Args:
-        path: CSV, Parquet or bag; a log over time, or a table of steady readings.
+        path: CSV, Parquet or bag; a log over time, or a table of steady measurements.
         units: column → its unit in the file.
         pwm_max: command of full drive; None for duty (± 1), per cent by name, or ± 20000 µs.
         bags: what is which column of a bag, its stamps and its latencies.
@@ -96,20 +96,22 @@ def read_power_log(
     unknown = [n for n in units if n.lower() not in [c.lower() for c in table.names]]
     if unknown:
         listed = ", ".join(table.names[:20])
-        raise UsageError(f"`units` names {unknown[0]!r}, which is no column: they are {listed}")
+        raise UsageError(f"`units` names {unknown[0]!r}, which is not a column: they are {listed}")
     columns = [c for c in (_column(table, n, units) for n in table.names) if c is not None]
     driven = any(c.quantity == "command" for c in columns)
     battery = {q: _battery_column(columns, q, driven, table.where) for q in ("voltage", "current")}
     t, said = _times(table, [c.name for c in columns], units)
-    found = {q: None if c is None else _values(table, c, units) for q, c in battery.items()}
+    by_quantity = {q: None if c is None else _values(table, c, units) for q, c in battery.items()}
     drives, answers = _bridge(table, columns, set(battery.values()), units, pwm_max)
-    if not answers and (found["voltage"] is None or found["current"] is None):
+    if not answers and (by_quantity["voltage"] is None or by_quantity["current"] is None):
         raise DataError(
-            f"{table.where} tells neither of a battery (columns voltage_V and current_A) nor of a "
-            "bridge (pwm and motor_voltage_V, or the motor's speed or current): its columns are "
+            f"{table.where} has neither the columns of a battery (voltage_V and current_A) nor of "
+            "a bridge (pwm and motor_voltage_V, or the motor's speed or current); its columns are "
             f"{', '.join(table.names[:20])}"
         )
-    return PowerLog(table.where, t, found["voltage"], found["current"], drives, answers, said)
+    return PowerLog(
+        table.where, t, by_quantity["voltage"], by_quantity["current"], drives, answers, said
+    )
 
 
 def _column(table: Table, name: str, units: Mapping[str, str]) -> _Column | None:
@@ -204,8 +206,8 @@ def _drive(
         full = PWM_FULL_SCALE
     else:
         raise DataError(
-            f"{table.where}: {command.name} goes to {largest:g}, and nothing tells what full drive "
-            f"is; say {argument(pwm_max=255.0)}"
+            f"{table.where}: {command.name} goes to {largest:g}, and full drive is unknown; "
+            f"give {argument(pwm_max=255.0)}"
         )
     if largest > full * (1.0 + 1e-6):
         raise DataError(
@@ -224,8 +226,8 @@ def _values(table: Table, column: _Column, units: Mapping[str, str]) -> Array:
 def _unit(table: Table, name: str, units: Mapping[str, str]) -> str:
     given = next((u for n, u in units.items() if n.lower() == name.lower()), "")
     bracket = table.units[table.names.index(name)]
-    told = ending(name)[1] or ("rpm" if "rpm" in words(name) else "")
-    return given or bracket or ("" if told == "us" else told)
+    unit = ending(name)[1] or ("rpm" if "rpm" in words(name) else "")
+    return given or bracket or ("" if unit == "us" else unit)
 
 
 def _times(

@@ -1,0 +1,510 @@
+"""Forward selection: effects of the catalogue are added one at a time, each with its evidence."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from enum import Enum, auto
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.diagnosis.policies import BUDGET, RULE, VERDICT
+from sysid.diagnosis.search.admission import beyond_sampling, tied
+from sysid.diagnosis.search.batched_search import refined
+from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
+from sysid.diagnosis.search.evidence import Evidence, alike
+from sysid.diagnosis.search.other_lag import beside_either
+from sysid.diagnosis.search.selection import (
+    CandidateModel,
+    ScoredCandidate,
+    SelectedEffect,
+    Selection,
+)
+from sysid.diagnosis.search.starts import repeats_at_top
+from sysid.diagnosis.search.widening import on_more_tracks
+from sysid.effects.base import Effect, Place, StartsFrom
+from sysid.effects.catalogue import NOT_NAMED, about
+
+Progress = Callable[[str, float], None]
+"""(what is being done, share of the work done)."""
+
+RequiredRatio = Callable[[CandidateModel], float]
+"""What one more effect must bring the held-out error of a model below, as a share of before; 0
+where nothing is left to explain."""
+
+
+class ForwardSelection(CandidateSearch):
+    """The search over sets of effects on one system, one effect at a time."""
+
+    def run(
+        self,
+        base: CandidateModel,
+        effects: Sequence[Effect],
+        progress: Progress | None = None,
+        required: RequiredRatio | None = None,
+        needed: float | None = None,
+    ) -> Selection:
+        """Grow one effect at a time in a small beam while the rule accepts, then prune.
+
+        Args:
+            base: the original model.
+            effects: those to try.
+            progress: called with what is being done.
+            required: how far one more effect must bring the held-out error of a model down.
+            needed: the same for the first one.
+        """
+        say = progress or (lambda text, share: None)
+        required = required or (lambda candidate: self.needed)
+        say("trying every effect", 0.0)
+        self.origin = base.q
+        judged = self.candidates(base, effects)
+        first = tuple((j.id, j.score) for j in judged)
+        passed = [j for j in self.passing(judged) if j.evidence.ratio < (needed or self.needed)]
+        others = [
+            j
+            for j in passed[1:]
+            if j.id not in passed[0].candidate.excluded and not is_nested_in(passed[0], j)
+        ]
+        beam = passed[:1] + others[: BUDGET.beam - 1]
+        if not beam:
+            return Selection(base, base, (), self._minor(judged), first)
+        minor = self._minor(judged)
+        best, grown_minor = self._grown(base, beam[0].candidate, effects, say, required)
+        minor = grown_minor if grown_minor is not None else minor
+        for rival in beam[1:]:
+            # the likeliest first effect may be a stand-in: try the next one where much remains
+            leader_total, rival_total = self._totals(base, (best, rival.candidate))
+            far_ahead = leader_total > BUDGET.far_ahead * rival_total
+            if far_ahead or _little_left(base, best) or required(best) < self.needed:
+                break
+            say(f"starting from {rival.id} instead", 0.6)
+            other, other_minor = self._grown(base, rival.candidate, effects, say, required)
+            if self.best_of(base, (best, other)) is other:
+                best, minor = other, other_minor if other_minor is not None else minor
+        best = self._with_seen_clip(base, self.polished(best), judged)
+        say("dropping and swapping", 0.85)
+        best = self.pruned(base, best, effects)
+        selected = self.account(base, best, effects, judged)
+        while len(selected) > 1 and (unsound := self._unsound(best, selected)):
+            # the effect that the others need least; what remains is fitted and judged again
+            weakest = max(unsound, key=lambda n: n.evidence.delta_bic)
+            best = self.without(best, weakest.id)
+            selected = self.account(base, best, effects, judged)
+        say("done", 1.0)
+        return Selection(base, best, selected, minor, first)
+
+    def _grown(
+        self,
+        base: CandidateModel,
+        candidate: CandidateModel,
+        effects: Sequence[Effect],
+        say: Progress,
+        required: RequiredRatio,
+    ) -> tuple[CandidateModel, tuple[tuple[str, Evidence], ...] | None]:
+        """A candidate with effects added one at a time; and what was minor when it grew no more."""
+        minor, tidied = None, 1
+        while (
+            len(candidate.effects) < BUDGET.most_effects and (needed := required(candidate)) > 0.0
+        ):
+            if len(candidate.effects) > tidied:
+                tidied = len(candidate.effects)
+                other = self._swapped(base, candidate, effects)
+                if other is not candidate:
+                    candidate = other
+                    continue
+            say(f"{', '.join(candidate.effects)}: looking for more", 0.2 * len(candidate.effects))
+            passed, judged = self._next(base, candidate, effects, needed)
+            minor = self._minor(judged)
+            if not passed and (wide := on_more_tracks(self, candidate)) is not None:
+                passed, _ = self._next(base, wide, effects, needed)
+            if not passed or self.best_of(base, (candidate, passed[0].candidate)) is candidate:
+                break
+            candidate = passed[0].candidate
+            if self.stepwise & set(
+                candidate.effects[:-1]
+            ):  # held while the newest effect was tried
+                candidate = replace(self.polished(candidate), excluded=candidate.excluded)
+        return candidate, minor
+
+    def _next(
+        self,
+        base: CandidateModel,
+        candidate: CandidateModel,
+        effects: Sequence[Effect],
+        needed: float,
+    ) -> tuple[list[ScoredCandidate], list[ScoredCandidate]]:
+        """Effects that may be added to a candidate, likeliest first, and all that were tried."""
+        judged, beside = beside_either(self, candidate, effects)
+        passed = [
+            j
+            for j in self.passing(judged)
+            if j.evidence.ratio < needed or self.unrivalled(beside[j.id], j.id, judged)
+        ]
+        return [
+            j for j in passed if not self.is_redundant(base, beside[j.id], j.candidate, judged)
+        ], judged
+
+    def _swapped(
+        self, base: CandidateModel, candidate: CandidateModel, effects: Sequence[Effect]
+    ) -> CandidateModel:
+        """Try look-alikes of the effects accepted so far: a later one may show one of them wrong.
+
+        What could not be distinguished from another at first may be distinguished beside a second
+        effect; and so for the laws of one.
+        """
+        for id in candidate.effects[:-1]:
+            likely = [
+                e
+                for e in effects
+                if (e.id == id and e.laws)
+                or ((id in e.ties or e.id in about(id).ties) and e.id not in candidate.effects)
+            ]
+            if not likely:
+                continue
+            judged = self.candidates(self.without(candidate, id), likely)
+            fits = [j.candidate for j in judged if self.admissible(j.candidate)]
+            best = self.best_of(base, [candidate, *fits])
+            if best is not candidate and not alike(best.errors, candidate.errors):
+                order = tuple(best.effects[-1] if e == id else e for e in candidate.effects)
+                candidate = replace(best, effects=order, excluded=candidate.excluded)
+        return candidate
+
+    def _with_seen_clip(
+        self, base: CandidateModel, best: CandidateModel, judged: Sequence[ScoredCandidate]
+    ) -> CandidateModel:
+        """A clip that is seen in the measurements belongs to the model unless it makes it worse.
+
+        It comes first: it needs no inference, and what else is named has to go with it.
+        """
+        data = self.data
+        clipped = [
+            repeats_at_top(data.y[data.weight[:, i] > 0.0, i]) for i in range(self.model.tracks)
+        ]
+        clips = {e.id for e in self.model.effects if e.starts_from is StartsFrom.CLIP_LEVEL}
+        seen = next((j for j in judged if j.id in clips and j.evidence.accepted), None)
+        if seen is None or not any(clipped):
+            return best
+        q, id = best.q.copy(), seen.id
+        for k in self.model.of(id):
+            q[k] = seen.candidate.q[k]
+        rest = tuple(e for e in best.effects if e != id)
+        refit, _ = refined(self.model, q[None], [best.free], data, BUDGET.polish)
+        candidate = self.candidate((id, *rest), refit[0], best.free)
+        return self.best_of(base, (candidate, best))
+
+    def passing(self, judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
+        """Accepted candidates, the most likely first; nearly equal ones by fewest parameters."""
+        passed = [j for j in judged if self._is_acceptable(j)]
+        passed = sorted(passed, key=lambda j: -j.score)
+        if not passed:
+            return []
+        top = passed[0]
+        close = [
+            j
+            for j in passed
+            if alike(top.candidate.errors, j.candidate.errors)
+            or is_nested_in(j, top)
+            or (
+                j.id in about(top.id).ties
+                and about(top.id).rare
+                and self.tied(top.candidate, j.candidate)
+            )
+        ]
+        lead = min(
+            close,
+            key=lambda j: (
+                about(j.id).couples,  # tracks of their own are simpler than ones that are tied
+                len(j.candidate.free),
+                about(j.id).shared,
+                about(j.id).rare,
+                -j.score,
+            ),
+        )
+        ordered = [lead, *(j for j in passed if j is not lead)]
+        return [self._with_excluded(j, passed) for j in ordered[: BUDGET.beam]] + ordered[
+            BUDGET.beam :
+        ]
+
+    def _is_acceptable(self, j: ScoredCandidate) -> bool:
+        return j.evidence.accepted and self.admissible(j.candidate)
+
+    def _with_excluded(
+        self, candidate: ScoredCandidate, passed: Sequence[ScoredCandidate]
+    ) -> ScoredCandidate:
+        same = tuple(
+            j.id
+            for j in passed
+            if j.id != candidate.id and alike(candidate.candidate.errors, j.candidate.errors)
+        )
+        return replace(
+            candidate,
+            candidate=replace(candidate.candidate, excluded=(*candidate.candidate.excluded, *same)),
+        )
+
+    def _minor(self, judged: Sequence[ScoredCandidate]) -> tuple[tuple[str, Evidence], ...]:
+        return tuple(
+            (j.id, j.evidence)
+            for j in judged
+            if j.evidence.significant
+            and self.needed <= j.evidence.ratio < RULE.minor
+            and self.admissible(j.candidate)
+        )
+
+    def best_of(self, base: CandidateModel, models: Sequence[CandidateModel]) -> CandidateModel:
+        """The likeliest of several sets against the base; the first of equals."""
+        scores = self._totals(base, models)
+        return models[int(np.argmax(scores))]
+
+    def _totals(self, base: CandidateModel, models: Sequence[CandidateModel]) -> list[float]:
+        """Scores of whole sets against the base, with one effective sample size for all."""
+        samples = common_samples(models)
+        return [self.likelihood(base, n, samples) for n in models]
+
+    def pruned(
+        self, base: CandidateModel, candidate: CandidateModel, effects: Sequence[Effect]
+    ) -> CandidateModel:
+        """Drop effects that the others have made needless; ``effects`` are those to try."""
+        while len(candidate.effects) > 1:
+            rests = [self.without(candidate, id) for id in candidate.effects]
+            best = self.best_of(base, rests)
+            whole = self._beside(candidate, best)
+            evidence = self.evidence(best, whole, 1)
+            needed = evidence.significant and evidence.ratio < RULE.own_part
+            if needed and not self.is_redundant(base, best, whole, effects):
+                break
+            candidate = best
+        return candidate
+
+    def is_redundant(
+        self,
+        base: CandidateModel,
+        rest: CandidateModel,
+        whole: CandidateModel,
+        judged: Sequence[ScoredCandidate] | Sequence[Effect],
+    ) -> bool:
+        """Whether the newest effect is redundant: it only corrects the laws of others.
+
+        No formula is all of a machine, and what one leaves looks in part like its look-alikes; what
+        two leave may look like anything. So a look-alike that takes little of the gap is none of
+        its own, nor is one that takes a part of it and leaves more; nor is a third effect that
+        takes less than a minor share, unless that is most of what the others leave or it has no
+        rivals.
+
+        Args:
+            base: the original model.
+            rest: without the effect.
+            whole: with it.
+            judged: effects tried on ``rest``, or those to try.
+        """
+        small = small_gain(base, rest, whole)
+        most = explains_most_of_remainder(rest, whole, self.data.noise)
+        if small is SmallGain.PARTIAL:
+            return not most
+        if small is not SmallGain.AMONG_OTHERS:
+            return small is SmallGain.LOOK_ALIKE
+        if most:
+            return False
+        return not self.unrivalled(rest, whole.effects[-1], judged)
+
+    def unrivalled(
+        self, rest: CandidateModel, id: str, judged: Sequence[ScoredCandidate] | Sequence[Effect]
+    ) -> bool:
+        """Whether no other effect comes near this one beside the same model.
+
+        Args:
+            rest: the model.
+            id: of the effect.
+            judged: effects tried on it, or those to try.
+        """
+        scored = [j for j in judged if isinstance(j, ScoredCandidate)]
+        if not scored:
+            scored = self.candidates(rest, [e for e in judged if isinstance(e, Effect)])
+        scores = {j.id: j.score for j in scored}
+        most = max((s for other, s in scores.items() if other != id), default=0.0)
+        most, score = max(most, 0.0), scores.get(id, 0.0)
+        return score > RULE.unrivalled * most and score - most > -RULE.certain_bic
+
+    def account(
+        self,
+        base: CandidateModel,
+        candidate: CandidateModel,
+        effects: Sequence[Effect],
+        first: Sequence[ScoredCandidate],
+    ) -> tuple[SelectedEffect, ...]:
+        """Each accepted effect against the model without it, and what ties with it there."""
+        selected = []
+        for id in candidate.effects:
+            rest = base
+            if len(candidate.effects) == 1:
+                judged: Sequence[ScoredCandidate] = first
+                # one that swapping or pruning has left alone may not be among the first candidates
+                first_candidate = next((j for j in first if j.id == id), None)
+                in_place = first_candidate or self._in_place(candidate, base, first, len(effects))
+            else:
+                likely = (id, *about(id).ties, *(j.id for j in first[:4]))
+                others = [
+                    e
+                    for e in effects
+                    if e.id == id or (e.id in likely and e.id not in candidate.effects)
+                ]
+                rest = self.without(candidate, id)
+                judged = self.candidates(rest, others, most=4)
+                in_place = self._in_place(candidate, rest, judged, len(effects))
+                judged = self._as_far(in_place, judged)
+            ties = tuple(
+                j.id
+                for j in judged
+                if j.id != id
+                and j.evidence.accepted
+                and j.id not in NOT_NAMED  # what is the same in all logs is a case of it
+                and self.admissible(j.candidate)
+                and self.tied(in_place.candidate, j.candidate)
+            )
+            rivals = {id: in_place.candidate} | {
+                j.id: j.candidate for j in judged if j.id in (id, *ties)
+            }
+            selected.append(
+                SelectedEffect(
+                    id, in_place.evidence, ties, in_place.candidate.touched, rivals, rest
+                )
+            )
+        return tuple(selected)
+
+    def _as_far(
+        self, in_place: ScoredCandidate, judged: Sequence[ScoredCandidate]
+    ) -> Sequence[ScoredCandidate]:
+        """Rivals beside the same parameters as an effect in place, where only those set them apart.
+
+        The parameters of the other effects were fitted beside the one in place, and not beside
+        these.
+        """
+        anew = next((j for j in judged if j.id == in_place.id), in_place)
+        if anew is in_place:
+            return judged
+
+        def behind(j: ScoredCandidate) -> bool:
+            same = j.id in about(in_place.id).ties and self.tied(anew.candidate, j.candidate)
+            return same and not self.tied(in_place.candidate, j.candidate)
+
+        return [self._instead(in_place, j) if behind(j) else j for j in judged]
+
+    def _instead(self, in_place: ScoredCandidate, rival: ScoredCandidate) -> ScoredCandidate:
+        """The rival with the other effects as fitted beside the one in place, if that fits."""
+        q = in_place.candidate.q.copy()
+        own_indices, rival_indices = self.model.of(in_place.id), self.model.of(rival.id)
+        q[list(own_indices)], q[list(rival_indices)] = (
+            self.origin[list(own_indices)],
+            rival.candidate.q[list(rival_indices)],
+        )
+        kept = [k for k in in_place.candidate.free if k not in own_indices]
+        free = tuple(sorted({*kept, *(k for k in rival.candidate.free if k in rival_indices)}))
+        moved = self.polished(replace(rival.candidate, q=q, free=free))
+        moved = replace(moved, excluded=rival.candidate.excluded)
+        return replace(rival, candidate=self.best_of(rival.candidate, (rival.candidate, moved)))
+
+    def tied(self, best: CandidateModel, other: CandidateModel) -> bool:
+        """Whether no log can distinguish two models."""
+        return tied(best, other, self.logs)
+
+    def without_effect(self, selection: Selection, id: str) -> Selection:
+        """Without one of the accepted effects: what is left is fitted and judged again."""
+        (gone,) = (n for n in selection.selected if n.id == id)
+        minor = ((id, gone.evidence), *(m for m in selection.minor if m[0] != id))
+        if len(selection.selected) == 1:
+            return replace(selection, final=selection.base, selected=(), minor=minor, intervals={})
+        candidate = self.without(selection.final, id)
+        selected = self.account(selection.base, candidate, self.model.effects, ())
+        return replace(selection, final=candidate, selected=selected, minor=minor, intervals={})
+
+    def _beside(self, candidate: CandidateModel, rest: CandidateModel) -> CandidateModel:
+        """The candidate with the effect that ``rest`` lacks last, and the tracks it acts on."""
+        (id,) = set(candidate.effects) - set(rest.effects)
+        at = [
+            self.model.parameters[k].track for k in self.model.of(id) if candidate.q[k] != rest.q[k]
+        ]
+        touched = np.array([i in at or -1 in at for i in range(self.model.tracks)])
+        return replace(candidate, effects=(*rest.effects, id), touched=touched)
+
+    def _unsound(
+        self, candidate: CandidateModel, selected: Sequence[SelectedEffect]
+    ) -> list[SelectedEffect]:
+        """Effects to reject: all where a gain is chance, else delays that have shrunk."""
+        if not all(n.evidence.significant for n in selected):
+            return list(selected)
+        return [n for n in selected if not beyond_sampling(self.model, n.id, candidate.q).any()]
+
+    def _in_place(
+        self,
+        candidate: CandidateModel,
+        rest: CandidateModel,
+        judged: Sequence[ScoredCandidate],
+        tried: int,
+    ) -> ScoredCandidate:
+        """The effect that ``rest`` lacks, as it is in the candidate or as found anew.
+
+        Found anew where that explains more; a search from nothing may not find it at all.
+        """
+        whole = self._beside(candidate, rest)
+        anew = [j for j in judged if j.id == whole.effects[-1]]
+        samples = common_samples([whole, *(j.candidate for j in anew)])
+        score = self.likelihood(rest, whole, samples)
+        if anew and self.likelihood(rest, anew[0].candidate, samples) >= score:
+            return anew[0]
+        return ScoredCandidate(whole, self.evidence(rest, whole, tried, samples), score)
+
+
+def is_nested_in(candidate: ScoredCandidate, other: ScoredCandidate) -> bool:
+    """Whether the law of an effect is a case of another's that closes hardly more of the gap."""
+    more = candidate.evidence.ratio**2 - other.evidence.ratio**2
+    enough = RULE.redundant * (1.0 - other.evidence.ratio**2)
+    return candidate.id in about(other.id).contains and more < enough
+
+
+def _little_left(base: CandidateModel, best: CandidateModel) -> bool:
+    """Whether less than a minor share of the gap is left on held-out data, noise included."""
+    (_, first), (_, now) = (n.errors.mean_squares() for n in (base, best))
+    return bool(np.sum(now) < 0.01 * VERDICT.min_share * np.sum(first))
+
+
+def _look_alike(a: Effect, b: Effect) -> bool:
+    """Whether the catalogue lists two effects as a tie, or both bend the command by a curve."""
+    curves = all(e.place is Place.COMMAND and not e.states for e in (a, b))
+    return curves or a.id in b.ties or b.id in a.ties
+
+
+class SmallGain(Enum):
+    """How an effect takes little of the gap."""
+
+    NO = auto()
+    LOOK_ALIKE = auto()
+    PARTIAL = auto()
+    AMONG_OTHERS = auto()
+
+
+def small_gain(base: CandidateModel, rest: CandidateModel, whole: CandidateModel) -> SmallGain:
+    """Whether the newest effect takes little of the gap, beside a look-alike or several others."""
+    id = whole.effects[-1]
+    others = [e for e in rest.effects if e not in NOT_NAMED]
+    alike = any(_look_alike(about(id), about(other)) for other in others)
+    if id in NOT_NAMED or not (alike or len(others) > 1):
+        return SmallGain.NO
+    first, now, then = (n.errors.mean_squares()[1][whole.touched] for n in (base, rest, whole))
+    taken, gap = now - then, first - then
+    if alike and np.any(taken >= RULE.redundant * gap):
+        return SmallGain.NO if np.any(taken >= RULE.look_alike * gap) else SmallGain.PARTIAL
+    if not alike and np.any(taken >= 0.01 * VERDICT.min_share * gap):
+        return SmallGain.NO
+    return SmallGain.LOOK_ALIKE if alike else SmallGain.AMONG_OTHERS
+
+
+def explains_most_of_remainder(rest: CandidateModel, whole: CandidateModel, noise: Array) -> bool:
+    """Whether the newest effect takes most of what the others leave above the noise of an output.
+
+    Args:
+        rest: without the effect.
+        whole: with it.
+        noise: of each output, (ny,).
+    """
+    now, then = (n.errors.mean_squares()[1] for n in (rest, whole))
+    at = whole.touched
+    remainder = (now - noise**2)[at]
+    return bool(np.any((remainder > 0.0) & ((now - then)[at] > RULE.of_remainder * remainder)))

@@ -1,0 +1,449 @@
+"""One diagnosis session: whether errors need an explanation, and which effects explain them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sysid.data.column_words import may_move
+from sysid.data.record import Array
+from sysid.diagnosis import findings
+from sysid.diagnosis.base_model import Base
+from sysid.diagnosis.diagnosis import Trace
+from sysid.diagnosis.gap import Gap, carries_an_output, measure_gap, share_closed
+from sysid.diagnosis.named_effects import RejectedEffect
+from sysid.diagnosis.policies import RULE, VERDICT
+from sysid.diagnosis.search.forward_selection import Progress
+from sysid.diagnosis.search.intervals import intervals_of
+from sysid.diagnosis.search.selection import (
+    CandidateModel,
+    SelectedEffect,
+    Selection,
+    moved_to_base,
+)
+from sysid.diagnosis.search.sensitivities import sensitivities
+from sysid.diagnosis.validation.acceptance import (
+    drifting_level,
+    least_beside,
+    small_share,
+    uncertain_parameters,
+    unknown_wave,
+    weakest,
+)
+from sysid.diagnosis.validation.exchange import with_exchanged_lags
+from sysid.diagnosis.validation.jitter import Jitter, detect_jitter, rows_without_jitter
+from sysid.diagnosis.validation.linear_rival import (
+    LinearRival,
+    linear_motion,
+    linear_rival,
+    worse_than_linear,
+)
+from sysid.diagnosis.validation.model_error import MIN_SAMPLES, ResidualStructure, error_structure
+from sysid.diagnosis.validation.noise import NoiseFloor, floor_of
+from sysid.effects.base import Effect, Place
+from sysid.effects.catalogue import NOT_NAMED, about
+from sysid.effects.sensor import SAMPLING
+from sysid.errors import DataError
+
+STAND_IN = (
+    "the remaining errors are correlated with the command, and the catalogue covers motion rather "
+    "than processes: other physics may look like it"
+)
+
+
+LeastLeft = dict[tuple[bool, ...], float]
+"""Least share of the gap left open while effects were rejected, by the outputs that count."""
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosisSession:
+    """One diagnosis in progress.
+
+    Attributes:
+        base: base and search.
+        noise: measurement noise of each output.
+        scales: full drive of each input.
+        seed: of every bootstrap.
+        given: the session of the model that was given, where that had absorbed so much that effects
+            are added to the baseline.
+        jitter: outputs whose command delay varies, where samples that this spoils were left
+            out.
+    """
+
+    base: Base
+    noise: NoiseFloor
+    scales: Array
+    seed: int
+    given: "DiagnosisSession | None" = None
+    jitter: tuple[Jitter, ...] = ()
+
+    @property
+    def floor(self) -> Array:
+        """Measurement noise of each output, (ny,)."""
+        return self.noise.value
+
+    @property
+    def nothing(self) -> Selection:
+        """Before anything is named."""
+        candidate = self.base.candidate
+        return Selection(candidate, candidate, (), (), ())
+
+    @property
+    def origin(self) -> "DiagnosisSession":
+        """The session of the original model."""
+        return self.given or self
+
+    @cached_property
+    def before(self) -> ResidualStructure | None:
+        """What the errors of the base depend on."""
+        return self.residual_structure(self.nothing, after=False)
+
+    @property
+    def needs_explanation(self) -> bool:
+        """Whether there is anything to explain."""
+        return structured(self.before) or self.before is None or not self.follows()
+
+    def required_ratio(self) -> float:
+        """What the first effect must bring the held-out error below; 0 where nothing is looked for.
+
+        As in ``remains``: of errors far above the noise the test may see nothing, because a command
+        of few levels or frequencies hides what they depend on; then the effect must do more.
+        """
+        if self.needs_explanation:
+            return self.base.search.needed
+        return RULE.in_loop if self.far_above_noise(self.nothing) else 0.0
+
+    def far_above_noise(self, selection: Selection) -> bool:
+        """Whether the held-out errors of the augmented model are far above the noise."""
+        now = selection.final.errors.mean_squares()[1]
+        return bool(np.any(np.sqrt(now) > VERDICT.residual_to_noise * self.noise.high))
+
+    def searched(self, effects: Sequence[Effect], say: Progress) -> "SelectionResult":
+        """The search for what is missing, unless there is nothing to explain."""
+        selection = self.nothing
+        if self.base.search.model.tracks == 1:
+            effects = [e for e in effects if not e.couples]
+        needed = self.required_ratio()
+        if effects and needed > 0.0:
+            selection = self.base.search.run(
+                self.base.candidate,
+                effects,
+                lambda text, share: say(text, 0.1 + 0.6 * share),
+                lambda candidate: self.remains(replace(self.nothing, final=candidate)),
+                needed,
+            )
+        plain = self._apart(selection)
+        if plain.selection.selected or self.jitter or self.base.given is not None:
+            return plain
+        apart = self.without_jitter()
+        result = None if apart is None else apart.searched(effects, say)
+        return result if result is not None and result.selection.selected else plain
+
+    def _apart(self, selection: Selection) -> "SelectionResult":
+        """A sampling lag belongs to both models and is not reported as an effect."""
+        if SAMPLING.id not in selection.final.effects:
+            return SelectionResult(self, moved_to_base(selection, SAMPLING.id, selection.base))
+        if self.base.given is not None:
+            return SelectionResult(self, selection)
+        base = self.base.with_sampling(selection.final)
+        return SelectionResult(
+            replace(self, base=base), moved_to_base(selection, SAMPLING.id, base.candidate)
+        )
+
+    def without_jitter(self) -> "DiagnosisSession | None":
+        """The session of the samples that no uneven delay of the commands spoils; None without one.
+
+        Such delays make errors behind every change that are larger than what a dead zone leaves
+        at constant speed.
+        """
+        jitter = detect_jitter(self.base, self.base.candidate, self.floor)
+        if not jitter:
+            return None
+        base = self.base.without(*rows_without_jitter(self.base, jitter, self.floor))
+        return replace(self, base=base, jitter=jitter)
+
+    def linear_words(self, selection: Selection) -> str:
+        """How much of errors far above the noise is linear motion of higher order; else empty."""
+        if not self.far_above_noise(selection):
+            return ""
+        names = self.base.parts.holdout[0].output_names
+        return self.linear_rival.words(selection, self.floor, names)
+
+    def residual_structure(self, selection: Selection, after: bool) -> ResidualStructure | None:
+        """What the errors on the held-out data still depend on; None with too few samples."""
+        base, candidate = self.base, selection.final if after else selection.base
+        runs = holdout_runs(findings.traces(base, selection), after)
+        gradients = sensitivities(base.search, candidate, holdout=True) if candidate.free else None
+        if gradients is None:
+            gradients = tuple(np.zeros((*r.y.shape, 0)) for r in base.parts.holdout)
+        if sum(len(e) for e in candidate.errors.holdout) < MIN_SAMPLES:
+            return None
+        try:
+            return error_structure(
+                base.parts.holdout,
+                candidate.errors.holdout,
+                runs,
+                self.floor,
+                self.scales,
+                gradients,
+            )
+        except DataError:
+            return None
+
+    def remains(self, selection: Selection) -> float:
+        """What one more effect must bring the held-out error below; 0 where nothing is left.
+
+        Errors far above the noise that seem to depend on nothing may be a disturbance, or structure
+        that commands of few frequencies hide from the test: then the effect must do more. Where
+        something is missing for sure, errors need not be far above the noise to ask for more.
+        """
+        (_, old), (_, new) = (n.errors.mean_squares() for n in (selection.base, selection.final))
+        lower = self.refuted(selection)
+        floor = lower * self.floor
+        noise = VERDICT.residual_power_to_noise * floor**2
+        # a small share of a large gap may be far above the noise: an effect beside a large one
+        minor = 0.01 * VERDICT.min_share * np.maximum(old - floor**2, noise)
+        if np.all(new - floor**2 < np.minimum(minor, noise)):
+            return 0.0
+        structure = self.residual_structure(selection, after=True)
+        if structure is None or structured(structure):
+            return self.base.search.needed
+        above = (
+            VERDICT.residual_to_noise_later
+            if selection.final.effects
+            else VERDICT.residual_to_noise
+        )
+        return RULE.in_loop if np.any(np.sqrt(new) > above * lower * self.noise.high) else 0.0
+
+    def refuted(self, selection: Selection) -> float:
+        """What the noise is at most of what it was taken for: no model errs less than noise.
+
+        What makes measurements look noisy (one without its sign) makes all of them so.
+        """
+        reached = np.sqrt(selection.final.errors.mean_squares()[1]) / self.floor
+        return (
+            float(min(np.min(reached), 1.0)) if reached.min() < VERDICT.noise_refuted_below else 1.0
+        )
+
+    def follows(self) -> bool:
+        """Whether the base follows the data at all: else its errors say nothing."""
+        y = np.concatenate([r.y for r in self.base.parts.holdout])
+        errors = np.concatenate(self.base.candidate.errors.holdout)
+        size = np.sqrt(np.nanmean(errors**2, axis=0))
+        worthless = 1.0 - 0.01 * VERDICT.min_fit
+        return bool(np.all(size < worthless * np.std(y, axis=0)))
+
+    def gap(self, selection: Selection) -> Gap:
+        """The gap on held-out data before and after."""
+        gap = measure_gap(
+            self.origin.base.candidate.errors.holdout,
+            selection.final.errors.holdout,
+            self.floor,
+            self.base.parts.estimation[0].output_names,
+            self.seed,
+        )
+        ends = zip(gap.channels.items(), self.noise.low, self.noise.high, self.floor, strict=True)
+        channels = {
+            name: replace(c, floor_interval=(c.noise_floor * a / v, c.noise_floor * b / v))
+            for (name, c), a, b, v in ends
+        }
+        return replace(gap, channels=channels)
+
+    def explained_by(self, selection: Selection, n: SelectedEffect) -> tuple[float, float]:
+        """Shares of the gap of its outputs [%]: closed by an effect beside the others, and open."""
+        return share_closed(*self._errors_around(selection, n), self.floor, n.touched)
+
+    def _errors_around(
+        self, selection: Selection, n: SelectedEffect
+    ) -> tuple[Sequence[Array], Sequence[Array], Sequence[Array]]:
+        """Held-out errors before, without an effect, and of the augmented model."""
+        before, without, after = self.origin.base.candidate, n.rest, selection.final
+        return before.errors.holdout, without.errors.holdout, after.errors.holdout
+
+    def confirmed(self, selection: Selection) -> tuple[Selection, tuple[RejectedEffect, ...]]:
+        """The accepted effects of the final model, and the rejected ones."""
+        selection, gone = self.measured(selection), []
+        least_left: LeastLeft = {}
+        while (least := self._objection(selection, least_left)) is not None:
+            gone.append(least)
+            selection = self.measured(self.base.search.without_effect(selection, least.id))
+        while selection.selected and self.stand_in(selection):
+            last = min(selection.selected, key=lambda n: -n.evidence.delta_bic)
+            gone.append(RejectedEffect(last.id, STAND_IN))
+            selection = self.measured(self.base.search.without_effect(selection, last.id))
+        return selection, tuple(gone)
+
+    def stand_in(self, selection: Selection) -> bool:
+        """Whether the selected effects may stand in for physics outside the catalogue.
+
+        Outflow, radiation and boiling are none of its effects, and bend like a dead zone. Without
+        friction and gears beside it, an effect of the actuator or sensor explains nearly all. Nor
+        is the stiffness of a spring one of its effects: beside what swings long, the same is asked
+        of all but what a sensor does.
+        """
+        moves = any(may_move(c.name, c.unit) for c in self.base.parts.estimation[0].outputs)
+        by_sensor = all(about(n.id).place is Place.READING for n in selection.selected)
+        if moves and (by_sensor or least_damping(self.base) >= VERDICT.min_damping):
+            return False
+        structure = self.residual_structure(selection, after=True)
+        return structured(structure) and self.gap(selection).closed_percent < VERDICT.nearly_all
+
+    def _objection(self, selection: Selection, least_left: LeastLeft) -> RejectedEffect | None:
+        """The accepted effect that evidence speaks against most, and what speaks against it."""
+        least = weakest(self.base, selection)
+        if least is None and any(
+            not linear_motion(self.base, selection, n) for n in selection.selected
+        ):
+            least = worse_than_linear(self.base, self.linear_rival, selection)
+        return (
+            least
+            or drifting_level(self.base, selection)
+            or unknown_wave(self.base, selection)
+            or self.too_small_a_share(selection)
+            or self._absorber(selection, least_left)
+        )
+
+    def too_small_a_share(self, selection: Selection) -> RejectedEffect | None:
+        """An effect that leaves more of the gap of its outputs than one of its kind may.
+
+        One that is alone closes a quarter, one without a mechanism nearly all of what the others
+        leave; where what remains has no structure, it is enough.
+        """
+        effects = [n for n in selection.selected if n.id not in NOT_NAMED]
+        for n in effects:
+            needed = VERDICT.min_share_single if len(effects) == 1 else 0.0
+            needed = VERDICT.nearly_all if about(n.id).descriptive else needed
+            if needed and self.unexplained(selection):
+                closed, open_ = self.explained_by(selection, n)
+                if closed < 0.01 * needed * (closed + open_):
+                    return RejectedEffect(n.id, small_share(closed, open_))
+        return None
+
+    def _absorber(self, selection: Selection, least_left: LeastLeft) -> RejectedEffect | None:
+        """The effect beside others that takes less than they leave, where they leave structure.
+
+        What remains on one output speaks not against an effect that carries another one: there is
+        something else on that one alone. Nor does what remains speak against an effect that closes
+        some of the gap and that no other comes near: a stand-in has rivals. What an effect that is
+        gone by now had taken is no part of what the others leave: else one would go after another.
+
+        Args:
+            selection: what is named.
+            least_left: of the rounds before; brought up to date.
+        """
+        effects = [n for n in selection.selected if n.id not in NOT_NAMED]
+        if len(effects) < 2 or not self.unexplained(selection):
+            return None
+        shares = {n.id: self._share_beside(selection, n, least_left) for n in effects}
+        short = [
+            n
+            for n in effects
+            if not carries_an_output(*self._errors_around(selection, n), self.floor, n.touched)
+        ]
+        search, rivals = self.base.search, self.base.search.model.effects
+        while least := least_beside([(n.id, *shares[n.id]) for n in short]):
+            (weakest_effect,) = (n for n in short if n.id == least.id)
+            if shares[weakest_effect.id][0] <= 0.0 or not search.unrivalled(
+                weakest_effect.rest, weakest_effect.id, rivals
+            ):
+                break
+            short.remove(weakest_effect)
+        return least
+
+    def _share_beside(
+        self, selection: Selection, n: SelectedEffect, least_left: LeastLeft
+    ) -> tuple[float, float]:
+        """``explained_by``, and of what stays open on its outputs the least there ever was."""
+        closed, open_ = self.explained_by(selection, n)
+        at = tuple(n.touched.tolist())
+        least_left[at] = open_ = min(open_, least_left.get(at, open_))
+        return closed, open_
+
+    @cached_property
+    def linear_rival(self) -> LinearRival:
+        """What linear motion of a higher order explains."""
+        return linear_rival(self.base)
+
+    def measured(self, selection: Selection) -> Selection:
+        """With likelihood intervals where gradients cannot judge; estimates may move slightly."""
+        if not selection.selected:
+            return selection
+        uncertain = uncertain_parameters(self.base, selection)
+        final, intervals = intervals_of(self.base.search, selection.final, uncertain)
+        for candidate in (
+            final,
+            selection.final,
+        ):  # a ragged likelihood may lead away from an accepted set
+            widened = {k: i.holding(float(candidate.q[k])) for k, i in intervals.items()}
+            measured = replace(selection, final=candidate, intervals=widened)
+            if weakest(self.base, measured) is None:
+                break
+        return with_exchanged_lags(self.base, measured)
+
+    def unexplained(self, selection: Selection) -> bool:
+        """Whether the augmented model leaves structure, and errors far above the noise."""
+        return self.far_above_noise(selection) and structured(
+            self.residual_structure(selection, after=True)
+        )
+
+    def explains_more(
+        self, selection: Selection, candidate: CandidateModel, below: float = RULE.held_out
+    ) -> bool:
+        """Whether the held-out error of the augmented model is ``below`` that of another."""
+        old, new = (n.errors.mean_squares()[1] for n in (candidate, selection.final))
+        return bool(selection.selected) and float(np.sqrt(np.mean(new / old))) < below
+
+
+def poles_of(base: Base) -> Array:
+    """Discrete poles of all cores of the base."""
+    model = base.search.model
+    names = [f"f{k + 1}" for k in range(model.order)]
+    cores = [
+        [base.candidate.q[model.index["core", n, i]] for n in names] for i in range(model.tracks)
+    ]
+    return np.concatenate([np.roots([1.0, *f]) for f in cores])
+
+
+def least_damping(base: Base) -> float:
+    """The least damping ratio ζ of its poles, ln z = −ζ ω₀ Δt ± …; 1 where none swings."""
+    z = poles_of(base)
+    swinging = z[(np.abs(z.imag) > 0.0) & (np.abs(z) > 0.0)].astype(complex)
+    s = np.log(swinging)
+    return float(np.min(-s.real / np.abs(s), initial=1.0))
+
+
+def noise_of(base: Base) -> NoiseFloor:
+    """Measurement noise from all logs of a diagnosis and the errors that its base leaves there."""
+    parts, errors = base.parts, base.candidate.errors
+    slow = float(np.max(np.abs(poles_of(base)), initial=0.0))
+    records, residuals = (*parts.estimation, *parts.holdout), [*errors.estimation, *errors.holdout]
+    if parts.holdout is parts.estimation:  # blocks of the same logs: together they are whole
+        records, pairs = parts.estimation, zip(errors.estimation, errors.holdout, strict=True)
+        residuals = [np.where(np.isfinite(a), a, b) for a, b in pairs]
+    steps = {c.output: c.step for c in parts.samples.coarse}
+    rounding = np.array([steps.get(name, 0.0) for name in records[0].output_names]) / np.sqrt(12.0)
+    return floor_of(records, residuals, slow).at_least(rounding)
+
+
+@dataclass(frozen=True, eq=False)
+class SelectionResult:
+    """What a search has found.
+
+    Attributes:
+        session: where.
+        selection: the effects that it accepted.
+    """
+
+    session: DiagnosisSession
+    selection: Selection
+
+
+def structured(errors: ResidualStructure | None) -> bool:
+    """Whether errors depend on what is known."""
+    return errors is not None and errors.p_value < VERDICT.structured_p
+
+
+def holdout_runs(traces: Sequence[Trace], after: bool) -> list[Array]:
+    """Free runs of the original model or after over the held-out records."""
+    return [t.after if after else t.before for t in traces if t.role == "held-out"]
