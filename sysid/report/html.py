@@ -1,4 +1,4 @@
-"""The page of a diagnosis: one HTML file that needs nothing beside it."""
+"""The page of a diagnosis: one self-contained HTML file."""
 
 import re
 from collections.abc import Iterable
