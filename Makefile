@@ -6,7 +6,7 @@ DEMO   := demo_out
 SYSID  := $(BIN)/sysid
 LOGS   := datasets/devastator
 
-.PHONY: demo test test-slow bench reports study study-diagnose study-physics study-real datasets clean help
+.PHONY: demo test test-slow gate bench reports study study-diagnose study-physics study-real datasets clean help
 
 help:  ## List what make can do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -48,8 +48,12 @@ test: $(VENV)/.installed-test  ## Lint, types, layers and all tests but the slow
 	$(BIN)/lint-imports
 	$(PYTEST) -m "not slow"
 
-test-slow: $(VENV)/.installed-test  ## Tests of whole diagnoses and long fits; the gate runs them, too
+test-slow: $(VENV)/.installed-test  ## Tests of whole diagnoses and long fits; .ci/run runs them, too
 	$(PYTEST) -m slow
+
+GATE ?=
+gate: $(VENV)/.installed  ## Guard of what was reached: errors and times against benchmarks/gate.json, two minutes
+	OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/python benchmarks/gate.py $(GATE)
 
 BENCH := .venv-bench
 $(BENCH)/.installed: pyproject.toml constraints.txt constraints-bench.txt

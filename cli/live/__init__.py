@@ -1,1 +1,1 @@
-"""``sysid fit --follow``: a plant that is watched while it moves."""
+"""``sysid fit --follow``: a plant identified online."""

@@ -1,4 +1,4 @@
-"""Follow a log or a topic, and keep the model that it leaves."""
+"""Follow a log or a topic, and keep the final model."""
 
 import hashlib
 import signal

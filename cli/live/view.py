@@ -1,4 +1,4 @@
-"""What a person sees while a plant is followed: a table that changes, or a line now and then."""
+"""Display while following: a live table, or a line now and then."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Options that put other laws into a mission, declared once for every command that drives one."""
+"""Options that replace the laws of a mission, declared once for all commands."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any

@@ -1,4 +1,4 @@
-"""``sysid localize``: where a robot was, from a log of its sensors."""
+"""``sysid localize``: a robot's path from a log of its sensors."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any

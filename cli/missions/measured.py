@@ -1,4 +1,4 @@
-"""``sysid simulate --measured``: a measured mission laid over the runs predicted for it."""
+"""``sysid simulate --measured``: a measured drive compared with the runs predicted for it."""
 
 from dataclasses import replace
 from pathlib import Path

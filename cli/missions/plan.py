@@ -1,4 +1,4 @@
-"""``sysid plan``: what the guidance of a mission wants, before anything drives."""
+"""``sysid plan``: the references of a mission's guidance, without a plant."""
 
 from itertools import pairwise
 from pathlib import Path

@@ -89,7 +89,7 @@ def over_ros(
     given = {"--topic": topic, "--topic-level": topic_level, "--wait": wait}
     for option, value in given.items():
         if value is not None and not ros:
-            raise UsageError(f"{option} is belongs to --ros; add --ros")
+            raise UsageError(f"{option} belongs to --ros; add --ros")
     if topic_level not in (None, *LEVELS):
         raise UsageError(f"--topic-level {topic_level} is unknown; choose {' or '.join(LEVELS)}")
     if wait is not None and not 0.0 < wait < float("inf"):

@@ -59,8 +59,9 @@ def simulate(
     """Drive the exported plant through a mission, once or many times, or replay a log through it.
 
     With --runs every run has numbers of its own: plant parameters within their standard errors,
-    sensor noise, start pose, obstacles, friction. What comes of it is told with its probability.
-    With --ros it guides a robot that publishes /clock and /odom, such as `sysid plant`.
+    sensor noise, start pose, obstacles, friction. The result gives outcomes with their
+    probabilities. With --ros it guides a robot that publishes /clock and /odom, such as `sysid
+    plant`.
     """
 
     from sysid.data.reading.read_options import ReadOptions

@@ -1,4 +1,4 @@
-"""``sysid tune``: gains of a mission's controller by driving, and from the plant alone."""
+"""``sysid tune``: gains of a mission's controller by simulation, and by tuning rules."""
 
 from dataclasses import dataclass
 from math import isinf

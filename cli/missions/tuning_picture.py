@@ -1,4 +1,4 @@
-"""The picture of ``sysid tune``: its front, and answers of the proposed and the present gains."""
+"""The picture of ``sysid tune``: the front, and responses with the proposed and present gains."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

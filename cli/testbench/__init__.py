@@ -1,1 +1,1 @@
-"""``sysid bench``: a robot's parts on the bench."""
+"""``sysid bench``: a robot's parts on the test bench."""

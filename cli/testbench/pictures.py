@@ -1,4 +1,4 @@
-"""From results of the bench to the pictures of the report layer."""
+"""Pictures of the test bench, from its results."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -191,7 +191,7 @@ def fit_vehicle(
     """Find radii, width, slip, lags and lever arm of a vehicle from logs that hold its pose.
 
     With --motion dynamic its mass, yaw inertia, frictions and thrust stiffness. Each with its
-    standard error, and a sentence where a log does not tell it. Judged on windows of two seconds
+    standard error, and a sentence if a log does not determine it. Judged on windows of two seconds
     that were not used.
     """
     given = None if geometry is None else given_lengths(geometry)
@@ -215,7 +215,7 @@ def fit_vehicle(
 
 
 def _returned(given: Squares, geometry: "Geometry | None", logs: list[Path], json: bool) -> None:
-    """Say what the returns of squares tell, where nothing but these was measured.
+    """Report the errors that the returns of squares determine, without a log.
 
     Raises:
         UsageError: there are logs, too.

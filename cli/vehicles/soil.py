@@ -1,4 +1,4 @@
-"""``sysid soil``: what a ground gives a tracked vehicle and takes from it."""
+"""``sysid soil``: thrust and resistances of a tracked vehicle on a soil."""
 
 import math
 from pathlib import Path
@@ -61,7 +61,7 @@ def soil(
     ] = None,
     json: reading.Json = False,
 ) -> None:
-    """List soils with their sources, or tell what one gives a tracked vehicle and takes from it."""
+    """List soils with their sources, or assess a tracked vehicle on one."""
     from sysid.vehicle.ground.assessment import RADII, SLIPS, assess
 
     if ground is None and vehicle is None and not numbers:

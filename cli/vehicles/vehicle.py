@@ -1,4 +1,4 @@
-"""``sysid vehicle``: what the wheels of a described vehicle let it do."""
+"""``sysid vehicle``: mobility and kinematics of a described vehicle."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What two halves of a mission say to each other, over a protocol; queues are one of its kind."""
+"""Messages between the two halves of a mission, and their protocol; queues implement it."""
 
 import queue
 from typing import NamedTuple, Protocol

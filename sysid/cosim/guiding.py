@@ -1,4 +1,4 @@
-"""The guidance half of a mission: what the robot says in, references or PWM out.
+"""The guidance half of a mission: estimates in, references or PWM out.
 
 It is the loop of :mod:`sysid.mission.loop` itself, whose motion and navigation are what the robot
 says; its clock ticks when the robot says something.
@@ -135,7 +135,7 @@ class _GuidingLoop(Loop):
     def sample(
         self, state: LoopState, tick: Tick, draws: Sequence[Sequence[Real]] = ()
     ) -> tuple[LoopState, tuple[Real, ...]]:
-        """A sample of the loop; then the robot is told, or that it is over."""
+        """A sample of the loop; then a command, or the end, is sent to the robot."""
         state, row = super().sample(state, tick, draws)
         if self.port is None:
             return state, row

@@ -1,4 +1,4 @@
-"""Where the cut between the two halves of a mission runs."""
+"""The interface between the two halves of a mission: references or PWM."""
 
 from enum import StrEnum
 

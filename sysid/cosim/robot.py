@@ -1,4 +1,4 @@
-"""The robot half of a mission: references or PWM in, where the robot believes to be out.
+"""The robot half of a mission: references or PWM in, estimated pose out.
 
 It is the loop of :mod:`sysid.mission.loop` itself, whose guidance (for PWM its controller, too) is
 what the other half asks.
@@ -59,7 +59,7 @@ class Pace:
 
 
 class _OtherHalf:
-    """What the other half asks, as a law of guidance; it is told first where the robot is.
+    """What the other half asks, as a law of guidance; the robot's pose is sent first.
 
     Attributes:
         asked: the last it asked for.

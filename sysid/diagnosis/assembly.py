@@ -35,9 +35,7 @@ FEW_WINDOWS = 40
 """Fewer windows of pose seldom prove an effect of the vehicle."""
 
 
-def assembled(
-    result: SelectionResult, model: Model | None, pose: PoseDiagnosis | None
-) -> Diagnosis:
+def assemble(result: SelectionResult, model: Model | None, pose: PoseDiagnosis | None) -> Diagnosis:
     """Everything but the mission.
 
     Args:
@@ -56,7 +54,7 @@ def assembled(
     samples = base.parts.samples
     effects = in_order(
         (
-            *(_named(session, selection, n, remaining, regions) for n in _proven(selection)),
+            *(_named(session, selection, n, remaining, regions) for n in selection.effects),
             *(() if pose is None else pose.effects),
             *findings.sample_effects(samples),
         )
@@ -87,7 +85,7 @@ def assembled(
         excess_error=size if remaining.structured else None,
         minor=tuple(dict.fromkeys(id for id, _ in selection.minor)),
         candidates=(*selection.candidates, *(pose.candidates if pose is not None else ())),
-        where=_where(session, session.origin.base.candidate),
+        where=_where(session, session.origin.base.model),
         where_after=regions,
         gap=gap,
         detectable=unseen,
@@ -114,11 +112,6 @@ def in_order(effects: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
     after it rests on them. Reading in steps spoils nothing and stays where it is."""
     spoils = [e for e in effects if e.id in OF_THE_LOG and e.id != QUANTISATION.id]
     return (*spoils, *(e for e in effects if e not in spoils))
-
-
-def _proven(selection: Selection) -> tuple[SelectedEffect, ...]:
-    """Accepted effects, without what only differs between logs."""
-    return tuple(n for n in selection.selected if n.id not in NOT_NAMED)
 
 
 def _named(
@@ -159,7 +152,7 @@ def _models(
     base = session.base
     before = model if model is not None else model_of(base, selection.base)
     on_ground = pose is not None and bool(pose.effects)
-    if not (_proven(selection) or on_ground):
+    if not (selection.effects or on_ground):
         return before, before
     after = model_of(base, selection.final, selection.intervals)
     if pose is not None and on_ground:
@@ -244,7 +237,7 @@ def _next(
     base, first = session.base, session.base.parts.estimation[0]
     experiments = [
         experiment_between(base.search, n.rivals, session.floor, base.scales, base.delay)
-        for n in _proven(selection)
+        for n in selection.effects
         if len(n.rivals) > 1 and CHANGED.id not in n.rivals
     ]
     experiments += [

@@ -26,11 +26,8 @@ from sysid.version import __version__
 
 def effects_of(base: Base, candidate: CandidateModel) -> tuple[str, ...]:
     """The effects of the augmented structure: those of the base, then the accepted ones."""
-    base_effects = (LEVEL.id,) * base.level + (SAMPLING.id,) * base.sampled
-    return (
-        *base_effects,
-        *(id for id in candidate.effects if id != CHANGED.id and id not in BY_LOG),
-    )
+    first = (LEVEL.id,) * base.level + (SAMPLING.id,) * base.sampled
+    return (*first, *(id for id in candidate.effects if id != CHANGED.id and id not in BY_LOG))
 
 
 def parameter_indices(base: Base, candidate: CandidateModel) -> list[int]:
@@ -69,49 +66,33 @@ def values_of(
     names = base.search.estimation[0].output_names
     unit = base.search.estimation[0].outputs[0].unit
     covariance = covariance_of(base, candidate) if candidate.free else np.zeros((0, 0))
-    at = {parameter: i for i, parameter in enumerate(candidate.free)}
+    at = {p: i for i, p in enumerate(candidate.free)}
     parameters = {p.name: p for p in effect(id).parameters} if id != CHANGED.id else {}
     acting = _acting(base, candidate, id)
     values = []
     for k in m.of(id):
-        parameter = m.parameters[k]
-        if acting and parameter.name not in acting:
+        p = m.parameters[k]
+        if acting and p.name not in acting:
             continue
-        tag = "" if parameter.track < 0 else f"[{names[parameter.track]}]"
-        if (
-            k not in at
-            and id != CHANGED.id
-            and candidate.q[k] == parameter.null
-            and parameter.track >= 0
-        ):
+        tag = "" if p.track < 0 else f"[{names[p.track]}]"
+        idle = candidate.q[k] == p.null and p.track >= 0
+        if idle and k not in at and id != CHANGED.id:
             continue
-        number = parameters.get(parameter.name)
+        number = parameters.get(p.name)
         value, words = float(candidate.q[k]), number.unit.replace("speed", unit) if number else ""
         interval = (intervals or {}).get(k)
-        if interval is None:
-            error = float(np.sqrt(max(covariance[at[k], at[k]], 0.0))) if k in at else None
-            values.append(Value(f"{parameter.name}{tag}", value, error, words))
-        else:
-            error = interval.std_error(value)
-            values.append(_interval_value(f"{parameter.name}{tag}", value, interval, words))
-        ended = replace(values[-1], bounded=k in at and on_bound(parameter, value))
-        values[-1] = replace(ended, in_file=_in_file(base, ended, parameter.track))
-        if not values[-1].visited:
-            continue
-        if number is not None and number.as_command:
+        error = float(np.sqrt(max(covariance[at[k], at[k]], 0.0))) if k in at else None
+        shown = _value(f"{p.name}{tag}", value, error, interval, words)
+        shown = replace(shown, bounded=k in at and on_bound(p, value))
+        values.append(replace(shown, in_file=_in_file(base, shown, p.track)))
+        if shown.visited and number is not None and number.as_command:
             # as the command that just overcomes it: what a person with a robot turns up
-            full = float(full_drive(base.parts.estimation)[parameter.track]) / abs(
-                candidate.q[m.index["core", "gain", parameter.track]]
-            )
-            channel = base.search.estimation[0].inputs[parameter.track]
-            name = f"{parameter.name}_command{tag}"
-            if interval is not None:
-                values.append(
-                    _interval_value(name, value * full, interval.times(full), channel.unit)
-                )
-            else:
-                scaled = None if error is None else error * full
-                values.append(Value(name, value * full, scaled, channel.unit))
+            gain = abs(candidate.q[m.index["core", "gain", p.track]])
+            full = float(full_drive(base.parts.estimation)[p.track]) / gain
+            unit_ = base.search.estimation[0].inputs[p.track].unit
+            scaled, ends = error and error * full, interval and interval.times(full)
+            name = f"{p.name}_command{tag}"
+            values.append(_value(name, value * full, scaled, ends, unit_))
     return tuple(values)
 
 
@@ -142,7 +123,11 @@ def _in_file(base: Base, value: Value, track: int) -> Value | None:
     )
 
 
-def _interval_value(name: str, value: float, interval: Interval, unit: str) -> Value:
+def _value(
+    name: str, value: float, error: float | None, interval: Interval | None, unit: str
+) -> Value:
+    if interval is None:
+        return Value(name, value, error, unit)
     if not interval.visited:
         return Value(name, math.nan, None, unit)
     return Value(name, value, interval.std_error(value), unit, (interval.low, interval.high))

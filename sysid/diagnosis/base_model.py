@@ -72,26 +72,20 @@ def divided(
     not count in either.
     """
     seen = inspect(estimation)
-    estimation_weights = seen.weights
+    weights = seen.weights
     if holdout:
-        holdout_weights = inspect(holdout).weights
+        judging = inspect(holdout).weights
         if inspect is inspect_samples:
             seen = with_steps_of(seen, (*estimation, *holdout))
         return Parts(
-            tuple(estimation),
-            tuple(holdout),
-            (estimation_weights, holdout_weights),
-            "the validation data",
-            seen,
+            tuple(estimation), tuple(holdout), (weights, judging), "the validation data", seen
         )
     cut = hold_out(estimation)
     masks = [m[:, None].astype(np.float64) for m in cut.counted]
-    holdout_weights = tuple(w * m for w, m in zip(estimation_weights, masks, strict=True))
-    estimation_weights = tuple(
-        w * (1.0 - m) for w, m in zip(estimation_weights, masks, strict=True)
-    )
+    judging = tuple(w * m for w, m in zip(weights, masks, strict=True))
+    weights = tuple(w * (1.0 - m) for w, m in zip(weights, masks, strict=True))
     whole = tuple(cut.whole)
-    return Parts(whole, whole, (estimation_weights, holdout_weights), cut.words, seen)
+    return Parts(whole, whole, (weights, judging), cut.words, seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +95,7 @@ class Base:
     Attributes:
         parts: estimation and held-out part.
         search: the selection search around it.
-        candidate: the base itself.
+        model: the base itself.
         scales: full drive of each track's command.
         delay: dead time in samples.
         level: whether a constant level belongs to the base (logs without physical zeros).
@@ -114,7 +108,7 @@ class Base:
 
     parts: Parts
     search: ForwardSelection
-    candidate: CandidateModel
+    model: CandidateModel
     scales: Array
     delay: int
     level: bool
@@ -127,14 +121,14 @@ class Base:
     def with_sampling(self, like: CandidateModel) -> "Base":
         """The base with a sampling lag, fitted from the shares of a candidate."""
         search = self.search.holding(SAMPLING.id)
-        q = self.candidate.q.copy()
+        q = self.model.q.copy()
         indices = list(search.model.of(SAMPLING.id))
         q[indices] = like.q[indices]
         candidate = search.base(q[None])
         shares = " and ".join(f"{v:.2f}" for v in candidate.q[indices])
         words = f"{self.words}; measurements {shares} of a sample late (a speed counted over a "
         words += "sample is half a sample late)"
-        return replace(self, search=search, candidate=candidate, words=words, sampled=True)
+        return replace(self, search=search, model=candidate, words=words, sampled=True)
 
     def without(self, estimation: Sequence[Array], holdout: Sequence[Array]) -> "Base":
         """The base fitted again where samples of both parts do not count, (N, ny) a record."""
@@ -153,9 +147,7 @@ class Base:
             self.search.needed,
         )
         parts = replace(self.parts, weights=weights)
-        return replace(
-            self, parts=parts, search=search, candidate=search.base(self.candidate.q[None])
-        )
+        return replace(self, parts=parts, search=search, model=search.base(self.model.q[None]))
 
 
 def fit_baseline(
@@ -252,10 +244,8 @@ def given_base(
     first = _require_tracks(estimation)
     parts = divided(estimation, holdout)
     scales = full_drive(estimation)
-    runs = {
-        id(r): outputs(model, r, None, _start(model, r))
-        for r in (*parts.estimation, *parts.holdout)
-    }
+    every = (*parts.estimation, *parts.holdout)
+    runs = {id(r): outputs(model, r, None, _start(model, r)) for r in every}
     if not all(np.isfinite(v).all() for v in runs.values()):
         raise ModelError("the model is unstable on this log; run sysid compare")
     effects = _with_logs(_possible(effects, first), parts, level=False)
@@ -287,7 +277,7 @@ def given_base(
     for i in range(first.ny):
         q[plain.index["core", "gain", i]] = gain[i]
         q[plain.index["core", "f1", i]] = pole[i]
-    candidate = search.candidate((), q, ())
+    candidate = search.evaluate((), q, ())
     words = f"the {model.structure.name} model, as it is"
     return Base(parts, search, candidate, np.ones(first.nu), 1, False, words, in_loop, given=given)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.data.record import Record
 from sysid.data.same_kind import require_same_kind
-from sysid.diagnosis.assembly import assembled
+from sysid.diagnosis.assembly import assemble
 from sysid.diagnosis.base_model import fit_baseline, full_drive, given_base
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.given_model import around_model, or_on_first_order
@@ -90,7 +90,7 @@ def diagnose(
     if geometry is None and mission is not None:
         geometry = load_mission(mission).vehicle.given_geometry
     result, pose_diagnosis = resolve_ties_by_pose(result, geometry)
-    diagnosis = assembled(result, model, pose_diagnosis)
+    diagnosis = assemble(result, model, pose_diagnosis)
     if pose_diagnosis is not None and diagnosis.several.logs:
         corrected, corrected_holdout = correct_sensor(result.session.base, result.selection)
         every = (

@@ -14,7 +14,7 @@ from sysid.diagnosis.samples import SampleEffects
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.effects.base import Effect
-from sysid.effects.catalogue import NOT_NAMED, about
+from sysid.effects.catalogue import about
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
 
 NEAR, APART = 0.005, 0.02
@@ -99,23 +99,23 @@ def indistinct_edges(
     u = np.concatenate([r.u for r in records]) / scales
     edges = {(e.id, p.name): p.edge for e in model.effects for p in e.parameters}
     for k, interval in selection.intervals.items():
-        parameter = model.parameters[k]
-        sign = edges.get((parameter.owner, parameter.name), 0)
+        p = model.parameters[k]
+        sign = edges.get((p.owner, p.name), 0)
         if not sign or not interval.visited or interval.low is None or interval.high is None:
             continue
-        d = np.unique(np.round(sign * u[:, min(parameter.track, u.shape[1] - 1)], 6))
+        d = np.unique(np.round(sign * u[:, min(p.track, u.shape[1] - 1)], 6))
         inside = d[(d > interval.low + NEAR) & (d < interval.high - NEAR)]
         if len(inside) or interval.high - interval.low < APART:
             continue
         below, above = d[d <= interval.low + NEAR], d[d >= interval.high - NEAR]
         if not len(below) or not len(above) or above[0] - below[-1] < APART:
             continue
-        i = min(parameter.track, len(records[0].inputs) - 1)
+        i = min(p.track, len(records[0].inputs) - 1)
         name, unit = records[0].inputs[i].name, records[0].inputs[i].unit
         ends = " and ".join(f"{sign * v * scales[i]:.4g}" for v in (below[-1], above[0]))
         warnings.append(
             f"{name} has no command between {ends}{f' {unit}' if unit else ''}, so this log does "
-            f"not determine {about(parameter.owner).between_edges}"
+            f"not determine {about(p.owner).between_edges}"
         )
     return tuple(warnings)
 
@@ -146,7 +146,7 @@ def sample_effects(inspected: SampleEffects) -> tuple[NamedEffect, ...]:
 
 def absorbed(base: Base, selection: Selection) -> tuple[str, ...]:
     """Alarms: parameters of the base that had taken over a part of a missing effect."""
-    if all(n.id in NOT_NAMED for n in selection.selected) or not base.search.core:
+    if not selection.effects or not base.search.core:
         return ()
     covariance = covariance_of(base, selection.final)
     model, moves = base.search.model, []
@@ -158,17 +158,15 @@ def absorbed(base: Base, selection: Selection) -> tuple[str, ...]:
         error = float(np.sqrt(max(covariance[at, at], 1e-300)))
         moved = abs(new - old)
         if moved > ABSORBED[0] * error and moved > ABSORBED[1] * abs(new):
-            parameter = model.parameters[k]
-            factor, unit = (
-                _per_command(base, parameter.track) if parameter.name == "gain" else (1.0, "")
-            )
+            p = model.parameters[k]
+            factor, unit = _per_command(base, p.track) if p.name == "gain" else (1.0, "")
             moves.append(
-                f"{parameter.name} of {names[parameter.track]} goes from {factor * old:.4g} to "
+                f"{p.name} of {names[p.track]} goes from {factor * old:.4g} to "
                 f"{factor * new:.4g}{unit} ({moved / error:.0f} standard errors)"
             )
     if not moves:
         return ()
-    ids = ", ".join(n.id for n in selection.selected if n.id not in NOT_NAMED)
+    ids = ", ".join(n.id for n in selection.effects)
     return (f"The original model had absorbed part of {ids}: {'; '.join(moves)}.",)
 
 

@@ -11,16 +11,7 @@ from sysid.diagnosis.policies import VERDICT
 ASTRAY = "The model does not follow the log"
 """How the sentence begins where the errors are more than noise."""
 
-EXPLAINING = (
-    "feedback",
-    "nonlinear",
-    "delay",
-    "sampling",
-    "levels",
-    "excitation",
-    "constant",
-    "stuck",
-)
+CODES = ("feedback", "nonlinear", "delay", "sampling", "levels", "excitation", "constant", "stuck")
 """Beginnings of the codes of checks whose findings may explain why a model does not follow."""
 
 
@@ -66,4 +57,4 @@ def not_followed(
 
 
 def _tells(finding: Finding) -> bool:
-    return finding.code.startswith(EXPLAINING)
+    return finding.code.startswith(CODES)

@@ -1,13 +1,14 @@
 """The gap: how much of the error beyond the noise the added effects close on held-out data."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
+from sysid.diagnosis.samples import reading_noise
 
 REPLICATES = 400
 BLOCKS = 30
@@ -63,15 +64,7 @@ class Gap:
             "closed_percent": self.closed_percent,
             "interval": list(self.interval),
             "parts": self.parts,
-            "channels": {
-                k: {
-                    "rmse_before": c.rmse_before,
-                    "rmse_after": c.rmse_after,
-                    "noise_floor": c.noise_floor,
-                    "floor_interval": None if c.floor_interval is None else list(c.floor_interval),
-                }
-                for k, c in self.channels.items()
-            },
+            "channels": {k: asdict(c) for k, c in self.channels.items()},
         }
 
 
@@ -233,9 +226,5 @@ def floor_of_errors(errors: Sequence[Array]) -> Array:
     better estimate where a signal is too quick for ``evidence.noise_floor``. The median absolute
     deviation passes over the samples that are not. Of a slow sensor only fresh measurements count.
     """
-    floor = np.zeros(errors[0].shape[1])
-    for i in range(len(floor)):
-        there = [e[np.isfinite(e[:, i]), i] for e in errors]
-        third = np.concatenate([np.diff(e, n=3) for e in there])
-        floor[i] = 1.4826 * np.median(np.abs(third)) / np.sqrt(20.0) if len(third) else 0.0
-    return floor
+    columns = range(errors[0].shape[1])
+    return np.array([reading_noise([e[np.isfinite(e[:, i]), i] for e in errors]) for i in columns])

@@ -24,11 +24,11 @@ def around_model(
     holdout: Sequence[Record] | None,
     say: Progress,
 ) -> SelectionResult:
-    """Effects around a given model as it is; or on the baseline, where that explains more.
+    """Effects around a given model as it is, or on the baseline where that explains more.
 
-    A model that was fitted to the very logs has absorbed what is missing: then the baseline
-    comes first. Else it comes where what is added to the model does not explain all of the logs, or
-    where several effects are added: some may only correct errors of the model.
+    A model fitted to the same logs has absorbed what is missing: then the baseline comes first.
+    Otherwise it is tried where the effects leave much unexplained, or where there are several: some
+    may only correct errors of the model.
     """
     if not session.needs_explanation:
         return session.searched((), say)
@@ -95,11 +95,11 @@ def _on_baseline(
         base = fit_baseline(estimation, holdout, chain_effects(), highest)
     except SysidError:
         return None
-    sizes = [[len(e) for e in b.candidate.errors.holdout] for b in (base, given.base)]
+    sizes = [[len(e) for e in b.model.errors.holdout] for b in (base, given.base)]
     if sizes[0] != sizes[1]:
         return None  # an output that integrates: other samples
     session = replace(given, base=base)
     result = session.searched(base.search.model.effects, say)
-    if not session.explains_more(result.selection, given.base.candidate):
+    if not session.explains_more(result.selection, given.base.model):
         return None
     return replace(result, session=replace(session, given=given))

@@ -77,7 +77,7 @@ class VerdictRule:
             missing effect.
         residual_to_noise: errors beyond this multiple of the measurement noise are more than noise.
         residual_to_noise_later: the same once an effect is accepted.
-        noise_refuted_below: a model whose errors are below this share of the noise floor refutes
+        refuting: a model whose errors are below this share of the noise floor refutes
             that floor.
         nearly_all: when less of the gap [%] is closed, the remainder is described.
         min_damping: a base with less damping swings on a spring; the catalogue has no spring law.
@@ -96,7 +96,7 @@ class VerdictRule:
     min_predicted_share: float = 0.15
     residual_to_noise: float = 1.5
     residual_to_noise_later: float = 1.1
-    noise_refuted_below: float = 0.8
+    refuting: float = 0.8
     nearly_all: float = 90.0
     min_damping: float = 0.2
     min_share_single: float = 25.0

@@ -1,9 +1,7 @@
 """Ties between sensor and motor effects resolved by the pose.
 
-A lag of the sensor and one of the actuator, a zero point and a load, cannot be distinguished by the
-speeds that are read. But the vehicle goes by the speeds there are: put right for what only the
-sensor does, the measurements predict its way better where it is the sensor, and worse where it is
-not.
+The measured speeds cannot distinguish a lag of the sensor from one of the actuator, or a zero point
+from a load. But speeds corrected for a sensor effect predict the path better if it is real.
 """
 
 import math

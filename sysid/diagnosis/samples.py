@@ -1,16 +1,12 @@
 """Effects visible in the samples themselves: quantised, repeated and lost measurements.
 
-Quantisation: all measurements lie on a lattice whose step is larger than the noise. A finer lattice
-(any converter has one) does not matter and is not named.
+Quantisation: all measurements lie on a lattice whose step is larger than the noise.
 
 Held telemetry: a sensor slower than the log, whose measurements repeat until the next one. Only
 fresh ones count, at their own times.
 
-Dropouts: measurements that jump to exactly zero and back between two neighbours alike, or that
-repeat the last reading to the last digit while the speed moves on. They are masked, with a sentence
-that says how many samples that hides. What is no dropout: rest, where the neighbours are near zero
-too; a reversal, whose neighbours have opposite signs; a clipped sensor, which repeats its largest
-value.
+Dropouts: measurements that jump to exactly zero and back, or that repeat exactly while the speed
+changes. They are masked. Standstill, a reversal and a clipped sensor are no dropouts.
 """
 
 from collections.abc import Sequence
@@ -122,8 +118,7 @@ class SampleEffects:
     Attributes:
         coarse: outputs with quantisation.
         lost: outputs with dropouts.
-        weights: 0 where a reading was lost or repeats the last one, 1 elsewhere, (N, ny) a
-            record.
+        weights: 0 where a reading was lost or repeats the last one, 1 elsewhere, (N, ny) a record.
         stale: outputs whose sensor is slower than the log.
     """
 
@@ -135,12 +130,8 @@ class SampleEffects:
     @property
     def ids(self) -> tuple[str, ...]:
         """Ids of the catalogue that were found."""
-        outputs_of = {
-            QUANTISATION.id: self.coarse,
-            HELD_TELEMETRY.id: self.stale,
-            DROPOUTS.id: self.lost,
-        }
-        return tuple(id for id, affected in outputs_of.items() if affected)
+        seen = {QUANTISATION.id: self.coarse, HELD_TELEMETRY.id: self.stale, DROPOUTS.id: self.lost}
+        return tuple(id for id, affected in seen.items() if affected)
 
     @property
     def hidden(self) -> int:
@@ -192,10 +183,8 @@ def inspect_samples(records: Sequence[Record]) -> SampleEffects:
             fresh_only = [y[~m] for y, m in zip(series, masks, strict=True)]
             noise = max(reading_noise(fresh_only), step / np.sqrt(12.0))
             size = float(np.quantile(np.abs(kept), 0.95)) or 1.0
-            distinct = (
-                behind_noise > 0.0 or step >= COARSE * noise
-            )  # its measurements gather: no chance
-            if distinct and step >= VISIBLE * size:
+            clear = behind_noise > 0.0 or step >= COARSE * noise  # gathered: no chance
+            if clear and step >= VISIBLE * size:
                 coarse.append(Coarse(name, step))
     return SampleEffects(tuple(coarse), tuple(lost), tuple(weights), tuple(stale))
 
@@ -458,9 +447,7 @@ def recurring_step(y: Array) -> float:
         return 0.0
     first = int(near[0]) + int(np.argmax(agree[near[0] : near[0] + 10]))
     whole = np.maximum(np.round(repeated * cells[first]), 1.0)
-    if (
-        len(np.unique(whole)) < MIN_REPEATED_VALUES
-    ):  # values about one settled speed agree with any step
+    if len(np.unique(whole)) < MIN_REPEATED_VALUES:  # one settled speed agrees with any step
         return _recurring(twice)
     step = float(np.sum(repeated * whole) / np.sum(whole**2))
     off = repeated / step

@@ -37,12 +37,12 @@ from sysid.diagnosis.validation.linear_rival import (
     LinearRival,
     linear_motion,
     linear_rival,
-    worse_than_linear,
+    worse_than_rival,
 )
 from sysid.diagnosis.validation.model_error import MIN_SAMPLES, ResidualStructure, error_structure
 from sysid.diagnosis.validation.noise import NoiseFloor, floor_of
 from sysid.effects.base import Effect, Place
-from sysid.effects.catalogue import NOT_NAMED, about
+from sysid.effects.catalogue import about
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError
 
@@ -67,8 +67,7 @@ class DiagnosisSession:
         seed: of every bootstrap.
         given: the session of the model that was given, where that had absorbed so much that effects
             are added to the baseline.
-        jitter: outputs whose command delay varies, where samples that this spoils were left
-            out.
+        jitter: outputs whose command delay varies, where samples that this spoils were left out.
     """
 
     base: Base
@@ -86,7 +85,7 @@ class DiagnosisSession:
     @property
     def nothing(self) -> Selection:
         """Before anything is named."""
-        candidate = self.base.candidate
+        candidate = self.base.model
         return Selection(candidate, candidate, (), (), ())
 
     @property
@@ -127,7 +126,7 @@ class DiagnosisSession:
         needed = self.required_ratio()
         if effects and needed > 0.0:
             selection = self.base.search.run(
-                self.base.candidate,
+                self.base.model,
                 effects,
                 lambda text, share: say(text, 0.1 + 0.6 * share),
                 lambda candidate: self.remains(replace(self.nothing, final=candidate)),
@@ -148,7 +147,7 @@ class DiagnosisSession:
             return SelectionResult(self, selection)
         base = self.base.with_sampling(selection.final)
         return SelectionResult(
-            replace(self, base=base), moved_to_base(selection, SAMPLING.id, base.candidate)
+            replace(self, base=base), moved_to_base(selection, SAMPLING.id, base.model)
         )
 
     def without_jitter(self) -> "DiagnosisSession | None":
@@ -157,7 +156,7 @@ class DiagnosisSession:
         Such delays make errors behind every change that are larger than what a dead zone leaves
         at constant speed.
         """
-        jitter = detect_jitter(self.base, self.base.candidate, self.floor)
+        jitter = detect_jitter(self.base, self.base.model, self.floor)
         if not jitter:
             return None
         base = self.base.without(*rows_without_jitter(self.base, jitter, self.floor))
@@ -209,11 +208,8 @@ class DiagnosisSession:
         structure = self.residual_structure(selection, after=True)
         if structure is None or structured(structure):
             return self.base.search.needed
-        above = (
-            VERDICT.residual_to_noise_later
-            if selection.final.effects
-            else VERDICT.residual_to_noise
-        )
+        later = bool(selection.final.effects)
+        above = VERDICT.residual_to_noise_later if later else VERDICT.residual_to_noise
         return RULE.in_loop if np.any(np.sqrt(new) > above * lower * self.noise.high) else 0.0
 
     def refuted(self, selection: Selection) -> float:
@@ -222,14 +218,12 @@ class DiagnosisSession:
         What makes measurements look noisy (one without its sign) makes all of them so.
         """
         reached = np.sqrt(selection.final.errors.mean_squares()[1]) / self.floor
-        return (
-            float(min(np.min(reached), 1.0)) if reached.min() < VERDICT.noise_refuted_below else 1.0
-        )
+        return float(min(np.min(reached), 1.0)) if reached.min() < VERDICT.refuting else 1.0
 
     def follows(self) -> bool:
         """Whether the base follows the data at all: else its errors say nothing."""
         y = np.concatenate([r.y for r in self.base.parts.holdout])
-        errors = np.concatenate(self.base.candidate.errors.holdout)
+        errors = np.concatenate(self.base.model.errors.holdout)
         size = np.sqrt(np.nanmean(errors**2, axis=0))
         worthless = 1.0 - 0.01 * VERDICT.min_fit
         return bool(np.all(size < worthless * np.std(y, axis=0)))
@@ -237,7 +231,7 @@ class DiagnosisSession:
     def gap(self, selection: Selection) -> Gap:
         """The gap on held-out data before and after."""
         gap = measure_gap(
-            self.origin.base.candidate.errors.holdout,
+            self.origin.base.model.errors.holdout,
             selection.final.errors.holdout,
             self.floor,
             self.base.parts.estimation[0].output_names,
@@ -258,7 +252,7 @@ class DiagnosisSession:
         self, selection: Selection, n: SelectedEffect
     ) -> tuple[Sequence[Array], Sequence[Array], Sequence[Array]]:
         """Held-out errors before, without an effect, and of the augmented model."""
-        before, without, after = self.origin.base.candidate, n.rest, selection.final
+        before, without, after = self.origin.base.model, n.rest, selection.final
         return before.errors.holdout, without.errors.holdout, after.errors.holdout
 
     def confirmed(self, selection: Selection) -> tuple[Selection, tuple[RejectedEffect, ...]]:
@@ -295,7 +289,7 @@ class DiagnosisSession:
         if least is None and any(
             not linear_motion(self.base, selection, n) for n in selection.selected
         ):
-            least = worse_than_linear(self.base, self.linear_rival, selection)
+            least = worse_than_rival(self.base, self.linear_rival, selection)
         return (
             least
             or drifting_level(self.base, selection)
@@ -310,7 +304,7 @@ class DiagnosisSession:
         One that is alone closes a quarter, one without a mechanism nearly all of what the others
         leave; where what remains has no structure, it is enough.
         """
-        effects = [n for n in selection.selected if n.id not in NOT_NAMED]
+        effects = selection.effects
         for n in effects:
             needed = VERDICT.min_share_single if len(effects) == 1 else 0.0
             needed = VERDICT.nearly_all if about(n.id).descriptive else needed
@@ -332,7 +326,7 @@ class DiagnosisSession:
             selection: what is named.
             least_left: of the rounds before; brought up to date.
         """
-        effects = [n for n in selection.selected if n.id not in NOT_NAMED]
+        effects = selection.effects
         if len(effects) < 2 or not self.unexplained(selection):
             return None
         shares = {n.id: self._share_beside(selection, n, least_left) for n in effects}
@@ -371,10 +365,8 @@ class DiagnosisSession:
             return selection
         uncertain = uncertain_parameters(self.base, selection)
         final, intervals = intervals_of(self.base.search, selection.final, uncertain)
-        for candidate in (
-            final,
-            selection.final,
-        ):  # a ragged likelihood may lead away from an accepted set
+        # a ragged likelihood may lead away from an accepted set
+        for candidate in (final, selection.final):
             widened = {k: i.holding(float(candidate.q[k])) for k, i in intervals.items()}
             measured = replace(selection, final=candidate, intervals=widened)
             if weakest(self.base, measured) is None:
@@ -399,9 +391,7 @@ def poles_of(base: Base) -> Array:
     """Discrete poles of all cores of the base."""
     model = base.search.model
     names = [f"f{k + 1}" for k in range(model.order)]
-    cores = [
-        [base.candidate.q[model.index["core", n, i]] for n in names] for i in range(model.tracks)
-    ]
+    cores = [[base.model.q[model.index["core", n, i]] for n in names] for i in range(model.tracks)]
     return np.concatenate([np.roots([1.0, *f]) for f in cores])
 
 
@@ -415,7 +405,7 @@ def least_damping(base: Base) -> float:
 
 def noise_of(base: Base) -> NoiseFloor:
     """Measurement noise from all logs of a diagnosis and the errors that its base leaves there."""
-    parts, errors = base.parts, base.candidate.errors
+    parts, errors = base.parts, base.model.errors
     slow = float(np.max(np.abs(poles_of(base)), initial=0.0))
     records, residuals = (*parts.estimation, *parts.holdout), [*errors.estimation, *errors.holdout]
     if parts.holdout is parts.estimation:  # blocks of the same logs: together they are whole

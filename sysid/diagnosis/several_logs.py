@@ -1,6 +1,6 @@
 """Results of a diagnosis of several logs: what each shows, what agrees, what differs."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 SIGNIFICANT, ABSENT, INCONCLUSIVE = "significant", "absent", "inconclusive"
@@ -44,12 +44,7 @@ class LogParameter:
 
     def to_json(self) -> dict[str, Any]:
         """{name, value, std_error, unit}."""
-        return {
-            "name": self.name,
-            "value": self.value,
-            "std_error": self.std_error,
-            "unit": self.unit,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -134,18 +129,7 @@ class Constancy:
 
     def to_json(self) -> dict[str, Any]:
         """As ``diagnosis.json`` holds it."""
-        return {
-            "owner": self.owner,
-            "name": self.name,
-            "unit": self.unit,
-            "value": self.value,
-            "std_error": self.std_error,
-            "chi_squared": self.chi_squared,
-            "degrees": self.degrees,
-            "p_value": self.p_value,
-            "same": self.same,
-            "sentence": self.sentence,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True)

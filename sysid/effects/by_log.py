@@ -10,6 +10,8 @@ from typing import Any
 
 from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
 
+P = Mapping[str, Signal]
+
 MOST_LOGS = 12
 """Logs that may differ; of more a person makes groups."""
 
@@ -19,21 +21,17 @@ def parameter_of_log(log: int) -> str:
     return f"log{log + 1}"
 
 
-def _by_log(xp: Any, p: Mapping[str, Signal], c: Context) -> Signal:
+def _by_log(xp: Any, p: P, c: Context) -> Signal:
     """The number of the log to which each sample belongs; 0 for a log that has none."""
     logs = [k for k in range(MOST_LOGS) if parameter_of_log(k) in p]
     return sum((xp.where(c.log == k, p[parameter_of_log(k)], 0.0) for k in logs), 0.0 * c.t)
 
 
-def _gain(
-    xp: Any, torque: Signal, s: State, p: Mapping[str, Signal], c: Context
-) -> tuple[Signal, State]:
+def _gain(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     return torque * (1.0 + _by_log(xp, p, c)), s
 
 
-def _load(
-    xp: Any, torque: Signal, s: State, p: Mapping[str, Signal], c: Context
-) -> tuple[Signal, State]:
+def _load(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     return torque - _by_log(xp, p, c), s
 
 

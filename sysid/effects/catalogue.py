@@ -38,17 +38,7 @@ CHANGED = Effect(
 )
 """Competes with the effects when a model is given; it changes the model's own core."""
 
-STAGES = (
-    actuator,
-    supply,
-    coupling,
-    friction,
-    motor,
-    transmission,
-    ripple,
-    sensor,
-    vehicle,
-)
+STAGES = (actuator, supply, coupling, friction, motor, transmission, ripple, sensor, vehicle)
 """Where effects with a step are, in the order in which they act within a place of the chain."""
 
 _WITHOUT_STEP = {e.id: e for e in (CHANGED, *samples.EFFECTS)}

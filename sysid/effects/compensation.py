@@ -40,10 +40,8 @@ class Identified:
     def on(self, tracks: Sequence[int]) -> "Identified":
         """The same for tracks in another order, or one of them twice."""
         at = list(tracks)
-        parameters = {
-            id: {n: v[at] for n, v in named.items()} for id, named in self.parameters.items()
-        }
-        return Identified(self.effects, parameters, self.gain[at], self.full[at])
+        own = {id: {n: v[at] for n, v in named.items()} for id, named in self.parameters.items()}
+        return Identified(self.effects, own, self.gain[at], self.full[at])
 
     def undone(
         self, ids: Sequence[str], wanted: Signal, speed: Signal, t: Signal, xp: Any

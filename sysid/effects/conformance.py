@@ -43,14 +43,12 @@ def _fault(effect: Effect) -> str:
         if effect.place is Place.POSE or effect.couples or effect.shared:
             continue
         k = trial % sets
-        parameters = {
-            p.name: np.full(2, p.starts[min(k, len(p.starts) - 1)]) for p in effect.parameters
-        }
-        result, _ = _stepped(effect, signal, state, parameters, context)
+        own = {p.name: np.full(2, p.starts[min(k, len(p.starts) - 1)]) for p in effect.parameters}
+        result, _ = _stepped(effect, signal, state, own, context)
         moved = _other_track_moved(context, rng)
         apart = signal + np.array([0.0, 0.3])
         others = tuple(s + np.array([0.0, 0.3]) for s in state)
-        other_result, _ = _stepped(effect, apart, others, parameters, moved)
+        other_result, _ = _stepped(effect, apart, others, own, moved)
         if abs(result[0] - other_result[0]) > ROUNDING:
             return "ties the tracks to each other but does not say so: give it couples=True"
     return ""
@@ -89,11 +87,7 @@ def _other_track_moved(context: Context, rng: np.random.Generator) -> Context:
 
 
 def _stepped(
-    effect: Effect,
-    signal: Signal,
-    state: State,
-    parameters: Mapping[str, Signal],
-    context: Context,
+    effect: Effect, signal: Signal, state: State, parameters: Mapping[str, Signal], context: Context
 ) -> tuple[Signal, State]:
     constants = effect.constants
     more = constants(np, parameters, DT, np.full(2, KEPT)) if constants else {}

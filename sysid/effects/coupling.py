@@ -63,10 +63,8 @@ def _together(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     soft = {"alone": xp.exp(-per_sample)}
     for name, sign in (("straight", 1.0), ("turning", -1.0)):
         carried = body + xp.abs(share) + sign * share
-        mode_weights = _mode(xp, per_sample, wheel, carried, damper)
-        soft |= {
-            f"{name}_{part}": number for part, number in zip(_PARTS, mode_weights, strict=True)
-        }
+        weights = _mode(xp, per_sample, wheel, carried, damper)
+        soft |= {f"{name}_{part}": w for part, w in zip(_PARTS, weights, strict=True)}
     return rigid | soft
 
 

@@ -11,10 +11,8 @@ EMPTY = 0.1
 """Share of its strength below which no command makes up for an empty battery."""
 
 STANDS = 0.05
-"""Share of the larger of speed and torque below which a track counts as at standstill.
-
-There friction is against the torque, else against the motion; measurements near zero change sign.
-"""
+"""Share of the larger of speed and torque below which a track counts as at standstill: there
+friction acts against the torque, otherwise against the motion."""
 
 
 def out_of_dead_zone(xp: Any, d: Signal, p: P, c: Context) -> Signal:

@@ -160,14 +160,8 @@ ONE_AND_OTHER = Programme(
     _one_and_other,
     "hold one input constant while the other steps, then swap.",
 )
-REPEAT = Programme(
-    "run the same short sequence at the beginning and at the end of a long run.",
-    _repeat,
-)
-HOT = Programme(
-    "drive hard for 40 s between two equal test sequences, then rest and test again.",
-    _hot,
-)
+REPEAT = Programme("run the same short sequence at the start and the end of a long run.", _repeat)
+HOT = Programme("drive hard for 40 s between two equal tests, then rest and test again.", _hot)
 REVERSALS = Programme(
     "reverse often, at several speeds and at irregular instants.",
     _reversals,
@@ -194,10 +188,6 @@ TOP = Programme(
     "step to the largest inputs, in small and in large steps.",
 )
 TURNS = Programme(
-    "drive straight, turn at several radii, and turn on the spot, in both directions.",
-    _turns,
+    "drive straight, turn at several radii and on the spot, in both directions.", _turns
 )
-RESTS = Programme(
-    "rest for ten seconds between equal steps in both directions.",
-    _rests,
-)
+RESTS = Programme("rest for ten seconds between equal steps in both directions.", _rests)

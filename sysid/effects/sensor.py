@@ -107,13 +107,11 @@ EFFECTS = (
 )
 
 
-def _counted(
-    xp: Any, y: Signal, s: State, p: Mapping[str, Signal], c: Context
-) -> tuple[Signal, State]:
+def _counted(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     return y + p["share"] * (s[0] - y), (y,)
 
 
-def _counted_on(xp: Any, y: Signal, past: Past, p: Mapping[str, Signal], c: Context) -> Signal:
+def _counted_on(xp: Any, y: Signal, past: Past, p: P, c: Context) -> Signal:
     return y + p["share"] * (past(y, xp.ones_like(p["share"])) - y)
 
 

@@ -59,9 +59,7 @@ INSTANT = 1e-9
 """Seconds for each rad/s in which a ground that never lets go carries a side along [s²/rad]."""
 
 
-def _longitudinal_constants(
-    xp: Any, p: Mapping[str, Signal], dt: float, kept: Signal
-) -> dict[str, Signal]:
+def _longitudinal_constants(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     """What a lag needs, and by how much the ground carries a side along in a sample [rad/s]."""
     return {**lagging(xp, p, dt, kept), "reach": dt / xp.maximum(p["spin"], INSTANT)}
 

@@ -1,4 +1,4 @@
-"""A model as a plant package, in the formats that are wanted."""
+"""A model as a plant package, in the requested formats."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

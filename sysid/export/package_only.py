@@ -1,4 +1,4 @@
-"""The format ``json``: the package itself, which is always written, and nothing beside it."""
+"""The format ``json``: the package alone."""
 
 from collections.abc import Mapping
 from typing import ClassVar

@@ -20,7 +20,7 @@ BUILT_IN = {
 """Module and class of the exporters that come with the package."""
 
 DEFAULT = ("json", "c")
-"""What is written where nobody says what."""
+"""The default formats."""
 
 
 def names() -> tuple[str, ...]:

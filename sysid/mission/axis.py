@@ -1,4 +1,4 @@
-"""One axis of a controller, the forward speed or the yaw: what its law is given and must be.
+"""One axis of a controller, forward speed or yaw: inputs and protocol of its law.
 
 A law of an axis turns what is asked and what is believed into one command. It is the same for both
 axes as far as it can be: its error is in m/s or rad, its command in shares of full drive.

@@ -1,4 +1,4 @@
-"""Distances between a vehicle's centre and what it must keep clear of, over ``xp``."""
+"""Distances between a vehicle's centre and obstacles, over ``xp``."""
 
 from collections.abc import Sequence
 from itertools import pairwise

@@ -91,7 +91,7 @@ class Wall(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What the identified plant can do at most; infinite where nobody knows.
+    """What the identified plant can do at most; infinite where unknown.
 
     Attributes:
         speed: of the body [m/s].
@@ -450,7 +450,7 @@ class SteppablePlant(Protocol):
         dt: sample time [s].
         inputs, outputs: the channels of u (nu,) and y (ny,), in physical units.
         input_range: lowest and highest value of each input in the data it was identified from;
-            empty where nobody knows.
+            empty where unknown.
         u_offset: the value of each input around which it was identified, (nu,).
         ground: what the tracks lose on their way to the ground.
     """
@@ -488,7 +488,7 @@ Readout = Callable[[Array, Array], Array]
 
 @runtime_checkable
 class ReadablePlant(Protocol):
-    """A plant that tells y(k) for less than a step; a loop reads before it decides on u(k)."""
+    """A plant that computes y(k) without a step; a loop reads before it decides on u(k)."""
 
     def readout(self, state: Array, u: Array) -> Array: ...
 

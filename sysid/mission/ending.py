@@ -1,4 +1,4 @@
-"""How a mission ended, in words: what happened, why, and what to change."""
+"""The ending of a mission in words: what happened, why, and what to change."""
 
 import math
 from collections.abc import Mapping

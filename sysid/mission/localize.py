@@ -1,4 +1,4 @@
-"""Where a robot was, estimated from a log of its sensors by the navigation of a mission."""
+"""A robot's path, estimated from a log of its sensors by the navigation of a mission."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ MEASUREMENTS = (
     Wanted("fix_x", "m"),
     Wanted("fix_y", "m"),
 )
-"""What the sensors of a robot read; the field of a magnetometer only tells a direction."""
+"""What the sensors of a robot read; a magnetometer gives a direction only."""
 
 DRIVES = (Wanted("pwm_l", "µs", "command", "left"), Wanted("pwm_r", "µs", "command", "right"))
 

@@ -1,4 +1,4 @@
-"""What guidance wants before anything drives: its field, the way it leads, and where it ends."""
+"""The references of guidance without a plant: its field, its path, and where it ends."""
 
 import math
 from dataclasses import dataclass
@@ -120,7 +120,7 @@ class Plan:
 
 
 def plan(mission: Mission) -> Plan:
-    """Follow a mission's guidance without a plant: a point that goes exactly as it is told.
+    """Follow a mission's guidance without a plant: a point that follows its references exactly.
 
     Obstacles that move are taken where they are at the start.
 

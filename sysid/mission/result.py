@@ -1,4 +1,4 @@
-"""What a mission came to: its outcome, its figures and its log."""
+"""The result of a mission: outcome, figures and log."""
 
 import csv
 import os

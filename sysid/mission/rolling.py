@@ -1,4 +1,4 @@
-"""What moves a vehicle whose tracks turn on an identified ground."""
+"""Motion of a vehicle whose tracks turn on an identified ground."""
 
 from sysid.effects.ground import Ground
 from sysid.mission.contracts import MotionInputs, Scene, State

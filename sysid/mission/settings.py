@@ -1,4 +1,4 @@
-"""What every section of a mission file is: keys with types and bounds, checked, never changed.
+"""Base of every section of a mission file: keys with types and bounds, validated and immutable.
 
 A law is such a section itself: its fields are the keys a mission may give it, its methods the law.
 """

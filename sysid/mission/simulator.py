@@ -1,4 +1,4 @@
-"""Driving a robot plant through a mission: the closed loop, sample after sample until it ends."""
+"""The mission simulator: the closed loop of a robot plant, sample after sample."""
 
 import math
 from collections.abc import Iterator, Mapping

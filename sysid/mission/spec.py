@@ -1,4 +1,4 @@
-"""The mission file: what to reach, what to avoid, and with which gains, all of it checked.
+"""The mission file: goal, obstacles and laws, validated.
 
 Only ``goal`` is required; every default is the thesis's (chapters 4 and 6) or, where it prints
 none, the value chosen for this workbench. See :func:`load_mission` for the file.
@@ -156,7 +156,7 @@ class Mission(Settings):
         sensors: what navigation reads besides the wheels, by kind.
         vehicle: lengths and scales.
         limits: what the references of guidance are kept within.
-        vary: what differs from run to run where there are many, and by how much.
+        vary: quantities that vary between many runs, and by how much.
     """
 
     goal: tuple[Coordinate, Coordinate]

@@ -1,4 +1,4 @@
-"""What is wrong with a mission file, in words: one sentence with its line from all findings."""
+"""Errors of a mission file in words: one sentence with its line."""
 
 from collections.abc import Mapping
 from functools import partial

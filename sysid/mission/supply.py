@@ -1,4 +1,4 @@
-"""The power supply of a mission's vehicle: what battery and H-bridge do between command and plant.
+"""The power supply of a mission's vehicle: battery and H-bridge between command and plant.
 
 The laws are the catalogue's own effects: each parameter that a bench measures says under which key
 its value stands here.
@@ -115,7 +115,7 @@ def supply_notes(
         said.append(f"Between command and plant act, as vehicle.supply says: {', '.join(acting)}.")
     if acting and not by_voltage:
         said.append(
-            "The plant was identified from PWM, so effects of supply and bridge count twice. A "
+            "The plant was identified from PWM, so the effect of supply and bridge counts twice. A "
             "motor of the test bench, driven by voltage, avoids that."
         )
     if doubled:

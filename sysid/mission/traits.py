@@ -1,4 +1,4 @@
-"""What laws say of themselves: what they can do, what to change, what keeps a robot."""
+"""Properties and advice of laws: capabilities, changes to suggest, reasons of being stuck."""
 
 import math
 from dataclasses import dataclass

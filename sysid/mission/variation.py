@@ -1,4 +1,4 @@
-"""What differs from run to run of a mission, and by how much: the section ``vary`` of its file."""
+"""Quantities that vary between the runs of a mission: the section ``vary`` of its file."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ QUANTITIES = (
     *("parameters", "noise", "start", "obstacles"),
     *("friction", "soil", "mass", "models"),
 )
-"""What can vary, in the order in which it is told."""
+"""Quantities that can vary, in the order of the report."""
 
 Deviation = Annotated[float, Field(ge=-1e6, le=1e6)]
 
@@ -131,8 +131,8 @@ class Variation(Settings):
         friction: dry friction of the plant, and slip on the ground.
         soil: factor of the standard deviations that the numbers of soils come with, where the
             motion asks for a soil: soils of one name differ so much from place to place.
-        mass: deviation of mass and yaw inertia together, as a share of them, where the motion asks
-            for them: a battery more or less is some per cent.
+        mass: deviation of mass and yaw inertia together, as a share of them, where the motion needs
+            them: a battery more or less is some per cent.
         models: whether each run takes one of several models of a comparison.
     """
 

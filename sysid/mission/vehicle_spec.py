@@ -1,4 +1,4 @@
-"""The vehicle of a mission file: its lengths, its mass, what it stands on, and how it moves."""
+"""The vehicle of a mission file: its lengths, its mass, the ground, and its motion."""
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
@@ -123,7 +123,7 @@ class Physics(Settings):
         return {k: v for k in PHYSICS if (v := getattr(self, k)) is not None}
 
     def completed(self, given: Mapping[str, Any]) -> Mapping[str, Any]:
-        """What is told of vehicle and floor, with what this motion takes for granted beside it."""
+        """The given keys of vehicle and floor, with the assumptions of this motion."""
         return given
 
 

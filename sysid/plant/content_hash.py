@@ -1,4 +1,4 @@
-"""The hash of a package's content, by which a change after the export is seen."""
+"""The hash of a package's content, which reveals changes after the export."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""plant.json: everything a runtime needs to know about a plant, and how it is read back."""
+"""plant.json: the description of a plant, written and read."""
 
 import json
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""README.md of a plant package: the model card, what a person should know before trusting it."""
+"""README.md of a plant package: the model card."""
 
 from collections.abc import Iterator, Mapping
 from importlib.resources import files

@@ -1,4 +1,4 @@
-"""Open loop: the inputs of a log through a plant, its outputs beside the measured ones."""
+"""Open-loop simulation of a plant on the inputs of a log, beside the measured outputs."""
 
 import csv
 import io
@@ -56,7 +56,7 @@ def read_for(plant: Plant, path: str | Path, options: "ReadOptions | None" = Non
     """Read the columns of a log that a plant needs.
 
     Args:
-        plant: names the columns; its sample time is taken where the log does not tell its own.
+        plant: names the columns; its sample time is used where the log has none.
         path: CSV or Parquet.
         options: how to read it; the columns are the plant's unless they are named here.
 

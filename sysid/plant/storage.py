@@ -1,4 +1,4 @@
-"""Folders and zips of plant packages: written whole or not at all, read without unpacking."""
+"""Folders and zips of plant packages: written atomically, read without unpacking."""
 
 import io
 import os

@@ -1,4 +1,4 @@
-"""Pictures of the bench: a motor's characteristics, its steps, and steady states measured."""
+"""Pictures of the test bench: a motor's characteristics, its steps, and measured steady states."""
 
 from collections.abc import Sequence
 
@@ -31,7 +31,7 @@ def motor_picture(bench: MotorBench, load: float = THESIS_LOAD) -> ResponsePictu
     """Characteristics, steps and steady states of a motor of the bench.
 
     Args:
-        bench: what its experiments tell.
+        bench: results of its experiments.
         load: torque at the output shaft of the loaded step [Nm].
     """
     c, voltages = bench.constants, voltages_of(bench)

@@ -1,4 +1,4 @@
-"""Panels of what decides about residuals: each test's statistic, lag by lag, against its limit."""
+"""Panels of the residual tests: each statistic, lag by lag, against its limit."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -50,7 +50,7 @@ def draw_whiteness(axes: "Axes", test: LagTest) -> None:
 
 
 def draw_independence(axes: "Axes", test: LagTest, feedback: LagTest | None) -> None:
-    """Draw what past inputs tell of the residuals, and what decides.
+    """Draw the correlation of residuals with past inputs, and the test.
 
     Future inputs, which correlate under feedback only, stand faded at negative lags.
     """

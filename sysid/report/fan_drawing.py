@@ -1,4 +1,4 @@
-"""The picture of a fan: what many runs predict, and the measured path that is laid over it."""
+"""The picture of a fan: many simulated runs and the measured path."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""What a picture of a fit shows: stretches of data, fits, tests of the residuals."""
+"""The content of a picture of a fit: stretches of data, fits, residual tests."""
 
 from dataclasses import dataclass
 from typing import Literal

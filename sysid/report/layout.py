@@ -123,7 +123,7 @@ def reserve_top(figure: "Figure", inches: float) -> None:
 class Row:
     """A row of panels: room above and below them [in], and their share of the height that is left.
 
-    What stands below is an axis with its name unless told otherwise.
+    What stands below is an axis with its name by default.
     """
 
     above: float

@@ -1,7 +1,8 @@
 """The look of every picture: colours, type sizes and the few marks all of them share.
 
-Colours are those of Okabe and Ito (2008), told apart by colour-blind readers and in grey print.
-Pictures are 9 in wide, so that 9 pt text is 12 px high where the picture is shown 900 px wide.
+Colours are those of Okabe and Ito (2008), distinguishable by colour-blind readers and in grey
+print. Pictures are 9 in wide, so that 9 pt text is 12 px high where the picture is shown 900 px
+wide.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""The picture of a vehicle from above: body, wheels, their axles and the centre of turning."""
+"""The picture of a vehicle from above: body, wheels, their axles and the centre of rotation."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""A track on the floor: what its slip yields in thrust, and what resists it."""
+"""A track on the floor: thrust from slip, and resistances."""
 
 from typing import Any, NamedTuple
 

@@ -1,4 +1,4 @@
-"""Dry friction that really sticks, for one motor or two coupled ones, exact within a time step.
+"""Dry friction with true sticking, for one motor or two coupled ones, exact within a time step.
 
 Speeds w of a motor, or of two that one body couples, obey, in units of steady speed,
 
@@ -112,7 +112,7 @@ def friction(
 def _limited(xp: Any, wanted: Signal, low: Signal, high: Signal) -> tuple[Signal, Signal]:
     """Friction within its limits, and whether the motor stands: where it could take more.
 
-    That is told from the unlimited value, because a compiler may compute a limit twice with
+    That is decided from the unlimited value, because a compiler may compute a limit twice with
     different rounding.
     """
     stands = (wanted > -low) & (wanted < high)

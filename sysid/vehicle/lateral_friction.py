@@ -1,4 +1,4 @@
-"""Friction of tracks that are pushed sideways and turned: the force and the moment together.
+"""Lateral friction of tracks: force and moment together.
 
 Every point of a track at x along the vehicle slides sideways at v_y + ψ̇x, and Coulomb's friction
 opposes it with q per metre, of all tracks together. Summed over −L/2 … L/2, with the instantaneous

@@ -1,4 +1,4 @@
-"""Kinematics of tracks that slip (thesis 2.24–2.26), and the slips that a steady motion needs."""
+"""Kinematics of slipping tracks (thesis 2.24–2.26), and the slips of a steady motion."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Soils: what the ground can bear and how it yields."""
+"""Soils: strength and deformation of the ground."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The tracked vehicle: what its motion on the ground depends on."""
+"""The tracked vehicle: parameters of its motion on the ground."""
 
 import math
 from dataclasses import dataclass, field

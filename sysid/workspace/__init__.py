@@ -1,1 +1,1 @@
-"""What holds models, comparisons and plants between commands."""
+"""Storage of models, comparisons and plants between commands."""

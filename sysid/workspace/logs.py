@@ -1,4 +1,4 @@
-"""The logs of stored models, read again as they were read for the fit."""
+"""The logs of stored models, read again with the options of the fit."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

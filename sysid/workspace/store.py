@@ -109,17 +109,17 @@ class Workspace:
 
     @property
     def plant_dir(self) -> Path:
-        """Where ``export`` puts the plant package unless told otherwise."""
+        """Where ``export`` puts the plant package by default."""
         return self.root / "plant"
 
     @property
     def diagnosis_dir(self) -> Path:
-        """Where ``diagnose`` puts its results unless told otherwise."""
+        """Where ``diagnose`` puts its results by default."""
         return self.root / "diagnosis"
 
     @property
     def missions_dir(self) -> Path:
-        """Where ``simulate`` puts its logs unless told otherwise."""
+        """Where ``simulate`` puts its logs by default."""
         return self.root / "missions"
 
     @property

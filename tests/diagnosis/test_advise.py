@@ -63,7 +63,7 @@ def test_effects_that_cannot_be_shown_share_schedules() -> None:
 def test_where_no_command_helps_it_is_said_what_does() -> None:
     effects = tuple(effect(i) for i in ("actuator-lag", "sensor-lag"))
     base = fit_baseline([RECORD], [RECORD], effects)
-    model, node = base.search.model, base.candidate
+    model, node = base.search.model, base.model
     rows = [node.q.copy(), node.q.copy()]
     for q, e in zip(rows, effects, strict=True):
         q[list(model.of(e.id))] = 0.2
@@ -78,7 +78,7 @@ def test_a_tie_gets_the_schedule_on_which_the_models_differ_most() -> None:
     effects = tuple(effect(i) for i in ("supply-sag", "concave-gain", "cross-coupling"))
     ordered = [e for e in catalogue().values() if e in effects]
     base = fit_baseline([RECORD], [RECORD], ordered)
-    model, node = base.search.model, base.candidate
+    model, node = base.search.model, base.model
     q1, q2 = node.q.copy(), node.q.copy()
     q1[list(model.of("supply-sag"))] = 0.2
     q2[list(model.of("concave-gain"))] = 0.2

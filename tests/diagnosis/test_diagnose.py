@@ -242,7 +242,7 @@ def test_a_bound_holds_and_names_with_a_number_on_it_are_not_admitted() -> None:
     s.origin = core(m)
     row = core(m)
     row[limit] = m.parameters[limit].upper
-    assert not s.admissible(s.candidate(("coulomb-friction",), row, (*s.core, limit)))
+    assert not s.admissible(s.evaluate(("coulomb-friction",), row, (*s.core, limit)))
 
 
 def test_little_friction_is_none_at_its_null_however_far_the_search_may_go() -> None:
@@ -253,7 +253,7 @@ def test_little_friction_is_none_at_its_null_however_far_the_search_may_go() -> 
     for size, stands in ((0.01, True), (0.0, False)):
         row = core(m)
         row[level] = size * m.parameters[level].upper / HEAVIEST
-        node = s.candidate(("coulomb-friction",), row, (*s.core, level))
+        node = s.evaluate(("coulomb-friction",), row, (*s.core, level))
         assert s.admissible(node) is stands
 
 
@@ -294,11 +294,11 @@ def test_an_effect_that_was_left_alone_is_accounted_for_though_it_was_no_candida
     m, r = model(), record()
     s = ForwardSelection(m, [r], [r], np.full(2, 20000.0), 1)
     s.origin = core(m)
-    base, row = s.candidate((), core(m), s.core), core(m)
+    base, row = s.evaluate((), core(m), s.core), core(m)
     row[m.index["coulomb-friction", "level", 0]] = 1.0
     levels = tuple(m.index["coulomb-friction", "level", i] for i in range(2))
     found = s.account(
-        base, s.candidate(("coulomb-friction",), row, (*s.core, *levels)), m.effects, []
+        base, s.evaluate(("coulomb-friction",), row, (*s.core, *levels)), m.effects, []
     )
     assert [n.id for n in found] == ["coulomb-friction"]
     assert set(found[0].rivals) == {"coulomb-friction"}
@@ -316,7 +316,7 @@ def test_a_lightly_damped_swing_is_followed_by_the_plainest_base() -> None:
     y += 0.01 * np.std(y) * rng.standard_normal(len(y)) + 0.4
     log = Record(u[:, None], y[:, None], 0.02, (Channel("torque"),), (Channel("angle"),), name="a")
     base = fit_baseline([log], None, chain_effects())
-    assert base.candidate.holdout_rmse < 0.02 * np.std(y)
+    assert base.model.holdout_rmse < 0.02 * np.std(y)
 
 
 def test_a_lag_below_one_sample_is_the_sampling_and_no_effect() -> None:
@@ -328,7 +328,7 @@ def test_a_lag_below_one_sample_is_the_sampling_and_no_effect() -> None:
         for samples, stands in ((0.5, False), (1.5, True)):
             row = core(m)
             row[list(slots)] = samples * m.dt
-            node = s.candidate((id,), row, (*s.core, *slots))
+            node = s.evaluate((id,), row, (*s.core, *slots))
             assert s.admissible(node) == stands, (id, samples)
             row[slots[1]] = 0.5 * m.dt
             assert beyond_sampling(m, id, row).tolist() == [stands, False]
@@ -345,7 +345,7 @@ def test_a_share_of_the_largest_command_is_told_in_the_unit_of_the_input() -> No
     row, at = m.null.copy(), m.index["input-saturation", "plus", 0]
     row[m.index["core", "gain", 0]], row[m.index["core", "f1", 0]] = 20.0, -0.8
     row[at] = 0.75
-    node = s.candidate(("input-saturation",), row, (*s.core, at))
+    node = s.evaluate(("input-saturation",), row, (*s.core, at))
     base = Base(divided([log], None), s, node, scales, 1, False, "")
     value = values_of(base, node, "input-saturation", {at: Interval(0.7, 0.8)})[0]
     assert (value.value, value.unit) == (0.75, "drive")

@@ -9,7 +9,7 @@ from sysid.data.record import Channel, Record
 from sysid.diagnosis.search.candidates import CandidateSearch
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
-from sysid.diagnosis.search.starts import free_parameters
+from sysid.diagnosis.search.starts import free_indices
 from sysid.effects.base import Law
 from sysid.effects.catalogue import effect
 from sysid.structures.augmented.structure import Augmented
@@ -58,10 +58,10 @@ def numbers_of(node: CandidateModel) -> dict[str, float]:
 def test_the_data_choose_the_law(hidden: dict[str, float]) -> None:
     search, found = tried(hidden)
     # five standard errors and more of what this noise leaves of them
-    assert numbers_of(found.candidate) == pytest.approx(hidden, abs=0.02)
-    assert search.admissible(found.candidate)
+    assert numbers_of(found.model) == pytest.approx(hidden, abs=0.02)
+    assert search.admissible(found.model)
     core = len(MODEL.of("core"))
-    assert len(found.candidate.free) == core + (2 if hidden["current"] == 2.0 else 1)
+    assert len(found.model.free) == core + (2 if hidden["current"] == 2.0 else 1)
 
 
 def test_a_start_holds_only_the_numbers_of_its_law() -> None:
@@ -71,7 +71,7 @@ def test_a_start_holds_only_the_numbers_of_its_law() -> None:
     for start, moved in zip(starts, (1, 1, 1, 1, 2, 2), strict=True):
         q = MODEL.null
         q[list(start)] = list(start.values())
-        assert len(free_parameters(MODEL, SAG, q, (0, 1))) == moved
+        assert len(free_indices(MODEL, SAG, q, (0, 1))) == moved
 
 
 def test_an_effect_without_laws_moves_all_but_its_choices() -> None:

@@ -40,6 +40,6 @@ def test_a_weight_heavier_than_the_usual_speed_is_admissible() -> None:
     search.origin = base.q
     (found,) = search.candidates(base, [gravity])
     assert found.evidence.accepted
-    assert search.admissible(found.candidate)
-    size = np.hypot(*(found.candidate.q[model.index[gravity.id, n, 0]] for n in ("cosine", "sine")))
+    assert search.admissible(found.model)
+    size = np.hypot(*(found.model.q[model.index[gravity.id, n, 0]] for n in ("cosine", "sine")))
     assert abs(size - HEAVY) < 0.02 * HEAVY  # what a step of a fifth of τ leaves

@@ -62,8 +62,8 @@ def test_the_right_law_is_found_with_its_size(name: str) -> None:
     search.origin = base.q
     best = search.candidates(base, EFFECTS)[0]
     assert best.id == id
-    assert search.admissible(best.candidate)
-    q = {p.name: float(best.candidate.q[MODEL.index[id, p.name, 0]]) for p in effect(id).parameters}
+    assert search.admissible(best.model)
+    q = {p.name: float(best.model.q[MODEL.index[id, p.name, 0]]) for p in effect(id).parameters}
     # a weight may be fitted with waves a rad of its own: a drifting angle is straightened by them
     choices = ("of_speed", "of_load")
     assert [q.get(n) for n in choices] == [numbers.get(n) for n in choices]

@@ -71,8 +71,8 @@ def test_it_is_told_from_limits_of_sides_and_from_a_tie_of_both(limits: dict[str
     assert first.evidence.accepted
     for name, value in limits.items():
         # five standard errors and more of what this noise leaves
-        assert first.candidate.q[MODEL.index[TWIST.id, name, -1]] == pytest.approx(value, abs=0.01)
-    assert search.admissible(first.candidate)
+        assert first.model.q[MODEL.index[TWIST.id, name, -1]] == pytest.approx(value, abs=0.01)
+    assert search.admissible(first.model)
 
 
 def test_driven_straight_ahead_it_is_no_more_than_each_sides_limit() -> None:

@@ -130,7 +130,7 @@ def test_paths_are_foretold_better_than_by_rolling_wheels(
     after = weighed.errors(parts)
     # pose noise at both ends of a window, and no more than twice that
     assert np.sqrt(np.mean(after[:, :2] ** 2)) < 2.0 * np.sqrt(2.0) * 0.001 * 2.0
-    read = weighed.measurements(trajectories.each[0])
+    read = weighed.predicted_pose(trajectories.each[0])
     assert read.shape == trajectories.each[0].pose.shape
 
 
@@ -151,7 +151,7 @@ def test_bench_constants_come_from_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("resistanc: 3.1\n", "motor.yaml:1: 'resistanc' is no constant"),
+        ("resistanc: 3.1\n", "motor.yaml:1: 'resistanc' is not a motor constant"),
         ("gear: 120\nback_emf: many\n", "motor.yaml:2: back_emf is 'many'"),
         ("gear: 0\n", "number above 0"),
     ],
@@ -181,7 +181,7 @@ def test_a_torque_is_a_positive_number() -> None:
 def test_a_model_of_speeds_is_no_motor() -> None:
     from pose_cases import two_tracks
 
-    with pytest.raises(ModelError, match="tells speeds and no torque"):
+    with pytest.raises(ModelError, match="has speeds and no torque"):
         motors_of_model(two_tracks())
 
 
@@ -199,6 +199,6 @@ def test_motors_go_with_a_vehicle_that_has_mass(
     log = write_log(tmp_path / "a.csv", ["u_l", "u_r", "omega_l", "omega_r"], [[0.0, 1.0]] * 4)
     one = run(capsys, "fit-vehicle", log, "--motors", "m.yaml", "--torque-constant", "0.1")
     assert one.code == 2
-    assert "the same thing" in one.err
-    with pytest.raises(UsageError, match="motors go with"):
+    assert "the same meaning" in one.err
+    with pytest.raises(UsageError, match="motors need"):
         fit_vehicle([], motion="slip", motors=torque_only(0.1))

@@ -76,7 +76,7 @@ def test_lost_readings_of_the_wheels_are_no_turns(folder: Path) -> None:
     y = whole.y.copy()
     y[np.random.default_rng(5).random(y.shape) < 0.02] = 0.0
     fitted = fit_vehicle([replace(whole, y=y)], geometry=NOMINAL)
-    assert any("stand far out" in note for note in fitted.notes)
+    assert any("far from their neighbours" in note for note in fitted.notes)
     for name, value in (("radius_left", 0.15), ("radius_right", 0.152), ("effective_width", 0.9)):
         number, plain = fitted.number(name), _fitted(SKID, folder).number(name)
         assert abs(number.value - value) < FAR * number.std_error, name
@@ -198,15 +198,15 @@ def _pose(named: Mapping[str, Array]) -> dict[str, Array]:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((), "what is missing: time, the speeds"),
-        (("0.3", "1.08"), "0.3 is no file"),
+        ((), "needs a LOG: time, the speeds"),
+        (("0.3", "1.08"), "0.3: file not found"),
         (("{log}", "--motion", "sliding"), "motion is one of"),
         (("{log}", "--to", "new.yaml"), "--mission M.yaml"),
         (("{log}", "--geometry", "r=0.3"), "gives no B"),
         (("{bare}",), "lacks a pose"),
         (("{pwm}",), "lacks the wheel speeds of the left"),
         (("{still}",), "never turn"),
-        (("{short}",), "fewer than"),
+        (("{short}",), "are needed"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_sentence(

@@ -113,7 +113,7 @@ def test_a_table_of_returns_is_enough(capsys: pytest.CaptureFixture[str], tmp_pa
         ("direction,x,y\nleft,1,2\n", ("--side", "4"), "line 2"),
         ("direction,x,y\ncw,1,2\n", ("--side", "0"), "a length above 0"),
         ("direction,x,y\ncw,1,2\n", (), "need --side"),
-        ("direction,x,y\ncw,1,2\n", ("--side", "4", "log.csv"), "instead of a LOG"),
+        ("direction,x,y\ncw,1,2\n", ("--side", "4", "log.csv"), "replaces a LOG"),
     ],
 )
 def test_bad_returns_are_refused(

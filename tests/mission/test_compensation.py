@@ -132,7 +132,7 @@ def test_compensation_is_the_same_compiled_and_many_at_once() -> None:
     ("text", "words"),
     [
         ("compensate: everything", "compensate is the text 'everything': write identified, or a"),
-        ("compensate: [actuator-lag]", "be undone, which are"),
+        ("compensate: [actuator-lag]", "invertible effects, which are"),
         ("compensate: 3", "compensate is 3"),
     ],
 )
@@ -149,7 +149,9 @@ def test_what_cannot_be_undone_is_refused_with_its_line(
 
 def test_an_effect_that_the_plant_does_not_hold_is_said() -> None:
     mission = goal(1, 0, control={"compensate": ["dead-zone"]})
-    with pytest.raises(ModelError, match="names dead-zone, which the plant does not hold: it hol"):
+    with pytest.raises(
+        ModelError, match="names dead-zone, which the plant does not contain; it contains"
+    ):
         simulate(mission, RUBBING)
     everything = Mission(goal=(1.0, 0.0), control={"compensate": "identified"})
     plain = augmented()

@@ -72,8 +72,8 @@ def test_columns_of_other_names_and_units_are_found(
     np.testing.assert_allclose(localization.columns["x_est"], own.columns["x_est"], atol=1e-9)
     np.testing.assert_allclose(localization.columns["psi_est"], own.columns["psi_est"], atol=1e-9)
     over = localize(other, mission, {"gyro_z": "imu_wz"})
-    assert any("mounted upside down" in note for note in over.notes)
-    assert not any("mounted upside down" in note for note in localization.notes)
+    assert any("upside-down sensor" in note for note in over.notes)
+    assert not any("upside-down sensor" in note for note in localization.notes)
 
 
 def test_a_filter_that_believes_too_much_is_told_so(driven: tuple[Path, Path, Mission]) -> None:
@@ -129,7 +129,7 @@ def test_mistakes_are_one_sentence(
 def test_a_log_without_readings_is_refused(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text("t,temperature\n0,20\n1,21\n2,22\n")
-    with pytest.raises(DataError, match="holds none of the measurements omega_l, omega_r"):
+    with pytest.raises(DataError, match="holds none of the readings omega_l, omega_r"):
         localize(log, Mission(goal=(1.0, 0.0)))
     log.write_text("t,omega_l,omega_r\n0,1,1\n2,1,1\n1,1,1\n")
     with pytest.raises(DataError, match=r"log\.csv, line 4"):

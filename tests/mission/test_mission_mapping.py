@@ -190,7 +190,7 @@ def test_named_tracks_that_do_not_steer_are_kept_with_a_warning() -> None:
 def test_a_falling_output_is_turned_over() -> None:
     robot, warnings = as_robot(Lag(((-3.0,),), names("u"), names("y")), MISSION)
     np.testing.assert_allclose(at_full(robot), FULL, rtol=1e-3)
-    assert any("turned over" in w for w in warnings)
+    assert any("sign was reversed" in w for w in warnings)
     swapped_wires = Lag(
         ((1e-3, 0.0), (0.0, -1e-3)), names("pwm_l", "pwm_r", unit="µs"),
         names("omega_l", "omega_r", unit="rad/s"),

@@ -79,7 +79,9 @@ def test_a_robot_that_slips_past_its_goal_is_not_said_to_stand_there() -> None:
     assert result.outcome == "arrived"
     away = 0.9 - result.final.x
     assert away > 0.2
-    assert f"holds that it reached the goal, but stands {away:.2g} m from it" in result.sentence
+    assert (
+        f"estimated pose reached the goal, but the robot is {away:.2g} m from it" in result.sentence
+    )
     assert driven("kinematic").sentence == "The robot reached the goal within the tolerance."
 
 
@@ -112,8 +114,8 @@ def test_motors_that_nothing_holds_turn_as_the_model_says() -> None:
 @pytest.mark.parametrize(
     ("plant", "lifted", "words"),
     [
-        (Robot(), None, "the plant tells speeds only"),
-        (motor(options={"parameters": "lumped"}), None, "the plant tells speeds only"),
+        (Robot(), None, "the plant has speeds only"),
+        (motor(options={"parameters": "lumped"}), None, "the plant has speeds only"),
         (motor(2), None, "a log driven on the ground, which already contains"),
         (motor(2, LUMPED, coupling=-0.4), None, "a log driven on the ground"),
         (motor(), False, "a log driven on the ground"),
@@ -183,7 +185,7 @@ FILE = "goal: [1, 0]\n"
         ("motion:\n  kind: slip\n  slip: 20\n", "m.yaml:4: motion.slip is 20: write a share"),
         (
             "motion: {kind: slip, slip: 0.1, soil: snow}\n",
-            "m.yaml:2: motion of kind slip has shares",
+            "m.yaml:2: motion of kind slip has both slip shares",
         ),
         ("motion: {kind: dynamic, weight: 2}\n", "m.yaml:2: unknown key 'weight' in motion"),
     ],

@@ -118,7 +118,7 @@ def test_without_validation_the_card_says_so() -> None:
     files = package_files(robot_model(), report)
     assert json.loads(files["plant.json"])["fit"]["on"] == "estimation"
     assert "On estimation data (the data it was fitted to, est.csv)" in files[CARD].decode()
-    assert "No figures were stored" in package_files(robot_model())[CARD].decode()
+    assert "No fit figures are stored" in package_files(robot_model())[CARD].decode()
 
 
 def test_the_card_shows_equations_parameters_fit_domain_and_warnings() -> None:
@@ -186,7 +186,7 @@ def test_the_current_folder_is_not_swapped_away(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UsageError, match="where you are"):
+    with pytest.raises(UsageError, match="current folder"):
         write_package(robot_model("arx"), Path())
 
 

@@ -241,8 +241,8 @@ def test_a_log_that_does_not_tell_its_time_needs_it(tmp_path: Path) -> None:
         (["--period", "1.735", "--std-error", "x=1"], 2, "'x' has no standard error"),
         (["--period", "1.735", "--std-error", "l"], 2, "write NAME=VALUE"),
         (["--period", "1.735", "--size", "0x1"], 2, "give two lengths above 0"),
-        (["--period", "1.735", "--plot", "a.png"], 2, "a period has none"),
-        ([], 2, "give a log of the swing, or its period"),
+        (["--period", "1.735", "--plot", "a.png"], 2, "omit it with --period"),
+        ([], 2, "give either a log of the swing or its period"),
         (["a.csv", "--amplitude", "5"], 2, "belongs to --period"),
     ],
 )

@@ -205,13 +205,13 @@ def test_the_supply_is_full_drive_of_a_motor_driven_by_voltage() -> None:
     assert robot.span == pytest.approx((6.0, 6.0))
     assert robot.scale == pytest.approx((1.0, 1.0))
     assert not any("counts twice" in n for n in notes)
-    assert any("no voltages" in n for n in as_robot(robot_model().plant(), fed)[1])
+    assert any("not voltages" in n for n in as_robot(robot_model().plant(), fed)[1])
 
 
 REFUSED = {
     "no load": ({"voltage_V": 7.9, "current_A": 0.0}, "0 A throughout"),
     "one load": ({"voltage_V": 7.5, "current_A": 2.0}, "2 A throughout"),
-    "no current": ({"voltage_V": 7.5, "height_m": 2.0}, "tells neither of a battery"),
+    "no current": ({"voltage_V": 7.5, "height_m": 2.0}, "has neither the columns of a battery"),
 }
 
 
@@ -230,7 +230,7 @@ def test_logs_that_cannot_serve_are_refused(
 def test_staircases_that_cannot_serve_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SysidError, match="full drive is unknown"):
         bench_power([staircase(tmp_path / "a.csv", "motor_voltage_V", scale=255.0)])
-    with pytest.raises(SysidError, match="fewer than 3 steps of PWM are answered"):
+    with pytest.raises(SysidError, match="fewer than 3 PWM steps change"):
         bench_power([staircase(tmp_path / "b.csv", "motor_voltage_V", lambda d: 0.0 * d)])
     with pytest.raises(SysidError, match="give a current above 0"):
         bench_power([battery_log(tmp_path / "c.csv")], full_current=-1.0)

@@ -165,7 +165,7 @@ def headed(factor: float, angle: float = 0.0, mirrored: float = 1.0) -> Callable
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (headed(1.0, np.pi / 2.0), "90° off the way"),
+        (headed(1.0, np.pi / 2.0), "90° off the driving"),
         (headed(-1.0, np.pi / 2.0), "counts clockwise"),
         (headed(180.0 / np.pi), "in degrees"),
         (headed(-180.0 / np.pi, np.pi / 2.0), "in degrees and counts clockwise"),

@@ -1,4 +1,4 @@
-"""MuJoCo at the end of a function: a machine in its surroundings, from one state to the next."""
+"""MuJoCo as a function: a machine and its surroundings, from one state to the next."""
 
 import math
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
-"""A box on two rows of wheels, as MuJoCo's XML: the body of every drive in another physics.
+"""A box on two rows of wheels as MuJoCo XML.
 
-How its tracks stand on the floor is told in :mod:`sysid.vehicle.wheels.mjcf_parts`.
+The contact of its tracks with the floor is described in :mod:`sysid.vehicle.wheels.mjcf_parts`.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Motion by another physics: MuJoCo drives the vehicle on its wheels, contact by contact."""
+"""Motion by MuJoCo: the vehicle on its wheels, contact by contact."""
 
 import math
 from collections.abc import Mapping
@@ -57,7 +57,7 @@ class MultibodyState(NamedTuple):
 class Multibody(Physics):
     """The vehicle is a box on two rows of wheels on a rigid floor, in MuJoCo.
 
-    The plant turns the wheels: an identified plant tells what the tracks do under the load that it
+    The plant turns the wheels: an identified plant gives the track speeds under the load that it
     was identified with, so that servos hold its speeds, between two samples on a straight line,
     whatever friction says. What the wheels then do to the floor is the engine's.
 
@@ -91,7 +91,7 @@ class Multibody(Physics):
         return ("mass", "yaw_inertia", "L")
 
     def completed(self, given: Mapping[str, Any]) -> Mapping[str, Any]:
-        """What is told of the vehicle, else the mass of the thesis's simulation, of a solid box."""
+        """The given keys of the vehicle, else those of the thesis's simulation as a solid box."""
         mass = given.get("mass", STAND_IN.mass)
         stand_in = replace(STAND_IN, mass=mass, size=self.size, wheels=self.wheels)
         known = {"mass": mass, "yaw_inertia": stand_in.moment, "height": stand_in.height}

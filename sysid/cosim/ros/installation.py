@@ -1,4 +1,4 @@
-"""ROS 1 on this machine: rospy belongs to the system's Python and is looked for there, last."""
+"""ROS 1 on this machine: rospy of the system's Python, appended last to the path."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""The ROS master, asked with bounded patience: who publishes what, and of which type."""
+"""The ROS master, queried with a time limit: publishers and types of topics."""
 
 import os
 import socket
@@ -50,7 +50,7 @@ class Master:
         return tuple(node for node in names if self._lives(node))
 
     def type_of(self, topic: str) -> str | None:
-        """Type of a topic, e.g. ``nav_msgs/Odometry``; None where nobody knows it."""
+        """Type of a topic, e.g. ``nav_msgs/Odometry``; None if unknown."""
         types = dict(self._call("getTopicTypes"))
         type_name = types.get(topic)
         return None if type_name in (None, "*") else str(type_name)

@@ -1,4 +1,4 @@
-"""This process as a ROS node, once and quietly."""
+"""This process as a ROS node."""
 
 import os
 from dataclasses import dataclass

@@ -169,7 +169,7 @@ class _Talk:
                     time.sleep(0.1)  # ours is on its way
                     break
         for one in (*self.listens.values(), *self.says.values()):
-            with contextlib.suppress(Exception):  # a master that has gone cannot be told
+            with contextlib.suppress(Exception):  # the master may be gone
                 one.unregister()
         self.node.end()
 

@@ -1,4 +1,4 @@
-"""Topics as the lines of a log, so that a topic is followed as a file that grows is."""
+"""Topics as the lines of a log, so that a topic is followed like a growing file."""
 
 import math
 import queue
@@ -78,7 +78,7 @@ class TopicLines(Lines):
         return b""
 
     def _header(self) -> str:
-        """The names of the columns, each with the unit that is told or that ROS prescribes."""
+        """The names of the columns, each with its given unit or that of ROS."""
         names = ["t"]
         for topic, mapped in self._sources.items():
             kind = self._kinds(topic) or ""

@@ -1,4 +1,4 @@
-"""The numbers of a topic as they come, as rows with their time."""
+"""Numbers of a topic as timed rows, as they arrive."""
 
 import contextlib
 import math
@@ -89,7 +89,7 @@ def _rows(
             any_came = True
             yield _stamp(message) or arrival, tuple(read(message) for read in take)
     finally:
-        with contextlib.suppress(Exception):  # a master that has gone cannot be told
+        with contextlib.suppress(Exception):  # the master may be gone
             listening.unregister()
 
 

@@ -1,14 +1,11 @@
 """Wheel speeds corrected for the selected effects of the sensor.
 
-The vehicle stage drives the vehicle by the measured speeds. A sensor that clips, lags or loses the
-sign shows there as slip or as another radius. With the model that names it the measurements are put
-right by
+A sensor that clips, lags or loses the sign would look like slip or another radius, since the
+measured speeds drive the vehicle. The corrected speeds are
 
-    ω̂ = y + (run without the sensor's effects − run with them),
+    ω̂ = y + (run without the sensor's effects − run with them).
 
-which is the model's speed where the reading says nothing, and the reading itself elsewhere. A
-reading that was lost, or repeats the last one, takes the model's speed and the error of its
-neighbours.
+Lost or repeated measurements take the model's speed and the error of their neighbours.
 """
 
 from collections.abc import Sequence

@@ -1,14 +1,12 @@
 """Diagnosis of what is missing between tracks and ground, from logs with a pose.
 
-Errors of the motors do not leak in: the *measured* wheel speeds drive the vehicle, and increments
-of its pose over two seconds are compared, so that nothing accumulates.
+The *measured* wheel speeds drive the vehicle, so that errors of the motors do not enter, and
+increments of the pose over two seconds are compared, so that nothing accumulates:
 
     Δ(x, y, ψ) measured − Δ(x, y, ψ) by the wheel speeds, in the body frame at a window's start
 
-Effects come one at a time, the best first, while the rule of acceptance of ``evidence`` holds, and
-an earlier one goes again when a later one has made it needless. Some explanations compete with the
-effects without being any: another radius of both tracks, speed sensors that do not read zero at
-rest, and measurements of the pose, or of its heading, that come late.
+Effects are selected one at a time by the rule of ``evidence``. Some explanations compete with them
+without being effects: another radius of both tracks, speed offsets, and a late pose or heading.
 """
 
 import math

@@ -18,16 +18,12 @@ from sysid.fitting.holdout import Errors
 
 
 def evidence_of(before: Fitted, after: Fitted, tried: int) -> Evidence:
-    """What speaks for the parameters that ``after`` has in addition, as in ``evidence``, but for
-    this:
+    """Evidence for the parameters that ``after`` has in addition, unlike ``search.evidence``:
 
-    The noise of an increment is known and an effect may show in the few windows of one turn, so
-    that neither blocks nor a coloured residual's sample size distinguish chance from effect. G, the
-    fall of the white squared error over both parts with parameters from the estimation part, is χ²
-    with one degree of freedom where nothing is there: its root is t, of as many degrees of freedom
-    as windows do not overlap, because no more determine the size of the noise. Blocks and held-out
-    error count the windows that the effect moves, and the channels: the turn does not show a
-    vehicle that slides sideways.
+    The noise of an increment is known, and an effect may show in the few windows of one turn. So G,
+    the fall of the white squared error over both parts, is χ² with one degree of freedom without an
+    effect; its root is t, with as many degrees of freedom as windows without overlap. Blocks and
+    held-out error count only the windows and channels that the effect moves.
     """
     from scipy.stats import t as student
 
@@ -162,8 +158,7 @@ class PoseResiduals:
 
     Attributes:
         above_noise: channels off by several times their noise, and how many.
-        share: share of the held-out squared error of these that distance, turn and heading
-            predict.
+        share: share of the held-out squared error of these that distance, turn and heading predict.
     """
 
     above_noise: dict[str, float]
@@ -187,8 +182,7 @@ class PoseResiduals:
                 "something between robot and ground is missing from the catalogue."
             )
         return (
-            f"{seen}. Distance, turn and heading do not predict it: a disturbance of pose or "
-            "speeds."
+            f"{seen}. Distance, turn and heading do not predict it: pose or speeds are disturbed."
         )
 
 

@@ -26,11 +26,9 @@ def beyond_sampling(model: FullModel, id: str, q: Array) -> NDArray[np.bool_]:
         return beyond
     others = [e.id for e in model.effects if e.beyond_sampling and e.id != id]
     late = np.zeros(model.tracks, dtype=bool)
-    for parameter, value in (
-        (model.parameters[k], q[k]) for other in others for k in model.of(other)
-    ):
-        if parameter.track >= 0:
-            late[parameter.track] |= value != parameter.null
+    for p, value in ((model.parameters[k], q[k]) for other in others for k in model.of(other)):
+        if p.track >= 0:
+            late[p.track] |= value != p.null
     for k in model.of(id):
         i = model.parameters[k].track
         if i >= 0:
@@ -38,17 +36,15 @@ def beyond_sampling(model: FullModel, id: str, q: Array) -> NDArray[np.bool_]:
     return beyond
 
 
-def on_bound(parameter: ModelParameter, value: float) -> bool:
+def on_bound(p: ModelParameter, value: float) -> bool:
     """Whether a parameter ended on a bound of the search that is not its null value."""
-    at = parameter.lower if value - parameter.lower < parameter.upper - value else parameter.upper
-    return _at(parameter, value, at) and at != parameter.null
+    at = p.lower if value - p.lower < p.upper - value else p.upper
+    return _at(p, value, at) and at != p.null
 
 
-def _at(parameter: ModelParameter, value: float, target: float) -> bool:
+def _at(p: ModelParameter, value: float, target: float) -> bool:
     """Whether a parameter ended at a place, against its range and its usual size."""
-    return abs(value - target) < min(
-        1e-3 * (parameter.upper - parameter.lower), 0.01 * parameter.scale
-    )
+    return abs(value - target) < min(1e-3 * (p.upper - p.lower), 0.01 * p.scale)
 
 
 def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bool:
@@ -71,13 +67,13 @@ def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bo
     by_name = {p.name: p for p in about(id).parameters}
     inside = []
     for k in own_parameters:
-        parameter = model.parameters[k]
+        p = model.parameters[k]
         value = candidate.q[k]
-        ended = on_bound(parameter, value) and not by_name[parameter.name].at_limit
-        at_null = _at(parameter, value, parameter.null)
-        if parameter.null in (parameter.lower, parameter.upper) and at_null:
-            ended = parameter.name == first and not by_name[parameter.name].at_null
-        inside.append((not ended, abs(value - parameter.null) > 0.02 * parameter.scale))
+        ended = on_bound(p, value) and not by_name[p.name].at_limit
+        at_null = _at(p, value, p.null)
+        if p.null in (p.lower, p.upper) and at_null:
+            ended = p.name == first and not by_name[p.name].at_null
+        inside.append((not ended, abs(value - p.null) > 0.02 * p.scale))
     return all(a for a, _ in inside) and any(b for _, b in inside)
 
 
@@ -110,7 +106,7 @@ def _close(best: Errors, other: Errors, known: bool) -> bool:
     )
 
 
-def _of_log(best: Errors, other: Errors, logs: Logs, k: int) -> tuple[Errors, Errors]:
+def _of_log(a: Errors, b: Errors, logs: Logs, k: int) -> tuple[Errors, Errors]:
     """The errors of two models on one log."""
 
     def only(errors: Errors) -> Errors:
@@ -120,4 +116,4 @@ def _of_log(best: Errors, other: Errors, logs: Logs, k: int) -> tuple[Errors, Er
         a, b = (tuple(e for e, i in zip(p, of, strict=True) if i == k) for p, of in parts)
         return Errors(a, b)
 
-    return only(best), only(other)
+    return only(a), only(b)

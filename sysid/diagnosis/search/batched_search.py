@@ -1,8 +1,7 @@
 """Levenberg–Marquardt over many candidates at once, on runs of the full model.
 
-Slopes are forward differences: a shifted copy of an item is one more item of the batch, which costs
-less than a tangent of the compiled simulation (measured: half) and compiles in a quarter of the
-time. One shifted copy serves all tracks as long as they do not feel each other.
+Gradients are forward differences: a shifted copy is one more item of the batch, which costs half of
+a tangent and compiles in a quarter of the time. One copy serves all uncoupled tracks.
 """
 
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ import numpy as np
 from sysid.data.record import Array, Index
 from sysid.diagnosis.search.edges import edges_of, on_levels
 from sysid.diagnosis.search.full_model import FullModel
-from sysid.diagnosis.search.prepared import Data
+from sysid.diagnosis.search.prepared import OVERFLOW, Data
 from sysid.fitting.batched import Damping, descend_together
 
 PROFILES, PROFILE_POINTS, PROFILE_STEPS = (3.0, 1.3), 9, 8
@@ -23,9 +22,6 @@ others are searched, """
 
 GRIDS, GRID_POINTS = (1.2, 1.05), 21
 """and then tried on ever finer grids."""
-
-ENDLESS = 1e300
-"""A cost beyond this is infinite: sums of several would overflow."""
 
 FLAT = 1e-6
 """An item rests when a step gains less than this share of its cost, unless told otherwise."""
@@ -174,9 +170,7 @@ def _on_grid(
     """The best of a grid around some parameters of each item, track by track."""
     rows = _spread_out(model, q, parameters, spread, GRID_POINTS)
     runs = model.run(rows.reshape(-1, rows.shape[2]), data)
-    with np.errstate(over="ignore", invalid="ignore"):
-        squared = np.sum((data.weight * (data.y - runs)) ** 2, axis=1)
-    cost = squared.reshape(len(q), GRID_POINTS, -1)
+    cost = data.squared_error(runs).reshape(len(q), GRID_POINTS, -1)
     return np.array([best_tracks(model, *item) for item in zip(rows, cost, strict=True)])
 
 
@@ -201,7 +195,7 @@ def best_tracks(model: FullModel, q: Array, cost: Array) -> Array:
         q: (batch, parameters).
         cost: (batch, tracks).
     """
-    cost = np.where(cost < ENDLESS, cost, np.inf)
+    cost = np.where(cost < OVERFLOW, cost, np.inf)
     out = q[int(np.argmin(cost.sum(axis=1)))].copy()
     for k, parameter in enumerate(model.parameters):
         if parameter.track >= 0:
@@ -256,7 +250,7 @@ class _Fits:
         rest = np.flatnonzero(np.isnan(costs).any(axis=1))
         if len(rest):
             runs = self.model.run(self.q[rest], self.data)
-            track_costs = np.array([squares(self.data, run) for run in runs])
+            track_costs = self.data.squared_error(runs)
             costs[rest] = np.where(np.isnan(costs[rest]), track_costs, costs[rest])
         return costs
 
@@ -281,7 +275,7 @@ class _Trial:
     def cost(self) -> Array:
         """Squared errors of the groups on each track, zero on others', (groups, tracks)."""
         costs = np.zeros((len(self.which), self.fits.model.tracks))
-        of_item = {k: squares(self.fits.data, run) for k, run in self.runs.items()}
+        of_item = {k: self.fits.data.squared_error(run) for k, run in self.runs.items()}
         for row, f in zip(costs, self.which, strict=True):
             k, _, tracks = self.fits.groups[f]
             row[list(tracks)] = of_item[k][list(tracks)]
@@ -322,10 +316,3 @@ class _Trial:
             rows.append(row)
             step |= dict(zip(parameters, h.tolist(), strict=True))
         return rows, step
-
-
-def squares(data: Data, run: Array) -> Array:
-    """Squared weighted error of a run (M, tracks) on each track; infinite where it is no number."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        sums = np.sum((data.weight * (data.y - run)) ** 2, axis=0)
-    return np.where(sums < ENDLESS, sums, np.inf)

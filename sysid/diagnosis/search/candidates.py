@@ -22,7 +22,7 @@ from sysid.diagnosis.search.logs import logs_of
 from sysid.diagnosis.search.parameter_table import ModelParameter
 from sysid.diagnosis.search.prepared import Data, prepare
 from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
-from sysid.diagnosis.search.starts import free_parameters, starts_of
+from sysid.diagnosis.search.starts import free_indices, starts_of
 from sysid.effects.base import Effect, StartsFrom, Wave
 from sysid.effects.by_log import BY_LOG, parameter_of_log
 from sysid.effects.catalogue import LEVEL, about
@@ -57,15 +57,11 @@ class CandidateSearch:
     ) -> None:
         self.model, self.level, self.needed = model, level, needed
         self.estimation, self.holdout = tuple(estimation), tuple(holdout)
-        estimation_weights, holdout_weights = weights if weights is not None else (None, None)
+        fitted, judged = weights if weights is not None else (None, None)
         self.logs = logs_of(self.estimation, self.holdout)
-        self.data = prepare(
-            self.estimation, scales, delay, estimation_weights, logs=self.logs.estimation
-        )
+        self.data = prepare(self.estimation, scales, delay, fitted, logs=self.logs.estimation)
         rows = len(self.data.drive)
-        self.holdout_data = prepare(
-            self.holdout, scales, delay, holdout_weights, rows, self.logs.holdout
-        )
+        self.holdout_data = prepare(self.holdout, scales, delay, judged, rows, self.logs.holdout)
         owners = ("core", LEVEL.id) if level else ("core",)
         core = tuple(k for k, s in enumerate(model.parameters) if s.owner in owners)
         self.core = () if fixed_core else core
@@ -81,9 +77,9 @@ class CandidateSearch:
     def base(self, starts: Array) -> CandidateModel:
         """The base fitted from given values of all parameters, (batch, parameters)."""
         q, cost = search(self.model, starts, [self.core] * len(starts), self.data, BUDGET.polish)
-        return self.candidate((), best_tracks(self.model, q, cost), self.core)
+        return self.evaluate((), best_tracks(self.model, q, cost), self.core)
 
-    def candidate(
+    def evaluate(
         self,
         effects: tuple[str, ...],
         q: Array,
@@ -109,17 +105,15 @@ class CandidateSearch:
         """Parameters with the held-out logs' own values: the phase of a wave, gains and loads."""
         if self.holdout == self.estimation:
             return q
-        log_parameters = [
+        own = [
             self.model.index[id, parameter_of_log(k), i]
             for id in BY_LOG
             for k in self.logs.validation
             for i in range(self.model.tracks)
             if id in effects
         ]
-        if log_parameters:
-            q = search(self.model, q[None], [log_parameters], self.holdout_data, BUDGET.more_steps)[
-                0
-            ][0]
+        if own:
+            q = search(self.model, q[None], [own], self.holdout_data, BUDGET.more_steps)[0][0]
         for id in effects:
             waves = about(id).waves
             if waves:
@@ -136,18 +130,16 @@ class CandidateSearch:
                 b = self.model.index[id, wave.sine, i]
                 rows[j, a] = q[a] * np.cos(turn) - q[b] * np.sin(turn)
                 rows[j, b] = q[a] * np.sin(turn) + q[b] * np.cos(turn)
-        data = self.holdout_data
-        runs = self.model.run(rows, data)
-        cost = np.sum((data.weight * (data.y - runs)) ** 2, axis=1)
-        return best_tracks(self.model, rows, cost)
+        runs = self.model.run(rows, self.holdout_data)
+        return best_tracks(self.model, rows, self.holdout_data.squared_error(runs))
 
-    def polished(self, candidate: CandidateModel) -> CandidateModel:
+    def polished(self, model: CandidateModel) -> CandidateModel:
         """The candidate model fitted to the end."""
-        q, _ = refined(self.model, candidate.q[None], [candidate.free], self.data, BUDGET.polish)
-        return self.candidate(candidate.effects, q[0], candidate.free, candidate.touched)
+        q, _ = refined(self.model, model.q[None], [model.free], self.data, BUDGET.polish)
+        return self.evaluate(model.effects, q[0], model.free, model.touched)
 
     def candidates(
-        self, candidate: CandidateModel, effects: Sequence[Effect], most: int = BUDGET.shortlist
+        self, model: CandidateModel, effects: Sequence[Effect], most: int = BUDGET.shortlist
     ) -> list[ScoredCandidate]:
         """Every effect added to a candidate model, the most promising fitted in full, most likely
         first.
@@ -155,26 +147,26 @@ class CandidateSearch:
         All starts take a few steps, the best start of each law of an effect some more, and only the
         effects that then lead are fitted to the end, of which each keeps one law.
         """
-        errors = np.nan_to_num(self.data.y - self.model.run(candidate.q, self.data)[0])
+        errors = np.nan_to_num(self.data.y - self.model.run(model.q, self.data)[0])
         now = np.sum((self.data.weight * errors) ** 2, axis=0)
         batch: list[Array] = []
         owners: list[Effect] = []
-        lags = lags_of(self.model, candidate)
+        lags = lags_of(self.model, model)
         for e in effects:
-            if e.id in (*candidate.effects, *candidate.excluded):
+            if e.id in (*model.effects, *model.excluded):
                 continue
             if self.level and e.level:
                 continue
-            for row in starts_of(self.model, e, candidate.q, errors, self.data, not self.core):
+            for row in starts_of(self.model, e, model.q, errors, self.data, not self.core):
                 batch += [row, exchanged(self.model, row, lags)] if lags else [row]
                 owners += [e] * (1 + bool(lags))
         if not batch:
             return []
-        q, cost = self._search(candidate, np.array(batch), owners, BUDGET.first_steps)
+        q, cost = self._search(model, np.array(batch), owners, BUDGET.first_steps)
         core = [k for k, e in enumerate(owners) if e.starts_from is StartsFrom.SIGNS]
         if core:  # a whole core is found anew, from starts far apart
             q[core], cost[core] = self._search(
-                candidate, q[core], [owners[k] for k in core], BUDGET.full_steps
+                model, q[core], [owners[k] for k in core], BUDGET.full_steps
             )
         ways = [(e.id, self._law(e, row)) for e, row in zip(owners, batch, strict=True)]
         # one effect after the other, the laws of each in its own order: the simplest first
@@ -183,33 +175,33 @@ class CandidateSearch:
         rows = [[k for k, w in enumerate(ways) if w == way] for way in groups]
         tried = [owners[r[0]] for r in rows]
         starts = [self._joined(q[r], cost[r], t) for r, t in zip(rows, tried, strict=True)]
-        q, cost = self._search(candidate, np.array(starts), tried, BUDGET.more_steps)
-        kept = self._shortlist(candidate, tried, cost, now, most)
+        q, cost = self._search(model, np.array(starts), tried, BUDGET.more_steps)
+        kept = self._shortlist(model, tried, cost, now, most)
         if not kept:
             return []
         chosen = [tried[k] for k in kept]
-        far = range(BUDGET.leading if candidate.effects else len(kept))
-        full, cost = self._search(candidate, q[kept], chosen, BUDGET.full_steps, far)
-        full = self._from_ties(candidate, full, cost, chosen)
-        models = [self._trimmed(candidate, e, full[k]) for k, e in enumerate(chosen)]
+        far = range(BUDGET.leading if model.effects else len(kept))
+        full, cost = self._search(model, q[kept], chosen, BUDGET.full_steps, far)
+        full = self._from_ties(model, full, cost, chosen)
+        models = [self._trimmed(model, e, full[k]) for k, e in enumerate(chosen)]
         samples = common_samples(models)
         judged = [
             ScoredCandidate(
                 n,
-                self.evidence(candidate, n, len(effects), samples),
-                self.likelihood(candidate, n, samples),
+                self.evidence(model, n, len(effects), samples),
+                self.likelihood(model, n, samples),
             )
             for n in models
         ]
         return sorted(_simplest(judged), key=lambda j: -j.score)
 
     def _shortlist(
-        self, candidate: CandidateModel, tried: Sequence[Effect], cost: Array, now: Array, most: int
+        self, model: CandidateModel, tried: Sequence[Effect], cost: Array, now: Array, most: int
     ) -> list[int]:
         """Which of the effects that took their first steps are fitted in full, the likeliest first.
 
         Args:
-            candidate: what they are added to.
+            model: what they are added to.
             tried: the effects, one law after the other.
             cost: of each, (laws, tracks).
             now: without them, (tracks,).
@@ -219,7 +211,7 @@ class CandidateSearch:
         order = sorted(promising, key=lambda k: float(np.sum(np.log(cost[k] + 1e-300))))
         leading = list(dict.fromkeys(tried[k].id for k in order))
         alike = [t for id in leading[:2] for t in about(id).ties]
-        if not candidate.effects:
+        if not model.effects:
             alike += [tried[k].id for k in promising if tried[k].id in self.stepwise]
         wanted = (*leading[:most], *alike)
         sums = cost.sum(axis=1)
@@ -238,7 +230,7 @@ class CandidateSearch:
 
     def _search(
         self,
-        candidate: CandidateModel,
+        model: CandidateModel,
         q: Array,
         owners: Sequence[Effect],
         steps: int,
@@ -246,17 +238,17 @@ class CandidateSearch:
     ) -> tuple[Array, Array]:
         every = range(self.model.tracks)
         free = [
-            (*candidate.free, *free_parameters(self.model, e, row, every))
+            (*model.free, *free_indices(self.model, e, row, every))
             for e, row in zip(owners, q, strict=True)
         ]
-        if self.stepwise & set(candidate.effects):  # found already, and polished when kept
+        if self.stepwise & set(model.effects):  # found already, and polished when kept
             free = [tuple(k for k in f if not self.model.parameters[k].stepwise) for f in free]
         if steps < BUDGET.full_steps:
             return search(self.model, q, free, self.data, steps, BUDGET.coarse)
         return refined(self.model, q, free, self.data, steps, BUDGET.coarse, unknown)
 
     def _from_ties(
-        self, candidate: CandidateModel, q: Array, cost: Array, chosen: Sequence[Effect]
+        self, model: CandidateModel, q: Array, cost: Array, chosen: Sequence[Effect]
     ) -> Array:
         """Effects that are alike searched once more, each from where the other one ended.
 
@@ -273,7 +265,7 @@ class CandidateSearch:
         starts = []
         for k, j in pairs:
             row = q[j].copy()
-            free = free_parameters(self.model, chosen[k], q[k], range(self.model.tracks))
+            free = free_indices(self.model, chosen[k], q[k], range(self.model.tracks))
             rival_values = {(s.name, s.track): q[j, i] for i, s in self._parameters_of(chosen[j])}
             for i, s in self._parameters_of(chosen[k]):
                 other = rival_values.get((s.name, s.track), q[k, i]) if i in free else q[k, i]
@@ -282,7 +274,7 @@ class CandidateSearch:
                 row[i] = s.null
             starts.append(row)
         again, costs = self._search(
-            candidate, np.array(starts), [chosen[k] for k, _ in pairs], BUDGET.full_steps
+            model, np.array(starts), [chosen[k] for k, _ in pairs], BUDGET.full_steps
         )
         out, least = q.copy(), cost.copy()
         for (k, _), row, c in zip(pairs, again, costs, strict=True):
@@ -301,15 +293,13 @@ class CandidateSearch:
 
     def _trimmed(self, before: CandidateModel, e: Effect, q: Array) -> CandidateModel:
         """The effect kept on the tracks that it serves; the others stay as they were."""
-        free_on = partial(free_parameters, self.model, e, q)
+        free_on = partial(free_indices, self.model, e, q)
         free = (*before.free, *free_on(range(self.model.tracks)))
-        candidate = replace(
-            self.candidate((*before.effects, e.id), q, free), excluded=before.excluded
-        )
+        model = replace(self.evaluate((*before.effects, e.id), q, free), excluded=before.excluded)
         if e.shared or self.model.tracks == 1:
-            return candidate
-        samples = effective_samples(candidate.errors.estimation)
-        (v0, _), (v1, _) = before.errors.mean_squares(), candidate.errors.mean_squares()
+            return model
+        samples = effective_samples(model.errors.estimation)
+        (v0, _), (v1, _) = before.errors.mean_squares(), model.errors.mean_squares()
         cost = len(free_on([0])) * np.log(samples)
         gain = samples * np.log((v0 + 1e-300) / (v1 + 1e-300))
         served = (gain > cost) & (v1 < RULE.own_part * v0)
@@ -317,7 +307,7 @@ class CandidateSearch:
             served &= self._needed_itself(before, e, q, v1)
         served &= beyond_sampling(self.model, e.id, q)
         if served.all() or not served.any():
-            return replace(candidate, touched=served if served.any() else candidate.touched)
+            return replace(model, touched=served if served.any() else model.touched)
         out = q.copy()
         for k, parameter in enumerate(self.model.parameters):
             if parameter.track >= 0 and not served[parameter.track]:
@@ -326,7 +316,7 @@ class CandidateSearch:
         if self.model.coupled(out, free):  # what one track loses, the other feels
             rows, _ = refined(self.model, out[None], [free], self.data, BUDGET.polish)
             out = rows[0]
-        served_model = self.candidate((*before.effects, e.id), out, free, served)
+        served_model = self.evaluate((*before.effects, e.id), out, free, served)
         return replace(served_model, excluded=before.excluded)
 
     def _needed_itself(
@@ -378,20 +368,20 @@ class CandidateSearch:
             self.needed,
         )
 
-    def admissible(self, candidate: CandidateModel) -> bool:
+    def admissible(self, model: CandidateModel) -> bool:
         """Whether the newest effect's parameters are physical (see ``admission``)."""
-        return admissible(self.model, self.origin, candidate)
+        return admissible(self.model, self.origin, model)
 
-    def without(self, candidate: CandidateModel, id: str) -> CandidateModel:
+    def without(self, model: CandidateModel, id: str) -> CandidateModel:
         """The candidate model without one of its effects, fitted again."""
-        q = candidate.q.copy()
+        q = model.q.copy()
         removed = self.model.of(id)
         for k in removed:
             q[k] = self.origin[k]
-        free = tuple(k for k in candidate.free if k not in removed)
-        rest = tuple(i for i in candidate.effects if i != id)
+        free = tuple(k for k in model.free if k not in removed)
+        rest = tuple(i for i in model.effects if i != id)
         refit, _ = refined(self.model, q[None], [free], self.data, BUDGET.polish)
-        return self.candidate(rest, refit[0], free)
+        return self.evaluate(rest, refit[0], free)
 
 
 def _simplest(judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:

@@ -1,15 +1,12 @@
 """Detectable sizes: for each effect the smallest size that the log would have revealed.
 
-An effect of size s would have changed the measurements by Δ(s) = run(q + s) − run(q). What the
-parameters already in the model can follow is projected out, Δ⊥ = Δ − J(JᵀJ)⁻¹JᵀΔ, and without the
-effect in the model Δ⊥ would have stood in the errors on top of the noise e:
+An effect of size s changes the output by Δ(s) = run(q + s) − run(q). The part that the present
+parameters can follow is projected out, Δ⊥ = Δ − J(JᵀJ)⁻¹JᵀΔ, and with the noise e
 
     V₀/V₁ = 1 + ‖Δ⊥‖²/‖e‖²
 
-It would have been revealed where this passes the ``AcceptanceRule``: its ΔBIC on the effective
-sample size, and its share that an error is brought below, on held-out records too (Δ⊥ there with
-the coefficients of the estimation records). Of parameters beside its size the least favourable
-count.
+The effect is detectable where this passes the ``AcceptanceRule`` on estimation and held-out
+records. Of an effect's other parameters the least favourable count.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,6 +19,7 @@ from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.samples import smallest_named
 from sysid.diagnosis.search.evidence import effective_samples
 from sysid.diagnosis.search.forward_selection import ForwardSelection
+from sysid.diagnosis.search.parameter_table import NO_LIMIT
 from sysid.diagnosis.search.selection import CandidateModel
 from sysid.diagnosis.search.sensitivities import sensitivities
 from sysid.effects.base import Effect, EffectParameter
@@ -29,9 +27,6 @@ from sysid.effects.sensor import MOST_SAMPLED
 
 SIZES = 2.2 ** -np.arange(8.0)
 """Severities tried, in units of the greatest that the bounds allow."""
-
-ENDLESS = 100.0
-"""A null value above this stands for infinity: the effect is a limit."""
 
 RUN_AWAY = 1e60
 """A run that leaves all bounds shows its effect: the square of what it is off stays a number."""
@@ -56,7 +51,7 @@ class _Noise:
 
 
 def detectable(
-    search: ForwardSelection, candidate: CandidateModel, ids: Sequence[str]
+    search: ForwardSelection, model: CandidateModel, ids: Sequence[str]
 ) -> dict[str, float | None]:
     """Smallest size of each effect, in the unit of its first parameter.
 
@@ -66,7 +61,7 @@ def detectable(
 
     Args:
         search: the search around the model.
-        candidate: the model that the log is explained with.
+        model: the model that the log is explained with.
         ids: effects that were not found; those that the full model does not hold get None.
     """
     smallest: dict[str, float | None] = dict.fromkeys(ids)
@@ -75,17 +70,15 @@ def detectable(
         e
         for e in search.model.effects
         if e.id in smallest
-        and e.id not in candidate.effects
-        and not set(search.model.of(e.id)) & set(candidate.free)
+        and e.id not in model.effects
+        and not set(search.model.of(e.id)) & set(model.free)
     ]
     if not effects:
         return smallest
-    noise, steep = _noise(candidate), _steepest(search, candidate)
+    noise, steep = _noise(model), _steepest(search, model)
     ways = [(e, start) for e in effects for start in _ways(search, e)]
-    batch = np.array(
-        [_with(search, candidate.q, *way, float(s), steep) for way in ways for s in SIZES]
-    )
-    squares = _unexplained(search, candidate, batch, noise).reshape(2, len(ways), len(SIZES))
+    batch = np.array([_with(search, model.q, *way, float(s), steep) for way in ways for s in SIZES])
+    squares = _unexplained(search, model, batch, noise).reshape(2, len(ways), len(SIZES))
     for e in effects:
         ways_of_effect = [k for k, (other, _) in enumerate(ways) if other is e]
         needed = [
@@ -118,17 +111,17 @@ def _ways(search: ForwardSelection, e: Effect) -> Sequence[Mapping[int, float]]:
     return list({tuple(s[k] for k in others): s for s in reversed(same)}.values())[::-1]
 
 
-def _noise(candidate: CandidateModel) -> _Noise:
-    before, holdout = candidate.errors.mean_squares()
+def _noise(model: CandidateModel) -> _Noise:
+    before, holdout = model.errors.mean_squares()
     weight = 1.0 / np.maximum(np.sqrt(before), 1e-300)
     counts = [
         np.sum(np.isfinite(np.concatenate(p)), axis=0)
-        for p in (candidate.errors.estimation, candidate.errors.holdout)
+        for p in (model.errors.estimation, model.errors.holdout)
     ]
     squares = [
         float(np.sum(v * n * weight**2)) for v, n in zip((before, holdout), counts, strict=True)
     ]
-    effective = float(np.min(effective_samples(candidate.errors.estimation))) * len(weight)
+    effective = float(np.min(effective_samples(model.errors.estimation))) * len(weight)
     return _Noise(weight, (squares[0], squares[1]), effective)
 
 
@@ -142,7 +135,7 @@ def _needed(noise: _Noise, parameters: int, below: float, part: int) -> float:
 
 
 def _unexplained(
-    search: ForwardSelection, candidate: CandidateModel, batch: Array, noise: _Noise
+    search: ForwardSelection, model: CandidateModel, batch: Array, noise: _Noise
 ) -> Array:
     """‖Δ⊥‖² of every item on estimation and held-out records, (2, batch)."""
     squares = []
@@ -151,9 +144,9 @@ def _unexplained(
         data = search.holdout_data if holdout else search.data
         total = sum(data.lengths)
         weight = np.sqrt(data.weight[:total]) * noise.weight
-        J = np.concatenate(sensitivities(search, candidate, holdout)) * weight[:, :, None]
+        J = np.concatenate(sensitivities(search, model, holdout)) * weight[:, :, None]
         J = J.reshape(J.shape[0] * J.shape[1], J.shape[2])
-        base = search.model.run(candidate.q, data)[0]
+        base = search.model.run(model.q, data)[0]
         change = (search.model.run(batch, data) - base)[:, :total] * weight
         flat = np.nan_to_num(change.reshape(len(batch), -1), posinf=0.0, neginf=0.0)
         flat = np.clip(flat, -RUN_AWAY, RUN_AWAY)
@@ -181,12 +174,12 @@ def _smallest(share: Array) -> float | None:
 
 
 def _is_limit(p: EffectParameter) -> bool:
-    return abs(p.null) > ENDLESS
+    return abs(p.null) > NO_LIMIT
 
 
 def _value(null: float, lower: float, upper: float, start: float, severity: float) -> float:
     """Value of a parameter at a severity of 0 (null, or the loosest limit) to 1 (its bound)."""
-    if abs(null) > ENDLESS:
+    if abs(null) > NO_LIMIT:
         if upper > WIDE * lower:
             tightness = 1.0 + np.log(max(severity, 1e-6)) / -np.log(SIZES[-1])
             return float(upper * (1.05 * lower / upper) ** float(np.clip(tightness, 0.0, 1.0)))
@@ -195,22 +188,17 @@ def _value(null: float, lower: float, upper: float, start: float, severity: floa
     return null + 0.98 * severity * (bound - null)
 
 
-def _steepest(search: ForwardSelection, candidate: CandidateModel) -> Array:
+def _steepest(search: ForwardSelection, model: CandidateModel) -> Array:
     """Fastest change of the simulated outputs, (tracks,): a slower fall is a looser freewheel."""
-    run = search.model.run(candidate.q, search.data)[0][: search.data.lengths[0]]
+    run = search.model.run(model.q, search.data)[0][: search.data.lengths[0]]
     return np.asarray(np.max(np.abs(np.diff(run, axis=0)), axis=0, initial=0.0) / search.model.dt)
 
 
-def _upper(search: ForwardSelection, e: Effect, parameter: int, steepest: Array) -> float:
+def _upper(search: ForwardSelection, e: Effect, k: int, steepest: Array) -> float:
     """Loosest value of an effect's size that means anything."""
-    upper, track = (
-        search.model.parameters[parameter].upper,
-        search.model.parameters[parameter].track,
-    )
+    upper, track = (search.model.parameters[k].upper, search.model.parameters[k].track)
     if e.parameters[0].unit == "speed/s" and track >= 0:
-        return float(
-            np.clip(steepest[track], 2.0 * search.model.parameters[parameter].lower, upper)
-        )
+        return float(np.clip(steepest[track], 2.0 * search.model.parameters[k].lower, upper))
     return upper
 
 

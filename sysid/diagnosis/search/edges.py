@@ -53,15 +53,11 @@ def on_levels(
         search: fits the other parameters.
         best_tracks: takes each track's parameters from the item that fits it best.
     """
-    tried = [
-        _moved_together(model, row, free_parameters)
-        for row, free_parameters in zip(q, free, strict=True)
-    ]
+    tried = [_moved_together(model, row, own) for row, own in zip(q, free, strict=True)]
     moved, cost = search(_best(model, tried, data, best_tracks))
     for sign in (1, -1):
         tried = [
-            _moved_alone(model, row, free_parameters, data, sign)
-            for row, free_parameters in zip(moved, free, strict=True)
+            _moved_alone(model, row, own, data, sign) for row, own in zip(moved, free, strict=True)
         ]
         moved, cost = search(_best(model, tried, data, best_tracks))
     return moved, cost
@@ -92,13 +88,11 @@ def _moved_together(model: FullModel, q: Array, free: Sequence[int]) -> Array:
 def _moved_alone(model: FullModel, q: Array, free: Sequence[int], data: Data, sign: int) -> Array:
     """An item with the edges on one side of zero at each of their positions, (rows, parameters)."""
     rows = [q]
-    edges_of_side = [k for k in edges_of(model, free) if model.parameters[k].edge == sign]
-    positions = [
-        _positions(data.drive[:, model.parameters[k].track] * sign, q[k]) for k in edges_of_side
-    ]
+    edges = [k for k in edges_of(model, free) if model.parameters[k].edge == sign]
+    positions = [_positions(data.drive[:, model.parameters[k].track] * sign, q[k]) for k in edges]
     for n in range(max((len(p) for p in positions), default=0)):
         row = q.copy()
-        for k, p in zip(edges_of_side, positions, strict=True):
+        for k, p in zip(edges, positions, strict=True):
             row[k] = _bounded(model, k, p[min(n, len(p) - 1)])
         rows.append(row)
     return np.array(rows)
@@ -140,9 +134,7 @@ def _bounded(model: FullModel, k: int, value: float) -> float:
 
 def _best(model: FullModel, rows: Sequence[Array], data: Data, best_tracks: BestTracks) -> Array:
     """The best row of each item, track by track, (batch, parameters)."""
-    runs = model.run(np.concatenate(rows), data)
-    with np.errstate(over="ignore", invalid="ignore"):
-        cost = np.sum((data.weight * (data.y - runs)) ** 2, axis=1)
+    cost = data.squared_error(model.run(np.concatenate(rows), data))
     ends = np.cumsum([len(item_rows) for item_rows in rows])[:-1]
     parts = zip(rows, np.split(cost, ends), strict=True)
     return np.array([best_tracks(model, *part) for part in parts])

@@ -1,13 +1,9 @@
 """Intervals where the likelihood is ragged, by an affine-invariant ensemble sampler.
 
-The instant of every shock in a gear moves with the gap, the inertia and the friction of the wheel
-together, and each moves the run by a jump; a search from anywhere ends on the next ledge, and so
-does a profile. Walkers need no slope: they propose places on lines through each other (Goodman &
-Weare 2010, Comm. App. Math. Comp. Sci. 5, 65), accept by the likelihood
-
-    ln L = −½ Σ_i n_i ln V_i
-
-within the bounds, and their spread is that of the parameters. All walkers run side by side.
+With backlash each shock jumps with gap, inertia and friction together, so that searches and
+profiles end on the next ledge. Walkers propose positions on lines through each other (Goodman &
+Weare 2010, Comm. App. Math. Comp. Sci. 5, 65) and accept by ln L = −½ Σ_i n_i ln V_i within the
+bounds; their spread is that of the parameters. All walkers run as one batch.
 """
 
 from dataclasses import dataclass

@@ -51,10 +51,8 @@ class Evidence:
     def significant(self) -> bool:
         """Whether the gain is more than chance, however small it is.
 
-        That many effects are tried is seen to elsewhere: no effect is looked for where a model of
-        the errors finds nothing, and the gain must be there again on held-out data. What acts
-        seldom changes few blocks by much, and t stays below 2 however sure they are: there the
-        ranks of the touched blocks decide, and must then pass the correction.
+        Effects that act seldom change few blocks by much, and t stays below 2: there the ranks of
+        the touched blocks decide, corrected for the number of effects tried.
         """
         return self.delta_bic < RULE.bic and (self.t > RULE.t or self.p_value < RULE.p)
 
@@ -173,14 +171,12 @@ def _block_gains(
 
 
 def noise_floor(records: Sequence[Record]) -> Array:
-    """Measurement noise of each output from the data alone, (ny,).
+    """Measurement noise of each output from the data alone, (ny,), at least q/√12 of resolution q.
 
-    Third differences of a smooth signal vanish; divided by √20 (the norm of 1, −3, 3, −1) their
-    spread is the standard deviation of white reading noise. Where the commands rest often enough,
-    only measurements on which no command has just changed count, by their root mean square without
-    outliers; else the median absolute deviation of all of them, which passes over transients as
-    long as they are a minority. Of a sensor slower than the log only fresh measurements count. It
-    is never less than what rounding to the reading's steps q leaves, q/√12.
+    Third differences of a smooth signal vanish; over √20 (the norm of 1, −3, 3, −1) they are white
+    measurement noise. Where commands rest often enough, only samples without a recent change count,
+    by their root mean square without outliers; otherwise the median absolute deviation of all. Of a
+    sensor slower than the log only fresh measurements count.
     """
     slow = refreshes(records)
     if any(slow):

@@ -53,7 +53,7 @@ class ForwardSelection(CandidateSearch):
             needed: the same for the first one.
         """
         say = progress or (lambda text, share: None)
-        required = required or (lambda candidate: self.needed)
+        required = required or (lambda model: self.needed)
         say("trying every effect", 0.0)
         self.origin = base.q
         judged = self.candidates(base, effects)
@@ -62,22 +62,22 @@ class ForwardSelection(CandidateSearch):
         others = [
             j
             for j in passed[1:]
-            if j.id not in passed[0].candidate.excluded and not is_nested_in(passed[0], j)
+            if j.id not in passed[0].model.excluded and not is_nested_in(passed[0], j)
         ]
         beam = passed[:1] + others[: BUDGET.beam - 1]
         if not beam:
             return Selection(base, base, (), self._minor(judged), first)
         minor = self._minor(judged)
-        best, grown_minor = self._grown(base, beam[0].candidate, effects, say, required)
+        best, grown_minor = self._grown(base, beam[0].model, effects, say, required)
         minor = grown_minor if grown_minor is not None else minor
         for rival in beam[1:]:
             # the likeliest first effect may be a stand-in: try the next one where much remains
-            leader_total, rival_total = self._totals(base, (best, rival.candidate))
+            leader_total, rival_total = self._totals(base, (best, rival.model))
             far_ahead = leader_total > BUDGET.far_ahead * rival_total
             if far_ahead or _little_left(base, best) or required(best) < self.needed:
                 break
             say(f"starting from {rival.id} instead", 0.6)
-            other, other_minor = self._grown(base, rival.candidate, effects, say, required)
+            other, other_minor = self._grown(base, rival.model, effects, say, required)
             if self.best_of(base, (best, other)) is other:
                 best, minor = other, other_minor if other_minor is not None else minor
         best = self._with_seen_clip(base, self.polished(best), judged)
@@ -95,78 +95,70 @@ class ForwardSelection(CandidateSearch):
     def _grown(
         self,
         base: CandidateModel,
-        candidate: CandidateModel,
+        model: CandidateModel,
         effects: Sequence[Effect],
         say: Progress,
         required: RequiredRatio,
     ) -> tuple[CandidateModel, tuple[tuple[str, Evidence], ...] | None]:
         """A candidate with effects added one at a time; and what was minor when it grew no more."""
         minor, tidied = None, 1
-        while (
-            len(candidate.effects) < BUDGET.most_effects and (needed := required(candidate)) > 0.0
-        ):
-            if len(candidate.effects) > tidied:
-                tidied = len(candidate.effects)
-                other = self._swapped(base, candidate, effects)
-                if other is not candidate:
-                    candidate = other
+        while len(model.effects) < BUDGET.most_effects and (needed := required(model)) > 0.0:
+            if len(model.effects) > tidied:
+                tidied = len(model.effects)
+                other = self._swapped(base, model, effects)
+                if other is not model:
+                    model = other
                     continue
-            say(f"{', '.join(candidate.effects)}: looking for more", 0.2 * len(candidate.effects))
-            passed, judged = self._next(base, candidate, effects, needed)
+            say(f"{', '.join(model.effects)}: looking for more", 0.2 * len(model.effects))
+            passed, judged = self._next(base, model, effects, needed)
             minor = self._minor(judged)
-            if not passed and (wide := on_more_tracks(self, candidate)) is not None:
+            if not passed and (wide := on_more_tracks(self, model)) is not None:
                 passed, _ = self._next(base, wide, effects, needed)
-            if not passed or self.best_of(base, (candidate, passed[0].candidate)) is candidate:
+            if not passed or self.best_of(base, (model, passed[0].model)) is model:
                 break
-            candidate = passed[0].candidate
-            if self.stepwise & set(
-                candidate.effects[:-1]
-            ):  # held while the newest effect was tried
-                candidate = replace(self.polished(candidate), excluded=candidate.excluded)
-        return candidate, minor
+            model = passed[0].model
+            if self.stepwise & set(model.effects[:-1]):  # held while the newest effect was tried
+                model = replace(self.polished(model), excluded=model.excluded)
+        return model, minor
 
     def _next(
-        self,
-        base: CandidateModel,
-        candidate: CandidateModel,
-        effects: Sequence[Effect],
-        needed: float,
+        self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect], needed: float
     ) -> tuple[list[ScoredCandidate], list[ScoredCandidate]]:
         """Effects that may be added to a candidate, likeliest first, and all that were tried."""
-        judged, beside = beside_either(self, candidate, effects)
+        judged, beside = beside_either(self, model, effects)
         passed = [
             j
             for j in self.passing(judged)
             if j.evidence.ratio < needed or self.unrivalled(beside[j.id], j.id, judged)
         ]
         return [
-            j for j in passed if not self.is_redundant(base, beside[j.id], j.candidate, judged)
+            j for j in passed if not self.is_redundant(base, beside[j.id], j.model, judged)
         ], judged
 
     def _swapped(
-        self, base: CandidateModel, candidate: CandidateModel, effects: Sequence[Effect]
+        self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect]
     ) -> CandidateModel:
         """Try look-alikes of the effects accepted so far: a later one may show one of them wrong.
 
         What could not be distinguished from another at first may be distinguished beside a second
         effect; and so for the laws of one.
         """
-        for id in candidate.effects[:-1]:
+        for id in model.effects[:-1]:
             likely = [
                 e
                 for e in effects
                 if (e.id == id and e.laws)
-                or ((id in e.ties or e.id in about(id).ties) and e.id not in candidate.effects)
+                or ((id in e.ties or e.id in about(id).ties) and e.id not in model.effects)
             ]
             if not likely:
                 continue
-            judged = self.candidates(self.without(candidate, id), likely)
-            fits = [j.candidate for j in judged if self.admissible(j.candidate)]
-            best = self.best_of(base, [candidate, *fits])
-            if best is not candidate and not alike(best.errors, candidate.errors):
-                order = tuple(best.effects[-1] if e == id else e for e in candidate.effects)
-                candidate = replace(best, effects=order, excluded=candidate.excluded)
-        return candidate
+            judged = self.candidates(self.without(model, id), likely)
+            fits = [j.model for j in judged if self.admissible(j.model)]
+            best = self.best_of(base, [model, *fits])
+            if best is not model and not alike(best.errors, model.errors):
+                order = tuple(best.effects[-1] if e == id else e for e in model.effects)
+                model = replace(best, effects=order, excluded=model.excluded)
+        return model
 
     def _with_seen_clip(
         self, base: CandidateModel, best: CandidateModel, judged: Sequence[ScoredCandidate]
@@ -185,11 +177,11 @@ class ForwardSelection(CandidateSearch):
             return best
         q, id = best.q.copy(), seen.id
         for k in self.model.of(id):
-            q[k] = seen.candidate.q[k]
+            q[k] = seen.model.q[k]
         rest = tuple(e for e in best.effects if e != id)
         refit, _ = refined(self.model, q[None], [best.free], data, BUDGET.polish)
-        candidate = self.candidate((id, *rest), refit[0], best.free)
-        return self.best_of(base, (candidate, best))
+        model = self.evaluate((id, *rest), refit[0], best.free)
+        return self.best_of(base, (model, best))
 
     def passing(self, judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
         """Accepted candidates, the most likely first; nearly equal ones by fewest parameters."""
@@ -201,19 +193,15 @@ class ForwardSelection(CandidateSearch):
         close = [
             j
             for j in passed
-            if alike(top.candidate.errors, j.candidate.errors)
+            if alike(top.model.errors, j.model.errors)
             or is_nested_in(j, top)
-            or (
-                j.id in about(top.id).ties
-                and about(top.id).rare
-                and self.tied(top.candidate, j.candidate)
-            )
+            or (j.id in about(top.id).ties and about(top.id).rare and self.tied(top.model, j.model))
         ]
         lead = min(
             close,
             key=lambda j: (
                 about(j.id).couples,  # tracks of their own are simpler than ones that are tied
-                len(j.candidate.free),
+                len(j.model.free),
                 about(j.id).shared,
                 about(j.id).rare,
                 -j.score,
@@ -225,19 +213,16 @@ class ForwardSelection(CandidateSearch):
         ]
 
     def _is_acceptable(self, j: ScoredCandidate) -> bool:
-        return j.evidence.accepted and self.admissible(j.candidate)
+        return j.evidence.accepted and self.admissible(j.model)
 
     def _with_excluded(
-        self, candidate: ScoredCandidate, passed: Sequence[ScoredCandidate]
+        self, scored: ScoredCandidate, passed: Sequence[ScoredCandidate]
     ) -> ScoredCandidate:
         same = tuple(
-            j.id
-            for j in passed
-            if j.id != candidate.id and alike(candidate.candidate.errors, j.candidate.errors)
+            j.id for j in passed if j.id != scored.id and alike(scored.model.errors, j.model.errors)
         )
         return replace(
-            candidate,
-            candidate=replace(candidate.candidate, excluded=(*candidate.candidate.excluded, *same)),
+            scored, model=replace(scored.model, excluded=(*scored.model.excluded, *same))
         )
 
     def _minor(self, judged: Sequence[ScoredCandidate]) -> tuple[tuple[str, Evidence], ...]:
@@ -246,7 +231,7 @@ class ForwardSelection(CandidateSearch):
             for j in judged
             if j.evidence.significant
             and self.needed <= j.evidence.ratio < RULE.minor
-            and self.admissible(j.candidate)
+            and self.admissible(j.model)
         )
 
     def best_of(self, base: CandidateModel, models: Sequence[CandidateModel]) -> CandidateModel:
@@ -260,19 +245,19 @@ class ForwardSelection(CandidateSearch):
         return [self.likelihood(base, n, samples) for n in models]
 
     def pruned(
-        self, base: CandidateModel, candidate: CandidateModel, effects: Sequence[Effect]
+        self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect]
     ) -> CandidateModel:
         """Drop effects that the others have made needless; ``effects`` are those to try."""
-        while len(candidate.effects) > 1:
-            rests = [self.without(candidate, id) for id in candidate.effects]
+        while len(model.effects) > 1:
+            rests = [self.without(model, id) for id in model.effects]
             best = self.best_of(base, rests)
-            whole = self._beside(candidate, best)
+            whole = self._beside(model, best)
             evidence = self.evidence(best, whole, 1)
             needed = evidence.significant and evidence.ratio < RULE.own_part
             if needed and not self.is_redundant(base, best, whole, effects):
                 break
-            candidate = best
-        return candidate
+            model = best
+        return model
 
     def is_redundant(
         self,
@@ -283,10 +268,9 @@ class ForwardSelection(CandidateSearch):
     ) -> bool:
         """Whether the newest effect is redundant: it only corrects the laws of others.
 
-        No formula is all of a machine, and what one leaves looks in part like its look-alikes; what
-        two leave may look like anything. So a look-alike that takes little of the gap is none of
-        its own, nor is one that takes a part of it and leaves more; nor is a third effect that
-        takes less than a minor share, unless that is most of what the others leave or it has no
+        What one law leaves looks partly like its look-alikes, and what two leave like anything. So
+        a look-alike that takes little of the gap is redundant, and one that takes less than it
+        leaves; and a third effect with a minor share, unless it takes most of the rest or has no
         rivals.
 
         Args:
@@ -326,29 +310,25 @@ class ForwardSelection(CandidateSearch):
     def account(
         self,
         base: CandidateModel,
-        candidate: CandidateModel,
+        model: CandidateModel,
         effects: Sequence[Effect],
         first: Sequence[ScoredCandidate],
     ) -> tuple[SelectedEffect, ...]:
         """Each accepted effect against the model without it, and what ties with it there."""
         selected = []
-        for id in candidate.effects:
+        for id in model.effects:
             rest = base
-            if len(candidate.effects) == 1:
+            if len(model.effects) == 1:
                 judged: Sequence[ScoredCandidate] = first
                 # one that swapping or pruning has left alone may not be among the first candidates
                 first_candidate = next((j for j in first if j.id == id), None)
-                in_place = first_candidate or self._in_place(candidate, base, first, len(effects))
+                in_place = first_candidate or self._in_place(model, base, first, len(effects))
             else:
-                likely = (id, *about(id).ties, *(j.id for j in first[:4]))
-                others = [
-                    e
-                    for e in effects
-                    if e.id == id or (e.id in likely and e.id not in candidate.effects)
-                ]
-                rest = self.without(candidate, id)
+                likely = {*about(id).ties, *(j.id for j in first[:4])} - {*model.effects} | {id}
+                others = [e for e in effects if e.id in likely]
+                rest = self.without(model, id)
                 judged = self.candidates(rest, others, most=4)
-                in_place = self._in_place(candidate, rest, judged, len(effects))
+                in_place = self._in_place(model, rest, judged, len(effects))
                 judged = self._as_far(in_place, judged)
             ties = tuple(
                 j.id
@@ -356,16 +336,12 @@ class ForwardSelection(CandidateSearch):
                 if j.id != id
                 and j.evidence.accepted
                 and j.id not in NOT_NAMED  # what is the same in all logs is a case of it
-                and self.admissible(j.candidate)
-                and self.tied(in_place.candidate, j.candidate)
+                and self.admissible(j.model)
+                and self.tied(in_place.model, j.model)
             )
-            rivals = {id: in_place.candidate} | {
-                j.id: j.candidate for j in judged if j.id in (id, *ties)
-            }
+            rivals = {id: in_place.model} | {j.id: j.model for j in judged if j.id in (id, *ties)}
             selected.append(
-                SelectedEffect(
-                    id, in_place.evidence, ties, in_place.candidate.touched, rivals, rest
-                )
+                SelectedEffect(id, in_place.evidence, ties, in_place.model.touched, rivals, rest)
             )
         return tuple(selected)
 
@@ -382,24 +358,21 @@ class ForwardSelection(CandidateSearch):
             return judged
 
         def behind(j: ScoredCandidate) -> bool:
-            same = j.id in about(in_place.id).ties and self.tied(anew.candidate, j.candidate)
-            return same and not self.tied(in_place.candidate, j.candidate)
+            same = j.id in about(in_place.id).ties and self.tied(anew.model, j.model)
+            return same and not self.tied(in_place.model, j.model)
 
         return [self._instead(in_place, j) if behind(j) else j for j in judged]
 
     def _instead(self, in_place: ScoredCandidate, rival: ScoredCandidate) -> ScoredCandidate:
         """The rival with the other effects as fitted beside the one in place, if that fits."""
-        q = in_place.candidate.q.copy()
-        own_indices, rival_indices = self.model.of(in_place.id), self.model.of(rival.id)
-        q[list(own_indices)], q[list(rival_indices)] = (
-            self.origin[list(own_indices)],
-            rival.candidate.q[list(rival_indices)],
-        )
-        kept = [k for k in in_place.candidate.free if k not in own_indices]
-        free = tuple(sorted({*kept, *(k for k in rival.candidate.free if k in rival_indices)}))
-        moved = self.polished(replace(rival.candidate, q=q, free=free))
-        moved = replace(moved, excluded=rival.candidate.excluded)
-        return replace(rival, candidate=self.best_of(rival.candidate, (rival.candidate, moved)))
+        q = in_place.model.q.copy()
+        own, others = list(self.model.of(in_place.id)), list(self.model.of(rival.id))
+        q[own], q[others] = self.origin[own], rival.model.q[others]
+        kept = [k for k in in_place.model.free if k not in own]
+        free = tuple(sorted({*kept, *(k for k in rival.model.free if k in others)}))
+        moved = self.polished(replace(rival.model, q=q, free=free))
+        moved = replace(moved, excluded=rival.model.excluded)
+        return replace(rival, model=self.best_of(rival.model, (rival.model, moved)))
 
     def tied(self, best: CandidateModel, other: CandidateModel) -> bool:
         """Whether no log can distinguish two models."""
@@ -411,30 +384,28 @@ class ForwardSelection(CandidateSearch):
         minor = ((id, gone.evidence), *(m for m in selection.minor if m[0] != id))
         if len(selection.selected) == 1:
             return replace(selection, final=selection.base, selected=(), minor=minor, intervals={})
-        candidate = self.without(selection.final, id)
-        selected = self.account(selection.base, candidate, self.model.effects, ())
-        return replace(selection, final=candidate, selected=selected, minor=minor, intervals={})
+        model = self.without(selection.final, id)
+        selected = self.account(selection.base, model, self.model.effects, ())
+        return replace(selection, final=model, selected=selected, minor=minor, intervals={})
 
-    def _beside(self, candidate: CandidateModel, rest: CandidateModel) -> CandidateModel:
+    def _beside(self, model: CandidateModel, rest: CandidateModel) -> CandidateModel:
         """The candidate with the effect that ``rest`` lacks last, and the tracks it acts on."""
-        (id,) = set(candidate.effects) - set(rest.effects)
-        at = [
-            self.model.parameters[k].track for k in self.model.of(id) if candidate.q[k] != rest.q[k]
-        ]
+        (id,) = set(model.effects) - set(rest.effects)
+        at = [self.model.parameters[k].track for k in self.model.of(id) if model.q[k] != rest.q[k]]
         touched = np.array([i in at or -1 in at for i in range(self.model.tracks)])
-        return replace(candidate, effects=(*rest.effects, id), touched=touched)
+        return replace(model, effects=(*rest.effects, id), touched=touched)
 
     def _unsound(
-        self, candidate: CandidateModel, selected: Sequence[SelectedEffect]
+        self, model: CandidateModel, selected: Sequence[SelectedEffect]
     ) -> list[SelectedEffect]:
         """Effects to reject: all where a gain is chance, else delays that have shrunk."""
         if not all(n.evidence.significant for n in selected):
             return list(selected)
-        return [n for n in selected if not beyond_sampling(self.model, n.id, candidate.q).any()]
+        return [n for n in selected if not beyond_sampling(self.model, n.id, model.q).any()]
 
     def _in_place(
         self,
-        candidate: CandidateModel,
+        model: CandidateModel,
         rest: CandidateModel,
         judged: Sequence[ScoredCandidate],
         tried: int,
@@ -443,20 +414,20 @@ class ForwardSelection(CandidateSearch):
 
         Found anew where that explains more; a search from nothing may not find it at all.
         """
-        whole = self._beside(candidate, rest)
+        whole = self._beside(model, rest)
         anew = [j for j in judged if j.id == whole.effects[-1]]
-        samples = common_samples([whole, *(j.candidate for j in anew)])
+        samples = common_samples([whole, *(j.model for j in anew)])
         score = self.likelihood(rest, whole, samples)
-        if anew and self.likelihood(rest, anew[0].candidate, samples) >= score:
+        if anew and self.likelihood(rest, anew[0].model, samples) >= score:
             return anew[0]
         return ScoredCandidate(whole, self.evidence(rest, whole, tried, samples), score)
 
 
-def is_nested_in(candidate: ScoredCandidate, other: ScoredCandidate) -> bool:
+def is_nested_in(scored: ScoredCandidate, other: ScoredCandidate) -> bool:
     """Whether the law of an effect is a case of another's that closes hardly more of the gap."""
-    more = candidate.evidence.ratio**2 - other.evidence.ratio**2
+    more = scored.evidence.ratio**2 - other.evidence.ratio**2
     enough = RULE.redundant * (1.0 - other.evidence.ratio**2)
-    return candidate.id in about(other.id).contains and more < enough
+    return scored.id in about(other.id).contains and more < enough
 
 
 def _little_left(base: CandidateModel, best: CandidateModel) -> bool:

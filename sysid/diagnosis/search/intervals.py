@@ -1,15 +1,13 @@
-"""Intervals of an effect's parameters by profile likelihood: slopes say nothing where a run jumps.
+"""Likelihood intervals of parameters for which gradients give no standard error.
 
-A dead zone's edge moves no sample until it passes a command; a gap's width moves the instant of a
-shock. The error is then a staircase in the parameter, its slope is zero or anything, and σ²(JᵀJ)⁻¹
-with it. So the parameter is held at values around its estimate, all others are fitted again, and
+At the edge of a dead zone or a gap the error is a staircase in the parameter, and σ²(JᵀJ)⁻¹ is
+meaningless. So the parameter is fixed at values around its estimate, all others are refitted, and
 the interval holds the values with
 
     Σ_i n_i ln(V_i/V_i⁰) ≤ c
 
-V_i the mean squared error of output i, n_i the samples that its coloured errors are worth. c is the
-95 % point of the likelihood ratio: χ² with one degree of freedom, or, for parameters at which the
-run itself jumps, that of a threshold (Hansen 2000, Econometrica 68, 575: 7.35).
+V_i the mean squared error of output i, n_i its effective samples. c is the 95 % point of χ² with
+one degree of freedom or, where the run jumps, of a threshold (Hansen 2000, Econometrica 68, 575).
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,8 +21,9 @@ from sysid.diagnosis.search.batched_search import refined, search
 from sysid.diagnosis.search.ensemble_sampler import EnsembleResult, sample_ensemble
 from sysid.diagnosis.search.evidence import effective_samples
 from sysid.diagnosis.search.forward_selection import ForwardSelection
+from sysid.diagnosis.search.parameter_table import NO_LIMIT
 from sysid.diagnosis.search.selection import CandidateModel, Interval
-from sysid.effects.catalogue import CHANGED, about, effect
+from sysid.effects.catalogue import about
 from sysid.fitting.profile import LEVEL, NORMAL, End
 
 THRESHOLD = 7.35
@@ -45,9 +44,6 @@ LOWER = 0.5
 
 REPEATS = 2
 """So many times at most the estimate moves to a better one."""
-
-ENDLESS = 100.0
-"""A null value beyond this stands for no limit at all."""
 
 UNCERTAIN = 4.0
 """A parameter that slopes put fewer standard errors away from doing nothing is asked the
@@ -110,11 +106,7 @@ def _ragged(
 ) -> tuple[int, ...]:
     """Slots of a track with an effect whose likelihood no search descends: beside it none does."""
     model = base.model
-    rough = {
-        model.parameters[k].track
-        for k in parameters
-        if any(p.stepwise for p in effect(model.parameters[k].owner).parameters)
-    }
+    rough = {p.track for p in (model.parameters[k] for k in parameters) if p.rough}
     together = bool(rough) and (-1 in rough or model.joined(candidate.q, candidate.free))
     return tuple(k for k in parameters if together or model.parameters[k].track in rough)
 
@@ -123,14 +115,9 @@ def _profiled(
     base: ForwardSelection, candidate: CandidateModel, uncertain: Sequence[int]
 ) -> tuple[int, ...]:
     """Free parameters in which a run has jumps or kinks, and the uncertain ones."""
-    profiled = []
-    for k in candidate.free:
-        parameter = base.model.parameters[k]
-        if parameter.owner in candidate.effects and parameter.owner != CHANGED.id:
-            (p,) = (p for p in effect(parameter.owner).parameters if p.name == parameter.name)
-            if p.kinks or p.stepwise or p.jumps or k in uncertain:
-                profiled.append(k)
-    return tuple(profiled)
+    every = base.model.parameters
+    own = [k for k in candidate.free if every[k].owner in candidate.effects]
+    return tuple(k for k in own if every[k].without_gradient or k in uncertain)
 
 
 class _Walk:
@@ -158,9 +145,7 @@ class _Walk:
         self.batch = [(tuple(group), side) for group in names.values() for side in (-1.0, 1.0)]
 
     def _cost(self, rows: Array) -> Array:
-        data = self.base.data
-        runs = self.model.run(rows, data)
-        return np.asarray(np.sum((data.weight * (data.y - runs)) ** 2, axis=1))
+        return self.base.data.squared_error(self.model.run(rows, self.base.data))
 
     def _seen(self, parameters: Sequence[int]) -> list[int]:
         """Slots on which the run depends anywhere between their bounds and null values."""
@@ -175,16 +160,13 @@ class _Walk:
                 rows.append(row)
         data = self.base.data
         runs = self.model.run(np.array(rows), data) * (data.weight > 0.0)
-        reference = self.model.run(self.candidate.q, data)[0] * (data.weight > 0.0)
-        size = np.max(np.abs(reference)) + 1e-300
-        apart = np.max(np.abs(np.nan_to_num(runs - reference)), axis=(1, 2)).reshape(
-            len(parameters), -1
-        )
+        here = self.model.run(self.candidate.q, data)[0] * (data.weight > 0.0)
+        size = np.max(np.abs(here)) + 1e-300
+        apart = np.max(np.abs(np.nan_to_num(runs - here)), axis=(1, 2)).reshape(len(parameters), -1)
         return [k for k, a in zip(parameters, apart, strict=True) if np.max(a) > SAME_RUN * size]
 
     def _level(self, k: int) -> float:
-        s = self.model.parameters[k]
-        (p,) = (p for p in effect(s.owner).parameters if p.name == s.name)
+        p = self.model.parameters[k]
         return THRESHOLD if p.jumps or p.stepwise else LEVEL
 
     def intervals(self) -> dict[int, Interval]:
@@ -216,8 +198,8 @@ class _Walk:
     def _closed(self, k: int, low: float | None, high: float | None) -> Interval:
         """Open ends become the bounds; towards a null value at infinity they stay open."""
         s = self.model.parameters[k]
-        low = low if low is not None or s.null < -ENDLESS else s.lower
-        high = high if high is not None or s.null > ENDLESS else s.upper
+        low = low if low is not None or s.null < -NO_LIMIT else s.lower
+        high = high if high is not None or s.null > NO_LIMIT else s.upper
         return Interval(low, high)
 
     def _tried(
@@ -230,17 +212,17 @@ class _Walk:
             open_ends: ends of each item.
             rows: the outermost fit of each item within its interval; moved outwards.
         """
-        at = [i for i, moved in enumerate(open_ends) if moved]
-        fixed, free = [], []
+        at = [i for i, own in enumerate(open_ends) if own]
+        trials, free = [], []
         for i in at:
             group, side = self.batch[i]
             row = rows[i].copy()
             for k, end in open_ends[i].items():
                 row[k] = self.candidate.q[k] + side * (end.distance or 0.0)
-            fixed.append(row)
+            trials.append(row)
             free.append(tuple(k for k in self.candidate.free if k not in group))
         fitted, cost = search(
-            self.model, np.array(fixed), free, self.base.data, FITTED, BUDGET.coarse
+            self.model, np.array(trials), free, self.base.data, FITTED, BUDGET.coarse
         )
         ratio = self.samples * np.log((cost + 1e-300) / (self.cost + 1e-300))
         new_ends: dict[int, dict[int, End]] = {i: {} for i in at}
@@ -252,10 +234,10 @@ class _Walk:
                 self._remember(row, change, None if whole else track)
                 new_ends[i][k] = end.with_rise(rise)
                 if rise <= end.level:
-                    moved = [
+                    own = [
                         j for j, s in enumerate(self.model.parameters) if whole or s.track == track
                     ]
-                    rows[i][moved] = row[moved]
+                    rows[i][own] = row[own]
         return new_ends
 
     def _remember(self, row: Array, change: Array, track: int | None) -> None:
@@ -284,7 +266,7 @@ class _Walk:
         )
         if not np.sum(self.samples * np.log((cost[0] + 1e-300) / (self.cost + 1e-300))) < -LOWER:
             return None
-        better = self.base.candidate(
+        better = self.base.evaluate(
             self.candidate.effects, q[0], self.candidate.free, self.candidate.touched
         )
         return replace(better, excluded=self.candidate.excluded)

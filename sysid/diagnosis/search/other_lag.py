@@ -19,7 +19,7 @@ CLEARLY = 10.0
 
 
 def beside_either(
-    search: CandidateSearch, candidate: CandidateModel, effects: Sequence[Effect]
+    search: CandidateSearch, model: CandidateModel, effects: Sequence[Effect]
 ) -> tuple[list[ScoredCandidate], dict[str, CandidateModel]]:
     """Effects tried on a candidate model, and on the one with the other lag where there is one.
 
@@ -27,22 +27,18 @@ def beside_either(
         (each effect where it explains more, the most likely first; the candidate model it was tried
         on, by id).
     """
-    judged = search.candidates(candidate, effects)
-    other = with_other_lag(search, candidate)
+    judged = search.candidates(model, effects)
+    other = with_other_lag(search, model)
     if other is None:
-        return judged, {j.id: candidate for j in judged}
-    tried = [(candidate, j) for j in judged] + [
-        (other, j) for j in search.candidates(other, effects)
-    ]
+        return judged, {j.id: model for j in judged}
+    tried = [(model, j) for j in judged] + [(other, j) for j in search.candidates(other, effects)]
     if not tried:
         return [], {}
-    samples = common_samples([j.candidate for _, j in tried])
+    samples = common_samples([j.model for _, j in tried])
     best: dict[str, tuple[CandidateModel, ScoredCandidate]] = {}
     for rest, j in tried:
-        evidence = search.evidence(rest, j.candidate, len(effects), samples)
-        scored = ScoredCandidate(
-            j.candidate, evidence, search.likelihood(rest, j.candidate, samples)
-        )
+        evidence = search.evidence(rest, j.model, len(effects), samples)
+        scored = ScoredCandidate(j.model, evidence, search.likelihood(rest, j.model, samples))
         if j.id not in best or scored.score > best[j.id][1].score + CLEARLY:
             best[j.id] = rest, scored
     ordered = sorted(best.values(), key=lambda b: -b[1].score)
@@ -74,4 +70,4 @@ def with_other_lag(search: CandidateSearch, candidate: CandidateModel) -> Candid
     free = tuple(sorted(moved.get(k, k) for k in candidate.free))
     effects = (*candidate.effects[:-1], other)
     excluded = tuple(newest if id == other else id for id in candidate.excluded)
-    return replace(search.candidate(effects, q, free, candidate.touched), excluded=excluded)
+    return replace(search.evaluate(effects, q, free, candidate.touched), excluded=excluded)

@@ -15,6 +15,9 @@ SHIFT, WIDE_SHIFT = 1e-5, 0.03
 """Shift of a parameter for its slope, in units of its typical size; the second for effects with
 which runs change by jumps: wide enough to hold some of them."""
 
+NO_LIMIT = 100.0
+"""A null value beyond this stands for no limit at all."""
+
 
 @dataclass(frozen=True)
 class ModelParameter:
@@ -29,7 +32,7 @@ class ModelParameter:
         scale: typical size, for the solver.
         stepwise: whether runs change with it by jumps.
         rough: whether it belongs to an effect that has such a parameter.
-        jumps: whether the run itself jumps where a sample passes it.
+        kinks, jumps: whether the run has a kink, or jumps, where a sample passes it.
         edge: +1 or −1 for an edge on the axis of the command, upward or downward.
     """
 
@@ -42,8 +45,14 @@ class ModelParameter:
     scale: float
     stepwise: bool = False
     rough: bool = False
+    kinks: bool = False
     jumps: bool = False
     edge: int = 0
+
+    @property
+    def without_gradient(self) -> bool:
+        """Whether gradients give no standard error of it."""
+        return self.kinks or self.stepwise or self.jumps
 
     @property
     def shift(self) -> float:
@@ -97,7 +106,7 @@ class ParameterTable:
         null = p.null * (v if p.scaled_by == "speed" and 0.0 < abs(p.null) < 1e3 else 1.0)
         size = max(abs(s) for s in p.starts) or 0.1
         bounds = (p.lower * factor, p.upper * factor)
-        kind = (p.stepwise, rough, p.jumps, p.edge)
+        kind = (p.stepwise, rough, p.kinks, p.jumps, p.edge)
         return ModelParameter(id, p.name, track, null, *bounds, size * factor, *kind)
 
     @property

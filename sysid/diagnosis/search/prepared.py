@@ -16,6 +16,9 @@ LENGTHS = (512, 1024, 1536, 2048, 3072, 4096, 5120, 6144, 8192)
 """Records are padded to one of these (then to multiples of the last), so that one compilation
 serves many logs."""
 
+OVERFLOW = 1e300
+"""A cost beyond this is infinite: sums of several would overflow."""
+
 
 @dataclass(frozen=True, eq=False)
 class Data:
@@ -54,6 +57,12 @@ class Data:
 
         names = ("drive", "y", "moving", "counted", "t", "reset", "first", "log")
         return {name: jax_module().device_put(getattr(self, name)) for name in names}
+
+    def squared_error(self, runs: Array) -> Array:
+        """Weighted squared error of runs (…, M, tracks), (…, tracks); infinite on overflow."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            sums = np.sum((self.weight * (self.y - runs)) ** 2, axis=-2)
+        return np.where(sums < OVERFLOW, sums, np.inf)
 
     def split(self, whole: Array) -> tuple[Array, ...]:
         """Rows of each record of an array (M, …)."""
@@ -97,9 +106,7 @@ def prepare(
     lengths = tuple(len(r) for r in records)
     begins = [np.where(b == d[0], 1.0, 0.0) for b, d in zip(before, drive, strict=True)]
     total = sum(lengths)
-    first = np.concatenate(
-        [np.full(n, at) for n, at in zip(lengths, _starts(lengths), strict=True)]
-    )
+    first = np.concatenate([np.full(n, k) for n, k in zip(lengths, _starts(lengths), strict=True)])
     reset = np.zeros(total)
     reset[_starts(lengths)] = 1.0
     weight = [np.ones(r.y.shape) for r in records] if weights is None else list(weights)

@@ -1,11 +1,8 @@
 """Simulations of the full model: items of a batch with the same acting effects share one.
 
-An effect at its null value costs as much as one that acts. With all of the catalogue a step takes
-thirty times as long as with one effect, while most items hold one or two. So items are parted by
-the effects that act in them, rounded up to groups so that few simulations are compiled. Effects of
-what is read that are computed for a whole record at once, and effects of the command that look at
-one sample of it only, cost next to nothing and are in all of them: beside a dead zone all others
-are tried with the simulations that were compiled to try them alone.
+A step with the whole catalogue takes thirty times as long as with one effect, while most items hold
+one or two. So items are grouped by their acting effects, rounded up so that few simulations are
+compiled. Effects that need no stepping cost almost nothing and are in all of them.
 """
 
 import os
@@ -93,9 +90,7 @@ class Runs:
     def _calls(self, q: Array) -> list[Call]:
         """Items of a batch parted by what acts in them."""
         acts = q != self.table.null
-        needed = np.array(
-            [acts[:, parameters].any(axis=1) for parameters in self._group_masks], dtype=bool
-        )
+        needed = np.array([acts[:, mask].any(axis=1) for mask in self._group_masks], dtype=bool)
         sets, of = np.unique(needed.reshape(-1, len(q)).T, axis=0, return_inverse=True)
         calls = []
         for k, acting in enumerate(sets.tolist()):

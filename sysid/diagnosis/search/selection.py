@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.diagnosis.search.evidence import Evidence
+from sysid.effects.catalogue import NOT_NAMED
 from sysid.fitting.holdout import Errors
 from sysid.fitting.profile import NORMAL
 
@@ -124,6 +125,11 @@ class Selection:
     candidates: tuple[tuple[str, float], ...]
     intervals: Mapping[int, Interval] = field(default_factory=dict)
 
+    @property
+    def effects(self) -> tuple[SelectedEffect, ...]:
+        """The selected effects, without what only differs between logs."""
+        return tuple(n for n in self.selected if n.id not in NOT_NAMED)
+
 
 def moved_to_base(selection: Selection, id: str, base: CandidateModel) -> Selection:
     """An effect that belongs to the base, which is fitted with it, instead of being named."""
@@ -154,11 +160,11 @@ def moved_to_base(selection: Selection, id: str, base: CandidateModel) -> Select
 class ScoredCandidate:
     """A candidate with its evidence and score."""
 
-    candidate: CandidateModel
+    model: CandidateModel
     evidence: Evidence
     score: float
 
     @property
     def id(self) -> str:
         """The newest effect."""
-        return self.candidate.effects[-1]
+        return self.model.effects[-1]

@@ -8,26 +8,22 @@ from sysid.diagnosis.search.selection import CandidateModel
 
 
 def sensitivities(
-    search: ForwardSelection, candidate: CandidateModel, holdout: bool = False
+    search: ForwardSelection, at: CandidateModel, holdout: bool = False
 ) -> tuple[Array, ...]:
     """∂ŷ/∂q over the free parameters of a candidate model, (N, ny, n) a record, by forward
     differences.
 
     Args:
         search: the search around the model.
-        candidate: where the slopes are taken.
+        at: where the slopes are taken.
         holdout: on the held-out records instead of the estimation records.
     """
     model, data = search.model, search.holdout_data if holdout else search.data
-    batch = np.repeat(candidate.q[None], len(candidate.free) + 1, axis=0)
+    batch = np.repeat(at.q[None], len(at.free) + 1, axis=0)
     shifts = []
-    for row, k in enumerate(candidate.free, start=1):
-        parameter = model.parameters[k]
-        shift = (
-            -parameter.shift
-            if candidate.q[k] + parameter.shift > parameter.upper
-            else parameter.shift
-        )
+    for row, k in enumerate(at.free, start=1):
+        p = model.parameters[k]
+        shift = -p.shift if at.q[k] + p.shift > p.upper else p.shift
         batch[row, k] += shift
         shifts.append(shift)
     runs = model.run(batch, data)

@@ -218,9 +218,9 @@ def _from_pile_up(model: FullModel, e: Effect, q: Array, data: Data) -> list[Arr
         return []
     row = q.copy()
     for i, level in enumerate(levels):
-        parameter = model.index[e.id, e.parameters[0].name, i]
+        p = model.index[e.id, e.parameters[0].name, i]
         if np.isfinite(level):
-            row[parameter] = min(level, model.parameters[parameter].upper)
+            row[p] = min(level, model.parameters[p].upper)
     return [row, _stronger(model, row), _stronger(model, row, 1.8)]
 
 
@@ -318,16 +318,14 @@ class _Seen:
         self.factor = run if wave.of_speed else np.ones_like(run)
         self.weight = data.weight[:, i]
 
-    def lines(self, angle: Array, errors: Array, parameter: ModelParameter) -> list[float]:
+    def lines(self, angle: Array, errors: Array, p: ModelParameter) -> list[float]:
         """The strongest waves a rad."""
         at = errors * self.weight
         if self.torque:  # the torque that the errors ask for, a sample before
             at = np.append(lfilter(self.a, [1.0], at)[1:], 0.0) * self.weight
-        lines, whole = over_angle(angle, at * self.factor, parameter.upper)
+        lines, whole = over_angle(angle, at * self.factor, p.upper)
         span = float(np.ptp(angle))
-        return strongest_lines(
-            lines, np.abs(whole), (parameter.lower, parameter.upper), span, RANKS
-        )
+        return strongest_lines(lines, np.abs(whole), (p.lower, p.upper), span, RANKS)
 
     def fitted(self, phase: Array, errors: Array) -> tuple[float, float]:
         """Cosine and sine of a wave by least squares; none where the core's motion has no end."""
@@ -341,9 +339,7 @@ class _Seen:
         return float(cosine), float(sine)
 
 
-def free_parameters(
-    model: FullModel, e: Effect, q: Array, tracks: Sequence[int]
-) -> tuple[int, ...]:
+def free_indices(model: FullModel, e: Effect, q: Array, tracks: Sequence[int]) -> tuple[int, ...]:
     """Slots of an effect that a search moves on some of the tracks, by the law that ``q`` chose."""
     # a changed parameter has none of its own: it moves the core's
     fixed = {p.name for p in e.parameters}.difference(e.searched(model.chosen(e, q)))

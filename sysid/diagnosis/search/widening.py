@@ -8,7 +8,7 @@ from sysid.diagnosis.policies import BUDGET, VERDICT
 from sysid.diagnosis.search.batched_search import refined
 from sysid.diagnosis.search.candidates import CandidateSearch
 from sysid.diagnosis.search.selection import CandidateModel
-from sysid.diagnosis.search.starts import free_parameters
+from sysid.diagnosis.search.starts import free_indices
 from sysid.effects.catalogue import about
 
 
@@ -33,22 +33,22 @@ def on_more_tracks(search: CandidateSearch, candidate: CandidateModel) -> Candid
         e = about(id)
         if e.shared or e.couples:
             continue
-        of_track = [
+        each = [
             [k for k in model.of(id) if model.parameters[k].track == i] for i in range(model.tracks)
         ]
-        serves = [bool(set(parameters) & set(candidate.free)) for parameters in of_track]
+        serves = [bool(set(parameters) & set(candidate.free)) for parameters in each]
         for i in range(model.tracks):
             if serves[i] or not above_noise[i] or not any(serves):
                 continue
             like = serves.index(True)
-            for k, other in zip(of_track[i], of_track[like], strict=True):
+            for k, other in zip(each[i], each[like], strict=True):
                 parameter, like_parameter = model.parameters[k], model.parameters[other]
                 value = candidate.q[other] * parameter.scale / like_parameter.scale
                 q[k] = float(np.clip(value, parameter.lower, parameter.upper))
-            free += free_parameters(model, e, q, [i])
+            free += free_indices(model, e, q, [i])
             touched[i] = True
     if len(free) == len(candidate.free):
         return None
     refit, _ = refined(model, q[None], [free], search.data, BUDGET.polish)
-    wide = search.candidate(candidate.effects, refit[0], free, touched)
+    wide = search.evaluate(candidate.effects, refit[0], free, touched)
     return replace(wide, excluded=candidate.excluded)

@@ -28,7 +28,7 @@ from sysid.diagnosis.several_logs import (
 )
 from sysid.diagnosis.validation.acceptance import final_evidence
 from sysid.effects.by_log import BY_LOG, GAIN_BY_LOG, parameter_of_log
-from sysid.effects.catalogue import CHANGED, NOT_NAMED, about
+from sysid.effects.catalogue import CHANGED, about
 from sysid.fitting.profile import NORMAL
 
 SEEN = 3.0
@@ -51,7 +51,7 @@ def several_logs(session: DiagnosisSession, selection: Selection) -> SeveralLogs
     if len(base.search.logs.names) < 2:
         return SeveralLogs()
     fits = fits_of_logs(base, selection)
-    named = [n for n in selection.selected if n.id not in NOT_NAMED]
+    named = selection.effects
     views = tuple(_view(base, selection, named, f) for f in fits)
     differences = tuple(
         _difference(session, selection, n) for n in selection.selected if n.id in BY_LOG
@@ -79,13 +79,11 @@ def _view(
 
 def _shown(base: Base, selection: Selection, n: SelectedEffect, fit: LogFit) -> LogEffect:
     """What a log shows of an effect, by its parameters and its errors with and without it."""
-    model, candidate = base.search.model, selection.final
-    of_effect = [] if n.id == CHANGED.id else [k for k in model.of(n.id) if k in candidate.free]
+    model, final = base.search.model, selection.final
+    of_effect = [] if n.id == CHANGED.id else [k for k in model.of(n.id) if k in final.free]
     known = [k for k in of_effect if k in fit.std_errors]
     away = [abs(fit.q[k] - model.parameters[k].null) > NORMAL * fit.std_errors[k] for k in known]
-    seen = [
-        abs(candidate.q[k] - model.parameters[k].null) > SEEN * fit.std_errors[k] for k in known
-    ]
+    seen = [abs(final.q[k] - model.parameters[k].null) > SEEN * fit.std_errors[k] for k in known]
     at = np.flatnonzero(n.touched)
     ratio = float(np.sqrt(np.mean((fit.rms[at] / (fit.without[n.id][at] + 1e-300)) ** 2)))
     if (any(away) or not of_effect) and ratio < RULE.own_part:

@@ -60,10 +60,8 @@ def _shown(e: NamedEffect, alone: PoseDiagnosis | None) -> LogEffect:
     effects = () if alone is None else alone.effects
     same = next((f for f in effects if f.id == e.id), None)
     if same is not None:
-        parameters = tuple(
-            LogParameter(v.name, v.value, v.std_error, v.unit) for v in same.parameters
-        )
-        return LogEffect(e.id, SIGNIFICANT, parameters)
+        own = tuple(LogParameter(v.name, v.value, v.std_error, v.unit) for v in same.parameters)
+        return LogEffect(e.id, SIGNIFICANT, own)
     names = {e.id, *e.indistinguishable}
     if any(names & {f.id, *f.indistinguishable} for f in effects):
         return LogEffect(e.id, SIGNIFICANT, ())

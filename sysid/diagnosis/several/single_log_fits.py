@@ -12,7 +12,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.policies import BUDGET
-from sysid.diagnosis.search.batched_search import information, search, squares
+from sysid.diagnosis.search.batched_search import information, search
 from sysid.diagnosis.search.evidence import effective_samples
 from sysid.diagnosis.search.prepared import Data
 from sysid.diagnosis.search.selection import CandidateModel, Selection
@@ -91,10 +91,8 @@ def _lacks(base: Base, data: Data, q: Array, free: Sequence[int], id: str) -> bo
     start[list(model.of(id))] = [model.parameters[k].null for k in model.of(id)]
     without = search(model, start[None], [rest], data, STEPS, BUDGET.coarse)[0][0]
     judged = _judged(base, data, q)
-    with_effect, null = (
-        float(squares(judged, r).sum()) for r in model.run(np.array([q, without]), judged)
-    )
-    return null - with_effect < float(chi2.ppf(CERTAIN, len(of_effect)))
+    with_effect, null = judged.squared_error(model.run(np.array([q, without]), judged)).sum(axis=1)
+    return bool(null - with_effect < float(chi2.ppf(CERTAIN, len(of_effect))))
 
 
 def _own(base: Base, candidate: CandidateModel, k: int) -> Array:
@@ -180,7 +178,7 @@ def _stretched(base: Base, data: Data, q: Array, errors: Mapping[int, float]) ->
                 rows.append(row)
                 parameters.append(k)
     runs = model.run(np.array(rows), judged := _judged(base, data, q))
-    chi = np.array([float(squares(judged, run).sum()) for run in runs])
+    chi = judged.squared_error(runs).sum(axis=1)
     stretched = dict(errors)
     for k, rise in zip(parameters, chi[1:] - chi[0], strict=True):
         stretched[k] = max(stretched[k], errors[k] * REACH / float(np.sqrt(max(rise, 1e-9))))

@@ -54,12 +54,8 @@ def sentences(several: SeveralLogs) -> tuple[str, ...]:
     if not several.logs:
         return ()
     lines = [d.sentence for d in several.differences]
-    reported = {
-        (BASE, n.name) for d in several.differences for n in next(iter(d.parameters.values()))
-    }
-    lines += [
-        c.sentence for c in several.constancy if not c.same and (c.owner, c.name) not in reported
-    ]
+    done = {(BASE, n.name) for d in several.differences for n in next(iter(d.parameters.values()))}
+    lines += [c.sentence for c in several.constancy if not c.same and (c.owner, c.name) not in done]
     same = [c for c in several.constancy if c.same and c.owner != BASE]
     if same:
         names = ", ".join(c.name if k else f"{c.owner} {c.name}" for k, c in enumerate(same))

@@ -1,9 +1,8 @@
 """Final acceptance: every selected effect is checked again in the final model.
 
-A search accepts an effect beside those found so far; what comes later changes its parameters. So
-each one is checked in the final model, by one rule: its gain is more than chance in spite of the
-effects tried, and a number of its own is away from doing nothing by its 95 % interval. The interval
-is that of the likelihood where a run jumps with the parameter or where slopes leave it in doubt.
+Its gain must be more than chance among all effects tried, and the 95 % interval of one of its
+parameters must exclude the null value. That is a likelihood interval where the run jumps with the
+parameter or where gradients leave it in doubt.
 """
 
 from collections.abc import Sequence
@@ -19,6 +18,7 @@ from sysid.diagnosis.named_effects import RejectedEffect
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN
+from sysid.diagnosis.search.parameter_table import NO_LIMIT
 from sysid.diagnosis.search.selection import CandidateModel, Interval, SelectedEffect, Selection
 from sysid.effects.catalogue import CHANGED, about
 from sysid.fitting.profile import NORMAL
@@ -34,9 +34,6 @@ DRIFTS = "the offset is not constant: over the logs it varies by about its own s
 
 KNOWN = 3.0
 """Standard errors that the number of waves in a rad is worth where such a wave is named."""
-
-ENDLESS = 100.0
-"""A null value beyond this stands for no limit at all."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,7 @@ class ParameterEstimate:
         if not self.interval.visited:
             return False
         low, high = self.interval.low, self.interval.high
-        if abs(self.null) > ENDLESS:
+        if abs(self.null) > NO_LIMIT:
             return (high if self.null > 0.0 else low) is not None
         return not (low is None or low <= self.null) or not (high is None or high >= self.null)
 
@@ -225,22 +222,20 @@ def estimates_of(
     return tuple(parameters[k] for k in acting or parameters)
 
 
-def _acting_alone(base: Base, candidate: CandidateModel, indices: Sequence[int]) -> tuple[int, ...]:
+def _acting_alone(base: Base, candidate: CandidateModel, own: Sequence[int]) -> tuple[int, ...]:
     """Slots of an effect that do something while its other free parameters do nothing.
 
     What only shapes an effect says nothing of whether it is there: the time of a fading is no sign
     of one as long as its depth may be none.
     """
     model, data = base.search.model, base.search.data
-    batch = np.repeat(candidate.q[None], len(indices) + 1, axis=0)
-    batch[:, list(indices)] = [model.parameters[k].null for k in indices]
-    for row, k in zip(batch, indices, strict=False):
+    batch = np.repeat(candidate.q[None], len(own) + 1, axis=0)
+    batch[:, list(own)] = [model.parameters[k].null for k in own]
+    for row, k in zip(batch, own, strict=False):
         row[k] = candidate.q[k]
-    *runs, without = np.nan_to_num(model.run(batch, data)) * data.weight
-    least = SAME_RUN * max(float(np.max(np.abs(without))), 1e-300)
-    return tuple(
-        k for k, run in zip(indices, runs, strict=True) if np.max(np.abs(run - without)) > least
-    )
+    *runs, rest = np.nan_to_num(model.run(batch, data)) * data.weight
+    least = SAME_RUN * max(float(np.max(np.abs(rest))), 1e-300)
+    return tuple(k for k, run in zip(own, runs, strict=True) if np.max(np.abs(run - rest)) > least)
 
 
 def uncertain_parameters(base: Base, selection: Selection) -> tuple[int, ...]:
@@ -250,15 +245,12 @@ def uncertain_parameters(base: Base, selection: Selection) -> tuple[int, ...]:
     A slope of nothing is no certainty: the log never goes where the parameter acts.
     """
     doubtful: list[int] = []
-    candidate, model = selection.final, base.search.model
-    at = std_errors(base, candidate)
+    final, model = selection.final, base.search.model
+    at = std_errors(base, final)
     for n in selection.selected:
-        of_effect = [k for k in model.of(n.id) if k in at] if n.id != CHANGED.id else []
-        far = [
-            abs(candidate.q[k] - model.parameters[k].null) > UNCERTAIN * at[k] > 0.0
-            for k in of_effect
-        ]
-        doubtful += of_effect if not any(far) else [k for k in of_effect if at[k] == 0.0]
+        own = [k for k in model.of(n.id) if k in at] if n.id != CHANGED.id else []
+        far = [abs(final.q[k] - model.parameters[k].null) > UNCERTAIN * at[k] > 0.0 for k in own]
+        doubtful += own if not any(far) else [k for k in own if at[k] == 0.0]
     return tuple(doubtful)
 
 

@@ -1,17 +1,12 @@
 """Intervals of two lags in series, which the output cannot assign to motor and sensor.
 
-A first-order motor behind or before a lag of first order has the transfer function
+A first-order motor with a first-order lag has the transfer function K / ((τ s + 1)(λ s + 1)), which
+is the same when τ and λ are exchanged. Gradients at one solution ignore the other. So the exchanged
+solution is fitted as well, and where the log does not contradict it the interval holds both.
 
-    K / ((τ s + 1)(λ s + 1)),
-
-the same when τ and λ change places. Slopes at one of both places know nothing of the other, and
-their standard errors are too small by far. So the exchanged place is searched, too, and where the
-log does not contradict it, or errors differ by no more than between effects that are known to be
-alike (between two samples a lag is only nearly exact), the interval of the lag holds both.
-
-Where both lags are nearly as long as one another the slopes along τ − λ vanish and the standard
-errors grow without end, though the log knows both lags well: their sum s and their product p stay
-regular. So the interval is no wider than the roots of x² − s·x + p for s and p in their own 95 %.
+Where τ ≈ λ the gradient along τ − λ vanishes and standard errors diverge, but the sum s and product
+p of the lags stay regular: the interval is limited to the roots of x² − s·x + p for s and p in
+their own 95 % intervals.
 """
 
 from collections.abc import Sequence
@@ -96,4 +91,4 @@ def _other_place(
     model = base.search.model
     start = exchanged(model, candidate.q, lags)
     refit, _ = refined(model, start[None], [candidate.free], base.search.data, BUDGET.polish)
-    return base.search.candidate(candidate.effects, refit[0], candidate.free, candidate.touched)
+    return base.search.evaluate(candidate.effects, refit[0], candidate.free, candidate.touched)

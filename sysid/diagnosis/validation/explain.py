@@ -1,12 +1,9 @@
 """Sparse descriptions of unexplained errors as functions of inputs and simulated states.
 
-A torque z that the model lacks bends its speed by F z (F the lag of the simulation), so the errors
-are regressed on a library of such terms (``known_terms.py``) by sequentially thresholded least
-squares (pysindy's STLSQ). Many terms
-are nearly alike, and thresholding among all of them at once keeps pairs that cancel; so it chooses
-among the first few of an orthogonal forward selection. The threshold is the largest whose
-prediction of blocks left out is within one standard error of the best (Breiman et al. 1984). What
-another gain or time constant of the model would do is taken out beforehand.
+The errors are regressed on a library of torques through the simulation's lag (``known_terms.py``)
+by sequentially thresholded least squares (pysindy's STLSQ), among the first terms of an orthogonal
+forward selection. The threshold is the largest whose prediction of left-out blocks is within one
+standard error of the best (Breiman et al. 1984). Changes of gain and time constant are removed.
 
 Source: Brunton, Proctor & Kutz (2016), PNAS 113, 3932. The only importer of pysindy.
 """

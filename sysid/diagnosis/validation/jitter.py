@@ -1,9 +1,7 @@
 """Jitter: commands whose delay varies from one to the next, which no model predicts.
 
-A model knows one delay. Where the delay of each change of the command is drawn anew, the
-measurements behind a change are the model's, moved in time by as much as this one was early or
-late. A response may be over within a sample and its delay differ by several: so it is moved, and no
-slope is asked.
+The output behind each change of the command is then the model's, shifted in time. A response may be
+over within a sample and its delay differ by several, so it is shifted and no gradient is used.
 """
 
 from collections.abc import Callable, Sequence
@@ -147,7 +145,7 @@ def rows_without_jitter(base: Base, late: Sequence[Jitter], floor: Array) -> tup
     search = base.search
     parts = []
     for data in (search.data, search.holdout_data):
-        runs = data.split(search.model.run(base.candidate.q, data)[0])
+        runs = data.split(search.model.run(base.model.q, data)[0])
         rows = [np.ones(run.shape) for run in runs]
         for u in late:
             i = base.parts.estimation[0].output_names.index(u.output)

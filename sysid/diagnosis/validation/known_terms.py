@@ -1,11 +1,10 @@
 """Regressors for simulation errors: functions of past commands and simulated speeds.
 
-Of measured outputs only past ones enter, and only as the angle that they count up to; a command
-enters only after it was given. So reading noise can enter the terms through feedback and through
-that angle alone, and then only noise of the past.
+Measured outputs enter only as past values, in the angle that they count up to, and a command only
+after it was given: so measurement noise enters only through feedback and that angle.
 
-A torque that a model lacks shows after the motor's lag: F(q) z is z through the lag of the
-simulation itself, z_F(t) = a z_F(t−1) + (1 − a) z(t−1), whose pole a is read off the simulation.
+A missing torque z shows behind the motor's lag: F(q) z is z through the lag of the simulation,
+z_F(t) = a z_F(t−1) + (1 − a) z(t−1), whose pole a is estimated from the simulation.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,8 @@
 """The linear rival of a nonlinear effect: a linear model of higher order than the base.
 
-A spring, an elastic part or a memory that creeps adds a pole and a zero to a track. A base without
-them leaves errors that hang together with everything, and some curved law always takes a part of
-them. So what is named has to explain the held-out data at least as well as a linear model of a
-higher order from the track's own command, which knows no law at all: y = B(q)/F(q) u.
+A spring, an elastic part or creep adds a pole and a zero. A base without them leaves errors of
+which some nonlinear law always takes a part. So selected effects must explain the held-out data at
+least as well as a linear model of higher order from the track's own command, y = B(q)/F(q) u.
 """
 
 from collections.abc import Sequence
@@ -77,9 +76,7 @@ def linear_motion(base: Base, selection: Selection, named: SelectedEffect) -> bo
     return superposes(e, frozenset(model.chosen(e, selection.final.q).items()))
 
 
-def worse_than_linear(
-    base: Base, rival: LinearRival, selection: Selection
-) -> RejectedEffect | None:
+def worse_than_rival(base: Base, rival: LinearRival, selection: Selection) -> RejectedEffect | None:
     """The weakest accepted effect that is not linear and explains less than linear motion does.
 
     A linear effect is a case of that motion, however little its law fits.

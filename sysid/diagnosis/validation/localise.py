@@ -1,7 +1,7 @@
 """Where simulation and data disagree: the excess error by regime, with its uncertainty."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -49,12 +49,7 @@ class Region:
 
     def to_json(self) -> dict[str, Any]:
         """{region, share_of_excess, share_of_samples, interval}."""
-        return {
-            "region": self.region,
-            "share_of_excess": self.share_of_excess,
-            "share_of_samples": self.share_of_samples,
-            "interval": list(self.interval),
-        }
+        return asdict(self)
 
 
 def localise(

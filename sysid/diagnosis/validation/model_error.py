@@ -1,14 +1,13 @@
 """The model-error model: tests whether free-run errors depend on inputs and outputs.
 
-The free-run errors e of a record are regressed on what is known (``known_terms.py``):
+The free-run errors e of a record are regressed on known terms (``known_terms.py``):
 
     e(t) = Z(t) ζ + X(t) β + v(t),    α(q) v(t) = w(t) white,
 
-with Z what a change of the model's own parameters would do. The noise is coloured, so an
-autoregression α fitted to what Z leaves whitens both sides, and the F test of β = 0 is made on the
-filtered equations (generalised least squares; Durbin 1960). The terms hold nothing but the past, so
-that feedback does not bend the filtered equations. A ripple bound to the wheel's angle is looked
-for apart, as the highest of many periodogram ordinates over angle, also after whitening.
+with Z the effect of the model's own parameters. An autoregression α whitens both sides, and β = 0
+is tested by F on the filtered equations (generalised least squares; Durbin 1960). The terms hold
+only the past, so that feedback does no harm. A ripple over the wheel's angle is tested separately,
+as the highest of many periodogram ordinates.
 
 Source: Ljung (1999), "Model validation and model error modeling".
 """
@@ -127,11 +126,9 @@ def error_structure(
     Raises:
         DataError: shapes do not fit, or no output has enough samples for a test.
     """
-    samples = sum(len(e) for e in errors)
-    if samples < MIN_SAMPLES:
-        raise DataError(
-            f"a model of the errors needs at least {MIN_SAMPLES} samples, got {samples}"
-        )
+    count = sum(len(e) for e in errors)
+    if count < MIN_SAMPLES:
+        raise DataError(f"a model of the errors needs at least {MIN_SAMPLES} samples, got {count}")
     shapes = [e.shape for e in errors]
     if shapes != [s.shape for s in simulated] or shapes != [r.y.shape for r in records]:
         raise DataError(f"errors have shapes {shapes}, records {[r.y.shape for r in records]}")

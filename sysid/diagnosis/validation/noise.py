@@ -1,11 +1,9 @@
 """Measurement noise of each output, from every log and in several ways, with an interval.
 
-Measurements between changes of the commands show it best. A log that never settles has none such,
-and the jerk of the signal passes for noise there. Two other ways then see further: what is jagged
-in the errors of a model, which has taken most of the signal away, and how far these errors differ
-where the same commands come again, because whatever the model lacks comes again with them. Each way
-can only show too much; so the best is believed until another one is clearly below it. It is never
-below what the measurements resolve.
+Measurements between changes of the command show it best. Where a log never settles, two other
+estimates are used: the rough part of a model's errors, and the scatter of these errors where the
+same commands recur. Each can only be too large, so a clearly smaller one replaces the first. The
+noise is never below the resolution of the measurements.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
-"""Masses, friction and stiffness of a vehicle, from what its motors did to its speeds and its pose.
+"""Masses, friction and stiffness of a vehicle, from commands, speeds and pose.
 
 Errors of the wheel speeds in runs of the dynamics, and errors of increments of the pose over two
-seconds, both in units of their typical size, are fitted together: torques tell masses and friction
-through the speeds, the pose tells how far the tracks slip under these forces. Lengths, marker and
+seconds, both in units of their typical size, are fitted together: torques determine masses and
+friction through the speeds, the pose determines the slip under these forces. Lengths, marker and
 lags of the pose are fitted along, so that a constant share of slip, which is nothing but another
 radius or width, is not taken for the ground's stiffness.
 """
@@ -31,7 +31,7 @@ BODY = slice(0, 5)
 
 MOTOR = slice(5, 9)
 """The motors' numbers. They are held at what the bench says, and its errors are carried into those
-of the result: rotors and mass look alike, and a drive that tells them apart does so by what the
+of the result: rotors and mass look alike, and a drive distinguishes them only by what the
 model has wrong."""
 
 DRAWN = NUMBERS.index("grip")
@@ -155,7 +155,7 @@ class DynamicFit:
         return self.powered.runs.outputs(self.theta)[1]
 
     def errors(self, parts: Sequence[Part]) -> Array:
-        """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
+        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
         errors = [
             window_errors(self.q, p.trajectory, self.geometry, p.windows, self.added(p.trajectory))
             for p in parts
@@ -258,7 +258,7 @@ class _DynamicProblem(Problem):
         ]
 
     def _white(self, speeds: Sequence[Array], ways: Sequence[Array]) -> Array:
-        """In units of the typical errors; windows that overlap share what they tell."""
+        """In units of the typical errors; overlapping windows share their information."""
         rolled = [np.nan_to_num(e / self.typical[:2]).T.ravel() for e in speeds]
         moved = [(e / self.typical[2:]).T.ravel() / np.sqrt(OVERLAP) for e in ways]
         return np.concatenate([*rolled, *moved])

@@ -1,4 +1,4 @@
-"""The vehicle with mass as one of the motions that are fitted to logs with a pose."""
+"""The motion with mass, fitted to logs with a pose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -46,7 +46,7 @@ class Weighed:
     notes: tuple[str, ...] = ()
 
     def numbers(self) -> tuple[VehicleNumber, ...]:
-        """Every quantity, told by the log or not."""
+        """Every quantity, identifiable or not."""
         return numbers_of(self.fit)
 
     def correlations(self) -> Correlations:
@@ -58,7 +58,7 @@ class Weighed:
         return Weighed(fit_dynamics(parts, self.fit.geometry, self.fit.powered))
 
     def errors(self, parts: Sequence[Part]) -> Array:
-        """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
+        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
         return self.fit.errors(parts)
 
     def predicted_pose(self, trajectory: Trajectory) -> Array:

@@ -1,4 +1,4 @@
-"""What is known of the motors of a vehicle that is to be weighed: a bench's numbers, or less."""
+"""Motor parameters for the fit of a vehicle with mass: from a bench, or partly unknown."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -88,7 +88,7 @@ def motors_of_model(model: Model) -> KnownMotors:
     """The motors of a dc-motor model that was identified with the tracks lifted, or on a bench.
 
     Raises:
-        ModelError: it tells no torque, or was driven on the ground.
+        ModelError: it has no torque, or was driven on the ground.
     """
     m = model.structure
     source = torque_source(m, model.theta) if isinstance(m, DCMotor) else None

@@ -1,4 +1,4 @@
-"""What the fit of a vehicle with mass found, quantity by quantity, in the units of a person."""
+"""Estimates of a vehicle with mass, as quantities with units and sentences."""
 
 import math
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ STIFFNESS_LEFT_OUT = 0.04
 """Share of the thrust stiffness likewise: the law of shear is a chord of its curve in each step."""
 
 IDENTIFIABLE_SHARE = 0.25
-"""A log tells a quantity whose standard error is less than this share of it …"""
+"""A quantity is identifiable if its standard error is below this share of it …"""
 
 SLIGHT: Mapping[str, float] = {"rolling_friction": 0.0125, "turning_friction": 0.125}
 """… or less than this: a quarter of what such coefficients differ by from floor to floor. A floor
@@ -43,7 +43,7 @@ SHOWN_BY: Mapping[str, str] = {
     "turning_friction_level": "slow, steady turns on the spot, both ways",
     "top_speed_per_command": "straight runs at several commands",
 }
-"""The manoeuvre that tells each quantity."""
+"""The manoeuvre that determines each quantity."""
 
 MEANING: Mapping[str, tuple[str, str]] = {
     "mass": ("kg", "what the whole vehicle weighs"),
@@ -66,7 +66,7 @@ TIMES_AND_PLACES = ("centre_of_mass", "command_delay")
 """Quantities that may well be 0."""
 
 CLOSE = 0.1
-"""They are told within this share of the length on the ground, and of a sample."""
+"""They are identifiable within this share of the length on the ground, and of a sample."""
 
 INCLUDES: Mapping[str, str] = {
     "mass": "It includes the rotors' share 2J/r², because only their torque is known.",
@@ -86,7 +86,7 @@ RATIOS = (
     "turning_friction_level",
     "top_speed_per_command",
 )
-"""What a log tells without a torque."""
+"""Quantities identifiable without a torque."""
 
 WEIGHED = tuple(name for name in MEANING if name not in RATIOS)
 """What needs one."""
@@ -104,7 +104,7 @@ def quantities(fit: DynamicFit, p: Array) -> dict[str, float]:
     rotor = motor.inertia * theta["rotor_inertia"]
     values = {
         "mass": m,
-        # the pose tells how far the vehicle turns for the lever that its forces have
+        # the pose shows how far the vehicle turns for the lever that its forces have
         "yaw_inertia": J * named["effective_width"] / B,
         "rolling_resistance": R,
         "turning_resistance": M,
@@ -124,7 +124,7 @@ def quantities(fit: DynamicFit, p: Array) -> dict[str, float]:
 
 
 def numbers_of(fit: DynamicFit) -> tuple[VehicleNumber, ...]:
-    """Every quantity that the fit tells, or says why it does not."""
+    """Every quantity, with the reason where it is not identifiable."""
     known = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
     every = np.zeros((len(fit.p), len(fit.p)))
     every[np.ix_(fit.free, fit.free)] = known

@@ -1,4 +1,4 @@
-"""Runs of the vehicle's dynamics over pieces of a log, side by side and with their slopes.
+"""Simulations of the vehicle's dynamics over pieces of a log, batched and with derivatives.
 
 A record is cut into pieces that begin ``LEAD`` seconds before what they are judged on, so that
 where a run starts is forgotten. The commands drive the vehicle; the measured speeds draw the run

@@ -1,4 +1,4 @@
-"""The vehicle's radius and track distance from a pose and wheel speeds, where nobody has told them.
+"""Radius and track distance estimated from a pose and wheel speeds.
 
 With the measured heading ψ the way of a window is linear in the radius, its turn in r/B:
 
@@ -33,7 +33,7 @@ KNOWN = 0.10
 
 FRAME = 0.5
 """A heading is read in another way than it is given when that leaves less than this share of the
-way that cannot be told by the speeds."""
+way that the speeds do not determine."""
 
 FAR, ROUNDS = 3.0, 10
 """Windows that err by more than so many times the median count less, in so many rounds."""
@@ -58,8 +58,8 @@ class GeometryEstimate:
     """Lengths of the vehicle, estimated from the pose.
 
     Attributes:
-        geometry: r and B; a length that the pose does not tell is that of ``assumed``.
-        std_errors: of r and B [m]; None where the pose does not tell the length.
+        geometry: r and B; a length that the pose does not determine is that of ``assumed``.
+        std_errors: of r and B [m]; None where the pose does not determine the length.
         assumed: what was taken before.
     """
 
@@ -142,7 +142,7 @@ class _Ways:
 
     @property
     def rest(self) -> float:
-        """Mean way that no r e^{iα} tells."""
+        """Mean distance that no r e^{iα} explains."""
         return float(np.mean(np.abs(self.moved - self.line[0] * self.rolled)))
 
 
@@ -244,7 +244,7 @@ def lengths_of(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate:
 
     Args:
         tracks: of one vehicle, in one frame.
-        assumed: lengths taken where the pose does not tell them.
+        assumed: lengths used where the pose does not determine them.
     """
     ways = _ways([_CONVENTIONS[0].of(t) for t in tracks])
     scale, r_error = ways.line
@@ -266,7 +266,7 @@ def contradicted(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate
 
     Args:
         tracks: of one vehicle, in one frame.
-        assumed: lengths that nobody has given.
+        assumed: lengths that were not given.
     """
     estimate = lengths_of(tracks, assumed)
     return estimate if estimate.contradicts else None

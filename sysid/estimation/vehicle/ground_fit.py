@@ -334,7 +334,7 @@ class PoseSearch:
 
     Attributes:
         estimation, holdout: the problem of each part.
-        always: what every fit frees: the lengths of a vehicle whose geometry nobody has given.
+        always: what every fit frees: the lengths of a vehicle without given geometry.
         radius_known: whether somebody has given the radius, so that a way that falls short of it
             on both sides is slip.
         begun: what the same sets of candidates came to with another noise, where their fits begin.

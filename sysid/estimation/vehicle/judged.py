@@ -1,4 +1,4 @@
-"""How well a vehicle's numbers foretell its pose: on windows that they were not fitted on."""
+"""Prediction errors of a vehicle model on held-out windows of its pose."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ MIN_WINDOWS = 6
 """Windows each part needs for a judgement."""
 
 LONG = 10.0
-"""Length of the stretches [s] over which drift is told."""
+"""Length of the stretches [s] over which drift is reported."""
 
 Errors = Callable[[Sequence[Part]], Array]
 """Measured less predicted increments of windows, (W, 3) [m, m, rad]."""

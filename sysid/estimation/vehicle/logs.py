@@ -1,4 +1,4 @@
-"""Logs of drives as the fit of a vehicle reads them: every row as logged, inputs or none."""
+"""Logs for the fit of a vehicle: every row as logged, with or without inputs."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,8 +30,9 @@ def read_vehicle_logs(
 ) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
     """The records of logs with a pose, and what there is to say about the measurement.
 
-    The fit tells fresh measurements from repeats itself, so that every row is read. A log with long
-    gaps is several drives, as windows do not reach over them; one without commands serves, too.
+    The fit distinguishes fresh measurements from repeats itself, so every row is read. A log with
+    long gaps is several drives, as windows do not reach over them; one without commands serves,
+    too.
 
     Raises:
         DataError, UsageError: a file cannot be read, or lacks what a fit needs.
@@ -56,7 +57,7 @@ def read_vehicle_logs(
 
 def _own_columns(paths: Sequence[Path], options: ReadOptions) -> ReadOptions | None:
     """Options that name the speeds of both sides, measured or else commanded; None where a person
-    has named columns, or the names do not tell them."""
+    has named columns, or the names do not show them."""
     if options.outputs or options.inputs or options.speed_of:
         return None
     measured, commanded, commands = _speeds(_table(paths[0], options), options)

@@ -1,4 +1,4 @@
-"""The numbers of a vehicle as a person reads them: value, standard error, what they mean."""
+"""Parameters of a vehicle for display: value, standard error, meaning."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,8 +16,9 @@ class VehicleNumber:
     Attributes:
         name, unit: of the quantity.
         value, std_error: estimate and its standard error.
-        identifiable: whether the log tells it: it leaves much less open than a guess without it.
-        sentence: what it is; for one that the log does not tell, the manoeuvre that would.
+        identifiable: whether the log reduces the prior uncertainty enough.
+        sentence: what it is; for one that is not identifiable, the manoeuvre that would determine
+            it.
         in_model: whether the model that is judged holds it; else it is what it would be.
     """
 

@@ -1,4 +1,4 @@
-"""What the wheels lose, as it was measured: slip against turning, speed and acceleration.
+"""Measured slip against turning, speed and acceleration.
 
     slip = 1 − way driven / way rolled,     loss of a turn = 1 − turn driven / turn rolled
 

@@ -1,9 +1,9 @@
-"""The numbers of the vehicle that slips, from increments of its pose over two seconds.
+"""Parameters of the slipping vehicle, from increments of its pose over two seconds.
 
 Robust least squares with a weak prior: errors beyond a few times the typical one count less (Huber
 1964), because a lidar's pose now and then is late by a second; and every number is drawn to what it
-would be without any log, as loosely as one knows it then, so that what a log does not tell keeps
-the uncertainty it had. Optional terms come one at a time while the log shows them.
+would be without any log, as loosely as one knows it then, so a parameter that the log does not
+determine keeps the uncertainty it had. Optional terms come one at a time while the log shows them.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ LAGS = (-0.25, 0.0, 0.25, 0.5, 0.75, 1.0, 1.5)
 """Lags of the pose [s] from which a fit starts: a lidar's pose comes up to a second late."""
 
 IDENTIFIABLE_SHARE = 0.1
-"""A log tells a number where it leaves less than this share of what one would guess without it."""
+"""A parameter is identifiable if less than this share of its prior uncertainty remains."""
 
 ALIKE = 0.9
 """Numbers whose effects have such a cosine are one number to a log: a fifth of the noise would do
@@ -100,7 +100,7 @@ class SlipFit:
 
     @property
     def identifiable(self) -> tuple[bool, ...]:
-        """Whether the log tells each number; it does of an optional one that it has shown."""
+        """Whether each parameter is identifiable; significant optional ones are."""
         sure = self.std_errors < IDENTIFIABLE_SHARE * self.prior
         return tuple(bool(sure[k]) or (t.optional and k in self.free) for k, t in enumerate(TERMS))
 
@@ -207,7 +207,7 @@ def _one_more(problem: _SlipProblem, fit: SlipFit, dropped: set[int]) -> SlipFit
 
 
 def _halves_agree(problem: _SlipProblem, plain: SlipFit, richer: SlipFit) -> bool:
-    """Whether each half of the windows is foretold better by the richer model of the other."""
+    """Whether the richer model of each half predicts the other half better."""
     halves: tuple[list[Part], list[Part]] = ([], [])
     for p in problem.parts:
         cut = len(p.windows) // 2
@@ -242,7 +242,7 @@ def _first(parts: tuple[Part, ...], start: Geometry, free: tuple[int, ...]) -> _
 
 
 def _best_lag(problem: _SlipProblem) -> Array:
-    """Numbers from the lag at which radii and width alone tell most."""
+    """Parameters from the lag at which radii and width alone fit best."""
     few = (AT["radius_left"], AT["radius_right"], AT["effective_width"])
     costs = []
     for lag in LAGS:

@@ -1,4 +1,4 @@
-"""The vehicle that slips: where wheel speeds take the point whose pose a log holds.
+"""The slipping vehicle: wheel speeds to the pose of a point.
 
     V_s = r_s ω_s (1 − i_t |ω_R − ω_L| / (|ω_R| + |ω_L|)) (1 − i_v |V|)      s = L, R
     v + τ_v v̇ = (V_L + V_R)/2,   ψ̇ + τ_ψ ψ̈ = (V_R − V_L)/B_eff,   v_y = −k v ψ̇
@@ -36,7 +36,7 @@ class Term:
         optional: whether it is in the model only where the log shows it.
         lower: smallest value that can be.
         meaning: what it is, in words.
-        shown_by: the manoeuvre that tells it.
+        shown_by: the manoeuvre that determines it.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What the fit of a vehicle that slips found, quantity by quantity, in the units of a person."""
+"""Estimates of the slipping vehicle, as quantities with units and sentences."""
 
 from collections.abc import Mapping
 
@@ -82,11 +82,11 @@ _FROM = {
     "width_ratio": ("effective_width",),
     "turning_ratio": ("effective_width", "radius_left", "radius_right"),
 }
-"""Numbers that each quantity follows from: the log tells it where it tells these."""
+"""Parameters that each quantity is derived from; it is identifiable if these are."""
 
 
 def numbers_of(fit: SlipFit, given: Geometry | None) -> tuple[VehicleNumber, ...]:
-    """Every quantity that the fit tells, or says why it does not.
+    """Every quantity, with the reason where it is not identifiable.
 
     Args:
         fit: the fit.

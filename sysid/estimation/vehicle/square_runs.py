@@ -1,8 +1,8 @@
-"""Squares driven both ways: what their returns say of radii and width (Borenstein & Feng 1996).
+"""Radii and width from squares driven both ways (Borenstein & Feng 1996).
 
 A vehicle whose odometry is wrong comes back to another place than the one it left. Unequal wheels
 bend the sides of a square, a wrong width changes its corners; driven one way the two errors add up,
-driven the other way they differ, so that squares both ways tell them apart:
+driven the other way they differ, so squares both ways distinguish them:
 
     E_d = D_right / D_left,    E_b = B_actual / B_nominal
 """
@@ -23,8 +23,8 @@ from sysid.errors import DataError
 from sysid.vehicle.kinematics import Geometry, step_pose
 
 TURNS_ALIKE = 0.03
-"""Share of the larger singular value of the returns' Jacobian below which the smaller one tells
-nothing: squares one way move along one line whatever is wrong."""
+"""Share of the larger singular value of the returns' Jacobian below which the smaller one
+determines nothing: squares one way move along one line whatever is wrong."""
 
 ROUNDS = 20
 """Gauss–Newton steps at most; from the nominal values five are enough."""
@@ -51,11 +51,12 @@ class SquareRun:
 
 @dataclass(frozen=True, eq=False)
 class SquareResult:
-    """What squares tell.
+    """Errors from closed squares.
 
     Attributes:
         wheel_ratio, width_ratio: E_d and E_b with their standard errors; None where the squares do
-            not tell them (one direction only), an error of None where too few runs show a scatter.
+            not determine them (one direction only), an error of None where too few runs show a
+            scatter.
         runs: how many clockwise and counter-clockwise.
         side: mean length of a side [m].
         centres: mean of what was missed, clockwise and counter-clockwise, (2,) [m] each; None
@@ -190,7 +191,7 @@ def square_result(runs: Sequence[SquareRun]) -> SquareResult:
     """E_d and E_b with standard errors from the scatter of the returns.
 
     Args:
-        runs: closed squares; both ways, or the two cannot be told apart.
+        runs: closed squares; both ways, or the two cannot be distinguished.
 
     Raises:
         DataError: there is no run.

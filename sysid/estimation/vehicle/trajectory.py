@@ -197,7 +197,7 @@ _WHEELS = {
 
 
 def side_of(name: str) -> str:
-    """The side that a column's name tells, ``left`` or ``right``; empty where it tells none."""
+    """The side in a column's name, ``left`` or ``right``; empty without one."""
     by_wheel = next((_WHEELS[w] for w in words(name) if w in _WHEELS), "")
     return by_wheel or meaning(name).side
 

@@ -1,8 +1,8 @@
-"""A vehicle's numbers from logs that hold its pose, and how far they foretell paths not used.
+"""A vehicle's parameters from logs with its pose, and its prediction errors on held-out paths.
 
 ``MOTIONS`` says which models of motion can be fitted; each makes a ``MotionFit`` of windows, and
 everything that is judged here (held-out errors, halves that judge each other, drift) is judged of
-whatever that foretells.
+its predictions.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,10 +39,10 @@ from sysid.vehicle.kinematics import Geometry
 
 
 class Motion(Protocol):
-    """What foretells a pose from what the wheels did."""
+    """A model that predicts the pose from the wheel speeds."""
 
     def errors(self, parts: Sequence[Part]) -> Array:
-        """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
+        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
         ...
 
     def predicted_pose(self, trajectory: Trajectory) -> Array:
@@ -58,7 +58,7 @@ class MotionFit(Motion, Protocol):
     """A fitted model of motion."""
 
     def numbers(self) -> tuple[VehicleNumber, ...]:
-        """Every quantity, told by the log or not."""
+        """Every quantity, identifiable or not."""
         ...
 
     def correlations(self) -> Correlations:
@@ -81,7 +81,7 @@ class Kinematic:
     geometry: Geometry
 
     def errors(self, parts: Sequence[Part]) -> Array:
-        """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
+        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
         return errors_of(NULLS, parts, self.geometry)
 
     def predicted_pose(self, trajectory: Trajectory) -> Array:
@@ -106,7 +106,7 @@ class Slipping:
     given: Geometry | None
 
     def numbers(self) -> tuple[VehicleNumber, ...]:
-        """Every quantity, told by the log or not."""
+        """Every quantity, identifiable or not."""
         return numbers_of(self.fit, self.given)
 
     def correlations(self) -> Correlations:
@@ -119,7 +119,7 @@ class Slipping:
         return Slipping(fit_slip(parts, self.fit.geometry, terms), self.given)
 
     def errors(self, parts: Sequence[Part]) -> Array:
-        """Measured less foretold increments of windows, (W, 3) [m, m, rad]."""
+        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
         return errors_of(self.fit.q, parts, self.fit.geometry)
 
     def predicted_pose(self, trajectory: Trajectory) -> Array:
@@ -183,11 +183,11 @@ class Fold:
 
 @dataclass(frozen=True, eq=False)
 class VehicleFit:
-    """What logs tell of a vehicle.
+    """A vehicle fitted to logs.
 
     Attributes:
         motion: name of the model.
-        numbers: every quantity, told or not.
+        numbers: every quantity, identifiable or not.
         correlations: of those in the model.
         before, plain, after: errors on held-out windows with the lengths that were known, with one
             radius and one width from a straight line through the windows, and with the model.
@@ -201,7 +201,7 @@ class VehicleFit:
         windows: windows (estimation, held-out); they overlap fourfold.
         model: what was fitted.
         estimation, holdout: windows that it was fitted on, and judged on.
-        squares: what closed squares among the paths tell; None where there are none.
+        squares: estimates from closed squares among the paths; None without any.
         notes: what was done to the logs, in sentences.
     """
 
@@ -294,11 +294,11 @@ def fit_vehicle(
     motion: str = "slip",
     motors: KnownMotors | None = None,
 ) -> VehicleFit:
-    """What logs tell of a vehicle, judged on windows of two seconds that were held out.
+    """Fit a vehicle to logs, validated on held-out windows of two seconds.
 
     Args:
         records: of one vehicle, with a pose and the speeds of its two sides, every row as logged
-            (``held='keep'`` where they are read: repeats of slow sensors are told apart here).
+            (``held='keep'`` where they are read: repeats of slow sensors are detected here).
         holdout: records that judge; without them the last 30 % of each record's windows do.
         geometry: radius and distance of the wheels or tracks; None for the thesis's robot's.
         motion: a name of ``MOTIONS``.
@@ -349,7 +349,7 @@ class _Study:
 
 
 def _start(lengths: GeometryEstimate) -> Geometry:
-    """Where a fit starts: a width that the log does not tell goes with the radius."""
+    """Where a fit starts: a width that the log does not determine scales with the radius."""
     r, width = lengths.geometry.r, lengths.geometry.B
     if lengths.std_errors[0] is not None and lengths.std_errors[1] is None:
         width = lengths.assumed.B * r / lengths.assumed.r
@@ -401,7 +401,7 @@ leave 1 to 5 %."""
 
 
 def _still_off(after: PathErrors, model: Motion, parts: Sequence[Part]) -> tuple[str, ...]:
-    """What is said where even the model foretells the way badly."""
+    """A note where the model still predicts the path badly."""
     way = mean_way(model.driven, parts)
     if after.path <= STILL_OFF * way:
         return ()
@@ -443,7 +443,7 @@ def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
 
 
 def _slope(x: Array, y: Array) -> float:
-    """Slope of a line through the origin; tiny where there is nothing to tell it."""
+    """Slope of a line through the origin; tiny where nothing determines it."""
     return max(float(x @ y) / max(float(x @ x), 1e-12), 1e-9)
 
 

@@ -1,4 +1,4 @@
-"""Increments of the pose over windows: what was measured, and what wheel speeds say.
+"""Increments of the pose over windows: measured, and from wheel speeds.
 
 A window of two seconds is short enough that errors of the heading hardly turn its path, and long
 enough that noise of the pose, which enters at its two ends only, is small against the way. In the

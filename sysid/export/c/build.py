@@ -1,4 +1,4 @@
-"""What builds the C sources: a Makefile, CMake, an Arduino library."""
+"""Build files of the C sources: a Makefile, CMake, an Arduino library."""
 
 from collections.abc import Mapping, Sequence
 

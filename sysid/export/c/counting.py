@@ -1,4 +1,4 @@
-"""Operations that lines of C make at most: what a step costs on a processor that one knows."""
+"""Upper bounds of the operations in a step of C."""
 
 import re
 from collections.abc import Sequence

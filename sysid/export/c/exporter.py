@@ -1,4 +1,4 @@
-"""The format ``c``: a header, the plant and a program that checks it."""
+"""The format ``c``: a header, the plant and its self-test."""
 
 from collections.abc import Mapping
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Members of the structs that functions of C work on."""
+"""Members of the C structs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Names of C for what users, sensors and other packages call as they like."""
+"""Valid C names for the names of users, sensors and other packages."""
 
 import re
 import unicodedata

@@ -1,4 +1,4 @@
-"""Operations between cells: carried out between numbers, recorded elsewhere, left out if idle."""
+"""Operations between cells: computed between numbers, recorded otherwise, dropped if idle."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

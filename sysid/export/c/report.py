@@ -1,4 +1,4 @@
-"""What a person who integrates the code wants to know: functions, interfaces, sizes, operations."""
+"""The report for an integrator: functions, interfaces, sizes, operations."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The plant as C99: one step function with a state struct, and a program that checks it."""
+"""The plant as C99: one step function with a state struct, and a self-test."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence

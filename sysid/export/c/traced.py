@@ -397,7 +397,7 @@ def _searchsorted(points: Any, value: Any, side: str = "left") -> Traced:
 def _repeated(times: int, advance: Callable[[Any], Any], x: Any) -> Any:
     """x, an array or a tuple of such, after ``times`` rounds of ``advance``: one loop."""
     parts = _parts(x)
-    # where it begins with numbers, what a round makes of them tells the program
+    # where it begins with numbers, the result of a round determines the types
     program = _program(*parts) or (_program(*_parts(advance(x))) if times > 1 else None)
     if program is None or times == 1:
         for _ in range(times):

@@ -1,1 +1,1 @@
-"""Functional mock-up units: a plant, and what drives it, for co-simulation."""
+"""Functional mock-up units of a plant and its controller, for co-simulation."""

@@ -1,4 +1,4 @@
-"""What a unit says of itself in the words of the standard: FMI 2.0.4 and 3.0, co-simulation."""
+"""The model description of a unit: FMI 2.0.4 and 3.0, co-simulation."""
 
 import hashlib
 import math
@@ -85,7 +85,7 @@ class Unit:
 
     @property
     def guid(self) -> str:
-        """What tells this unit from every other one: its content."""
+        """Identifies this unit by its content."""
         text = "".join(f"{n}\n{self.sources[n]}" for n in sorted(self.sources))
         text += f"{__version__}{self.name}{float(self.sample_time)!r}{self.variables!r}{self.code}"
         return f"{{{hashlib.sha256(text.encode('utf-8')).hexdigest()[:32]}}}"
@@ -262,7 +262,7 @@ _DIMENSIONS = {
     "K": 'K="1"',
     "kg": 'kg="1"',
 }
-"""Units by their powers of SI units; others are told by their name alone."""
+"""Units by their powers of SI units; others have a name only."""
 
 
 def _units(unit: Unit) -> list[str]:

@@ -1,4 +1,4 @@
-"""What controller and vehicle must give as units: one drive of the mission in Python."""
+"""Expected outputs of the controller and vehicle units, from one run of the mission in Python."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What drives a plant as a unit, and the vehicle that moves on its tracks as another one."""
+"""The controller as a unit, and the vehicle on its tracks as another one."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence

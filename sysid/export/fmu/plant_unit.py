@@ -1,4 +1,4 @@
-"""The plant as a unit: its inputs, its outputs, and where its states begin."""
+"""The plant as a unit: inputs, outputs and initial states."""
 
 import math
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""What a unit must give: rows of inputs and outputs that every tool is compared with."""
+"""Expected outputs of a unit: rows of inputs and outputs to compare every tool with."""
 
 import csv
 import io

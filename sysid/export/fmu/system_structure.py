@@ -1,4 +1,4 @@
-"""SystemStructure.ssd: how the units of a robot are plugged together (SSP 1.0)."""
+"""SystemStructure.ssd: the connections between the units of a robot (SSP 1.0)."""
 
 from collections.abc import Iterator
 from xml.sax.saxutils import quoteattr

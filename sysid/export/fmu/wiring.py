@@ -1,4 +1,4 @@
-"""How the units of a robot are plugged together: the plant's channels as those of two tracks."""
+"""Connections between the units of a robot: the plant's channels as those of two tracks."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

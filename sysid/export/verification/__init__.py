@@ -1,1 +1,1 @@
-"""Whether every runtime of a plant package gives what Python gave."""
+"""Comparison of every runtime of a plant package with Python."""

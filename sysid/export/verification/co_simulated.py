@@ -1,4 +1,4 @@
-"""Units of a package by the tools that run such units, each in a process of its own."""
+"""Units of a package in co-simulation tools, each in its own process."""
 
 import json
 import sys
@@ -54,7 +54,7 @@ class CoSimulated:
     Attributes:
         name: of the tool, and of the package of Python that has it.
         replays: what each unit must give, by its name in the package.
-        late: whether it tells outputs one sample after the inputs, which are still held.
+        late: whether it reads outputs one sample late, with the inputs still held.
         folders: those whose units it can run.
     """
 

@@ -1,4 +1,4 @@
-"""The nodes of a catkin package: built, driven in lock-step under a master of their own, compared.
+"""The nodes of a catkin package: built, run in lock-step under their own master, compared.
 
 What is started here ends here: a master on a free port of 127.0.0.1 and two nodes.
 """

@@ -1,4 +1,4 @@
-"""Runtimes of a plant package: each replays the self-test and says how far off it was."""
+"""Runtimes of a plant package: each replays the self-test and reports its error."""
 
 import shutil
 import subprocess
@@ -22,7 +22,7 @@ MOST_SAID = 300
 """Letters that are shown of what a program says that fails."""
 
 COUNTED = "instructions"
-"""Begins a line that tells how many instructions a function took: its name, mean and most."""
+"""Begins a line with the instructions of a function: its name, mean and most."""
 
 PROGRAMS = {"selftest": "selftest.c", "loop_selftest": "loop_selftest.c"}
 """Self-tests of a package, and the source that makes each."""
@@ -38,7 +38,7 @@ class Result:
         max_error: largest error in parts of the range of its output; None where it did not run.
         passed: whether that is within what the self-test allows.
         skipped: why it did not run; empty where it did.
-        failed: why it failed, where there is no number to tell; empty otherwise.
+        failed: why it failed, without a number; empty otherwise.
         instructions: of the step functions, {mean, most} a call, where the runtime counts them.
     """
 
@@ -167,7 +167,7 @@ def _errors(printed: Sequence[str]) -> list[float]:
 
 
 def _instructions(printed: Sequence[str]) -> dict[str, dict[str, float]]:
-    """The instructions of step functions among these lines, the first that are told of each."""
+    """The instructions of step functions among these lines, the first of each."""
     counts: dict[str, dict[str, float]] = {}
     for word, name, mean, most in (t for t in map(str.split, printed) if len(t) == 4):
         if word == COUNTED:

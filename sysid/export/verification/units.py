@@ -1,4 +1,4 @@
-"""Units of FMI through rows of inputs, in a process of its own.
+"""Units of FMI through rows of inputs, in a separate process.
 
 Run as ``python -m sysid.export.verification.units TOOL CASES OUTPUTS``: CASES is a JSON list of
 {unit: file, inputs, outputs: names of variables, u: rows}, OUTPUTS is written with a table of

@@ -1,4 +1,4 @@
-"""A controller put together of two laws, one for the forward speed and one for the yaw."""
+"""A controller of two laws, one for the forward speed and one for the yaw."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, Self, cast

@@ -1,4 +1,4 @@
-"""Fuzzy control along one axis: a small table of rules in words, and how it becomes a number."""
+"""Fuzzy control along one axis: a small rule table and its evaluation."""
 
 from typing import Annotated, Any, NamedTuple
 

@@ -1,4 +1,4 @@
-"""Laws that command what the identified plant needs: computed torque and sliding mode.
+"""Laws that invert the identified plant: computed torque and sliding mode.
 
 Both work on the *motion* of an axis, τ v̇ = g d − v: the forward speed, or the yaw rate. The yaw is
 a cascade: its error asks for a yaw rate, r = ψ̇_ref + K_ψ e, and the law makes the robot turn so.

@@ -1,4 +1,4 @@
-"""A small neural network as the law of one axis; its weights stand readable beside this file.
+"""A small neural network as the law of one axis; its weights are in neural.json.
 
 ``studies/train_neural_control.py`` trains it on the best of the other laws, and says which.
 """

@@ -1,4 +1,4 @@
-"""What a law of guidance that is put around another takes over from it."""
+"""Properties that a wrapper of a guidance law takes over from it."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Ways out of the traps of a potential field: a virtual obstacle, or along the wall."""
+"""Escapes from the traps of a potential field: a virtual obstacle, or along the wall."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""References that the identified plant can follow: caps and rates around any law of guidance."""
+"""Feasible references: limits and rates around any law of guidance."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How fast laws of guidance that know their way drive along it."""
+"""Speed along a known path."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Following a line of straight pieces by driving at a point of it some way ahead."""
+"""Pure pursuit: following a polyline by driving at a point ahead on it."""
 
 from itertools import pairwise
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Choosing between values and between states of laws by numbers that may be traced."""
+"""Selection between values and between states of laws, traced or not."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""References given over time, to see how a controller follows them."""
+"""Given references over time, to test a controller."""
 
 from typing import Annotated, Any
 

@@ -1,4 +1,4 @@
-"""Passing waypoints, for every law of guidance that only knows a goal."""
+"""Waypoints for guidance laws with a single goal."""
 
 import math
 from collections.abc import Sequence

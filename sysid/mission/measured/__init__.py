@@ -1,1 +1,1 @@
-"""A mission that was driven, against the runs that were predicted for it."""
+"""A measured mission compared with its simulated runs."""

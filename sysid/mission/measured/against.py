@@ -1,4 +1,4 @@
-"""A measured mission against the runs predicted for it: one call for both."""
+"""A measured mission and its simulated runs in one call."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ from sysid.structures.model import Model
 from sysid.vehicle.kinematics import wrap_angle
 
 RUNS = 400
-"""Runs of a fan where nobody says how many: 200 say how wide it is, to 5 %, and 10 of the other 200
+"""Default number of runs of a fan: 200 say how wide it is, to 5 %, and 10 of the other 200
 lie beyond the limit of the whole path."""
 
 

@@ -1,4 +1,4 @@
-"""A measured drive as the runs of its mission are compared with: its clock, start and noise."""
+"""A measured drive: clock, start and noise for the comparison with simulated runs."""
 
 from dataclasses import dataclass
 

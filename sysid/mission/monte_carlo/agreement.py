@@ -1,4 +1,4 @@
-"""Whether runs side by side are the runs one after the other: some are driven again, alone."""
+"""Agreement of compiled runs with single ones: some are repeated alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Runs in chunks of fixed size: what a worker is given, and what it gives back."""
+"""Runs in chunks of fixed size: inputs and results of a worker."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

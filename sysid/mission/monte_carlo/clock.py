@@ -1,4 +1,4 @@
-"""Both clocks of a mission in blocks of samples, as arrays that a compiled loop runs through."""
+"""Both clocks of a mission as arrays, in blocks of samples for a compiled loop."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Runs of one mission and one plant, side by side in a compiled loop.
+"""Runs of one mission and one plant, batched in a compiled loop.
 
 The loop is :class:`sysid.mission.loop.Loop` itself on traced numbers, one run of it, which JAX
 makes into many. A run that has ended goes on unseen: its figures are those of its last sample.
@@ -129,17 +129,7 @@ class CompiledRuns:
         return scene
 
     def _start(self, numbers: Numbers) -> Any:
-        """State before the first sample, at rest without drive."""
-        jax, jnp = _jax()
-        loop = self._loop(numbers)
-        state = loop.start()
-        plant, nothing = jnp.asarray(state.plant, jnp.float64), jnp.zeros(2)
-        settling_steps = self.variant.settling_steps
-        if settling_steps:
-            plant = jax.lax.fori_loop(
-                0, settling_steps, lambda _, x: loop.plant.step(x, nothing)[0], plant
-            )
-        return jax.tree.map(jnp.asarray, state._replace(plant=plant))
+        return settled(self._loop(numbers), self.variant.settling_steps)
 
     def _sampled(self, pattern: Pattern) -> Callable[..., tuple[Any, Any]]:
         """One sample of one run with so many control instants before it and with it."""
@@ -283,6 +273,16 @@ class CompiledRuns:
                 jnp.asarray(np.stack([noise_block(s, n, BLOCK) for s in streams], axis=1))
                 for streams, n in named
             )
+
+
+def settled(loop: Loop, steps: int) -> Any:
+    """State before the first sample, after so many steps without drive, traced."""
+    jax, jnp = _jax()
+    state = loop.start()
+    plant, nothing = jnp.asarray(state.plant, jnp.float64), jnp.zeros(2)
+    if steps:
+        plant = jax.lax.fori_loop(0, steps, lambda _, x: loop.plant.step(x, nothing)[0], plant)
+    return jax.tree.map(jnp.asarray, state._replace(plant=plant))
 
 
 def _arrays(block: Block) -> tuple[Any, ...]:

@@ -1,4 +1,4 @@
-"""The figures of runs: a few numbers each, no logs."""
+"""The results of runs: a few numbers each, no logs."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,7 +13,7 @@ FAILED = 5
 """The verdict, beside those of the loop, of a run whose plant or law gives no numbers."""
 
 OUTCOMES = ("arrived", "collision", "stuck", "timeout", "failed")
-"""In the order in which they are told."""
+"""In the order of the report."""
 
 
 class Figures(NamedTuple):

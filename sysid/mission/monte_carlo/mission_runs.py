@@ -1,4 +1,4 @@
-"""What many runs of a mission came to: how surely it arrives, and what decides it."""
+"""The result of many runs of a mission: outcomes, quantiles, variance shares."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ WORST = 5
 """Runs that are named as the worst."""
 
 SURELY = 0.99
-"""Share of the runs whose clearance the sentence tells."""
+"""Share of the runs to which the clearance in the sentence applies."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class MissionRuns:
         figures: of the runs, in the order of ``seeds``.
         redrawn: draws that were not feasible and were made again.
         time_drivers, error_drivers: what the variance of the time of runs that arrived, and of the
-            final error, comes from; None where the runs are too few to tell.
+            final error, comes from; None for too few runs.
         notes: sentences about what was assumed.
     """
 

@@ -1,4 +1,4 @@
-"""The paths of some runs: for pictures, and to lay a measured one over them."""
+"""The paths of some runs, for pictures and for comparison with a measured one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

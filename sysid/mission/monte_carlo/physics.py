@@ -1,4 +1,4 @@
-"""What differs from run to run of the vehicle and its floor, where the motion asks for them."""
+"""Samples of vehicle and floor parameters, for motions that need them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

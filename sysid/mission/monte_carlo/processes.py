@@ -1,4 +1,4 @@
-"""Chunks of runs on processes of this machine; one that dies costs time and no run."""
+"""Chunks of runs on processes of this machine; a process that dies costs no run."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Driving a mission many times: chunks of runs to workers, their figures to one result."""
+"""Many runs of a mission: chunks to workers, their results joined."""
 
 from collections.abc import Callable, Sequence
 from time import perf_counter
@@ -19,7 +19,7 @@ from sysid.mission.spec import Mission
 from sysid.structures.model import Model
 
 MOST_RUNS = 10_000_000
-"""A batch of more runs would not end while somebody waits, and tells no more."""
+"""A batch of more runs would not end while somebody waits, and adds nothing."""
 
 _ALONE = "The runs went one after the other, in processes: {}."
 

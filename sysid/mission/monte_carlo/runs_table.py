@@ -1,4 +1,4 @@
-"""Many runs as a table: a row a run."""
+"""Many runs as a table with a row per run."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What differs from run to run, drawn once, in NumPy: the same for one run alone and for many."""
+"""Random samples of what varies between runs, by NumPy: the same for one run and for many."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -75,10 +75,10 @@ class Sampler:
     """How the runs of one mission and one plant are drawn.
 
     A run's numbers come from streams of its own, and all of them are drawn whatever varies: to
-    leave a quantity out changes no other. A draw that nobody could drive (parameters outside their
+    leave a quantity out changes no other. A draw that cannot be driven (parameters outside their
     bounds or an unstable plant; a start or goal inside an obstacle) is drawn again: what remains is
     the distribution on the condition that it can be driven. Where hardly any draw of a plant is
-    feasible, because its log does not tell some directions of θ, those are drawn less far.
+    feasible, because its log does not determine some directions of θ, those are drawn less far.
 
     Attributes:
         mission: nominal.

@@ -1,4 +1,4 @@
-"""A mission, the plants that may drive it and what varies: one run of it as NumPy takes it."""
+"""A mission, its plant variants and its variation; single runs in NumPy."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.mission.contracts import Scene, SteppablePlant
 from sysid.mission.loop import CommandShaper
@@ -77,6 +78,14 @@ class PlantVariant:
         state = plant.initial_state()
         fresh = np.array((state, state)) if self.robot.twins else state
         return replace(self.robot, plant=plant, rest=fresh, slip=slip if self.slips else None)
+
+    def resting(self, theta: Array, slip: float) -> RobotPlant:
+        """The robot with a run's numbers of NumPy, at rest without drive."""
+        robot = self.robot_of(theta, slip)
+        state = robot.initial_state()
+        for _ in range(self.settling_steps):
+            state, _ = robot.step(state, np.zeros(2))
+        return replace(robot, rest=state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,12 +198,8 @@ class Setup:
         """Mission, robot and noise seed of one run, for NumPy."""
         variant = self.plant_variants[self.choice(seed)]
         samples = variant.sampler.draw([seed])
-        robot = variant.robot_of(samples.theta[0], float(samples.slip[0]))
-        state = robot.initial_state()
-        for _ in range(variant.settling_steps):
-            state, _ = robot.step(state, np.zeros(2))
-        mission = varied_mission(variant.sampler, samples)
-        return mission, replace(robot, rest=state), self.noise_seed(seed)
+        robot = variant.resting(samples.theta[0], float(samples.slip[0]))
+        return varied_mission(variant.sampler, samples), robot, self.noise_seed(seed)
 
     def simulated(self, seed: int) -> MissionResult:
         """One run, as :func:`sysid.mission.simulator.simulate` gives it.

@@ -4,8 +4,7 @@ The quantities are independent of each other, and so are the standard normal num
 A figure is regressed on z, and on z² − 1 of a quantity with few numbers (its polynomial chaos of
 second order without products). The first-order share of a quantity (Sobol's) is what the residual
 sum grows by when its columns are left out, less what columns without any meaning would take.
-What no quantity explains alone is told as what it is: sensor noise, quantities that act together
-only, and curves beyond the second order.
+The remainder is listed separately: sensor noise, interactions, and curves beyond the second order.
 """
 
 from collections.abc import Sequence
@@ -80,7 +79,7 @@ def added(parts: Sequence[Moments]) -> Moments:
 
 
 def shares(sums: Moments, varying: Varying) -> Shares | None:
-    """Shares of the figure's variance; None where the runs are too few to tell, or all alike."""
+    """Shares of the figure's variance; None for too few runs, or equal ones."""
     G = sums.gram
     n, p = G[0, 0], len(G) - 1
     if n < ROWS_A_COLUMN * p or n < 2:

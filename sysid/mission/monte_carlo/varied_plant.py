@@ -1,4 +1,4 @@
-"""A plant whose numbers differ from run to run: drawn by NumPy, run one by one or compiled."""
+"""A plant with varying parameters: sampled by NumPy, run singly or compiled."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

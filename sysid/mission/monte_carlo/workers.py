@@ -1,4 +1,4 @@
-"""Who runs the chunks: threads of this process, processes of this machine, or a cluster."""
+"""Workers for chunks: threads of this process, processes of this machine, or a cluster."""
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor

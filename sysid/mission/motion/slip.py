@@ -1,4 +1,4 @@
-"""Motion of tracks that slip, without inertia: by given shares, or as the soil lets them."""
+"""Motion of slipping tracks without inertia: with given slip, or from the soil."""
 
 from typing import Annotated, Any
 

@@ -1,1 +1,1 @@
-"""Navigation filters: from what the sensors read to the estimated pose, one a file."""
+"""Navigation filters: from sensor measurements to the estimated pose, one a file."""

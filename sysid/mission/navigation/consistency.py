@@ -1,4 +1,4 @@
-"""Whether a filter is as good as it believes: errors and innovations against their covariances.
+"""Consistency of a filter: errors and innovations against their covariances.
 
 Where model and noise are right, the normalised error eᵀP⁻¹e (NEES) and the normalised innovation
 νᵀS⁻¹ν (NIS) are χ² with as many degrees of freedom as numbers (Bar-Shalom, Li & Kirubarajan 2001,
@@ -130,7 +130,7 @@ def _bounds(dof: float, probability: float) -> tuple[float, float]:
 
 
 def _samples_in_one(series: Sequence[Array]) -> float:
-    """Samples that tell as much as one independent one: 1 + 2Σρ, summed while ρ is above 0."""
+    """Samples worth one independent sample: 1 + 2Σρ, summed while ρ is above 0."""
     mean = float(np.concatenate(series).mean())
     off = [s - mean for s in series]
     power = sum(float(o @ o) for o in off)

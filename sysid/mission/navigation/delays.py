@@ -1,4 +1,4 @@
-"""Measurements that come late or out of order: kept for a while, and used where they belong.
+"""Late or out-of-order measurements: buffered, and used at their instant.
 
 A measurement that comes ``d`` samples after the instant it is of is put into the sample ``d`` back,
 and the filter runs again from there (replay). That gives, to the last bit, what the filter would
@@ -19,7 +19,8 @@ class BufferedSample(NamedTuple):
     Attributes:
         dt: time since the sample before [s].
         drive: mean command of both tracks [drive].
-        z: what each group of measurements tells of this sample, (m,) each; NaN where nothing came.
+        z: the values of each group of measurements for this sample, (m,) each; NaN where nothing
+            came.
         fresh: which groups came now, (groups,); the others were used before.
     """
 

@@ -12,7 +12,8 @@ from sysid.mission.navigation.measurements import EXPECTED, Compass, Group
 from sysid.mission.navigation.process import POSE_AND_SPEEDS, Process
 
 OVER_GROUND = frozenset({"vo_x", "fix_x"})
-"""Measurements that show the way over ground, without which slip cannot be told from driving."""
+"""Measurements that show the way over ground, without which slip cannot be distinguished from
+driving."""
 EXACT_WHEELS = 1e-6
 """Variance [rad²/s²] of wheel speeds that a mission without encoders reads exactly: far below any
 encoder's, far above rounding."""

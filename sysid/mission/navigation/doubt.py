@@ -1,10 +1,10 @@
-"""When a filter that rejects reading after reading must doubt itself and not the sensor.
+"""Recovery of a filter that rejects one measurement after another.
 
 A gate keeps outliers away. Once the vehicle has moved as the filter's process does not know, to the
 side for instance, every right measurement lies beyond the gate as well, and the filter would never
-find back. What tells one from the other: outliers come alone or contradict each other; measurements
+find back. How to distinguish: outliers come alone or contradict each other; measurements
 that are right stay off by the same. After a run of rejected measurements that agree, the pose is
-taken to have been moved by what they tell, Var = ν², and the next one corrects it.
+assumed to have moved by them, Var = ν², and the next one corrects it.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ POSE = 3
 """States x, y, psi, the first ones of every filter."""
 
 DOUBTS = frozenset({"position_fixes", "visual_odometry"})
-"""Sensors that tell where the vehicle is, and that nothing around disturbs for long. Iron bends
+"""Absolute sensors without long disturbances from the surroundings. Iron bends
 the field of a magnetometer for as long as the robot is beside it, which looks the same."""
 
 

@@ -1,4 +1,4 @@
-"""What all filters that fuse sensors have in common: keys, order of work, what they report."""
+"""The common part of all fusing filters: keys, order of work, reported columns."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -104,7 +104,7 @@ class Filter(Settings):
     sigma_heading: Deviation = 0.001
 
     linear: ClassVar[bool] = False
-    plainest: ClassVar[tuple[str, ...]] = ("encoders", "gyroscope")
+    default_sensors: ClassVar[tuple[str, ...]] = ("encoders", "gyroscope")
 
     @field_validator("q")
     @classmethod

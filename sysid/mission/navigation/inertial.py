@@ -1,4 +1,4 @@
-"""Inertial navigation: accelerometer and gyroscope integrated, nothing else."""
+"""Inertial navigation: accelerometer and gyroscope integrated."""
 
 from typing import Any, ClassVar, NamedTuple
 

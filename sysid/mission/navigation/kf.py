@@ -1,4 +1,4 @@
-"""The Kalman filter proper: all that it uses is linear in its state."""
+"""The linear Kalman filter."""
 
 from typing import ClassVar
 

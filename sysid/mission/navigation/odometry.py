@@ -23,7 +23,7 @@ class Odometry(Settings):
     by it when it comes.
 
     Attributes:
-        r, B: lengths that odometry believes [m]; the vehicle's unless given.
+        r, B: lengths that odometry assumes [m]; the vehicle's unless given.
     """
 
     r: Positive | None = None

@@ -1,4 +1,4 @@
-"""How a vehicle moves between two samples, as a filter believes: mean, slopes and noise.
+"""The process model of a filter: mean, derivatives and noise between two samples.
 
 States are named. ``x, y`` [m], ``psi`` [rad], ``v`` [m/s] and ``yaw_rate`` [rad/s] are always
 there, the last two as the tracks turn, before slip takes its part: so encoders stay linear, whose

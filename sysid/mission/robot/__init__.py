@@ -1,1 +1,1 @@
-"""A robot made of an identified plant: wiring, scales, rest, what it can do, what is undone."""
+"""A robot from an identified plant: wiring, scales, rest, limits, compensation."""

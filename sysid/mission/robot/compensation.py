@@ -1,4 +1,4 @@
-"""Making up for what the plant is known to do to commands, where these become PWM of each track."""
+"""Compensation of identified effects, where commands become PWM of each track."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""Making a robot of any identified plant: two PWM inputs in µs, two wheel speeds in rad/s.
+"""Any identified plant as a robot: two PWM inputs in µs, two wheel speeds in rad/s.
 
 A plant identified from a robot's log passes through unchanged. For anything else (a bench motor, a
 heater, a winding machine) the closed loop can still be run as a test of the model, once

@@ -1,4 +1,4 @@
-"""What laws are told of a plant: gain and lag of its answer along each axis, and its limits."""
+"""The nominal plant for laws: gain and lag of the response along each axis, and its limits."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""A robot plant whose motors feel the ground: what controllers and limits know of it then."""
+"""A robot plant with ground forces on its motors, as controllers and limits see it."""
 
 from dataclasses import dataclass, replace
 
@@ -80,7 +80,7 @@ def on_ground(plant: SteppablePlant, scene: Scene) -> GroundedPlant:
     """The plant's motors under the vehicle of a scene, on its floor without patches and slope.
 
     Raises:
-        ModelError: the plant tells no torques.
+        ModelError: the plant has no torques.
     """
     assert scene.car is not None
     assert scene.floor is not None

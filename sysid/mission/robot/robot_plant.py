@@ -1,4 +1,4 @@
-"""RobotPlant: any plant wired and scaled so that it takes PWM [µs] and answers rad/s per track."""
+"""RobotPlant: any plant wired and scaled to take PWM [µs] and return rad/s per track."""
 
 from dataclasses import dataclass
 from functools import cached_property

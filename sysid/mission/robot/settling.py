@@ -1,4 +1,4 @@
-"""Where the outputs of a plant come to rest when its inputs are held, found by simulation."""
+"""Steady-state outputs of a plant under constant inputs, by simulation."""
 
 from dataclasses import dataclass
 from enum import StrEnum

@@ -35,7 +35,7 @@ def motors_of(plant: SteppablePlant) -> tuple[Motor, Motor]:
     """Left and right motor of a robot plant, driven by shares of full drive.
 
     Raises:
-        ModelError: the plant tells no torques, or zero drive is not zero for its motors.
+        ModelError: the plant has no torques, or zero drive is not zero for its motors.
     """
     source = _source(plant)
     if not isinstance(plant, RobotPlant) or source is None:
@@ -45,7 +45,7 @@ def motors_of(plant: SteppablePlant) -> tuple[Motor, Motor]:
 
 
 def check_lifted(plant: SteppablePlant, lifted: bool | None) -> tuple[str, ...]:
-    """Refuse motors that were identified on the ground; a sentence where nobody can tell.
+    """Refuse motors that were identified on the ground; a note where it cannot be checked.
 
     Args:
         plant: a robot plant.

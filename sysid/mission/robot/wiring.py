@@ -1,4 +1,4 @@
-"""Which input of a plant drives, and which output is, the left and the right track of a robot."""
+"""Which inputs and outputs of a plant are the left and the right track."""
 
 import re
 from collections.abc import Iterator, Sequence

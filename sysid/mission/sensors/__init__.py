@@ -1,1 +1,1 @@
-"""Sensors: what the robot reads of its own motion besides the wheels."""
+"""Sensors: measurements of the robot's motion beyond the exact wheel speeds."""

@@ -1,4 +1,4 @@
-"""What all sensors have in common: they are read at a rate, err, come late and fail at times."""
+"""Common errors of all sensors: rate, noise, bias, latency, drop-outs."""
 
 import math
 from abc import abstractmethod
@@ -56,7 +56,7 @@ class ImperfectSensor(Settings):
     It measures at the instants j/rate, j = 0, 1, …: at the first sample of the plant at or after
     each; where it is faster than the plant, once a sample, of what came since the last one. With
     T = max(1/rate, dt), σ = noise/√T. The bias is b(0) = bias + bias_std·z,
-    b(t + dt) = b(t) + bias_walk·√dt·z. Navigation is not told the bias itself.
+    b(t + dt) = b(t) + bias_walk·√dt·z. Navigation does not know the bias.
 
     Fields of more than one quantity take one number for all of them or a list of one each; units
     are those of what is measured.

@@ -1,4 +1,4 @@
-"""Fixes of the position by something outside: motion capture, satellites."""
+"""Position fixes from outside: motion capture, satellites."""
 
 import math
 from typing import Any, ClassVar

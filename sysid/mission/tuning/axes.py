@@ -1,4 +1,4 @@
-"""What a controller has to do with: the answer of speed and yaw rate to their commands."""
+"""Step responses of speed and yaw rate for tuning."""
 
 from dataclasses import dataclass
 from enum import StrEnum

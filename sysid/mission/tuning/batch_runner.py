@@ -1,4 +1,4 @@
-"""Runs of one mission with many sets of gains: side by side in a compiled loop, or one by one.
+"""Runs of one mission with many sets of gains, compiled in batches or sequential.
 
 As in :mod:`sysid.mission.monte_carlo.compiled` it is the loop itself that is traced; what differs
 from run to run are the gains and the plant's parameters.
@@ -19,6 +19,7 @@ from sysid.errors import ModelError
 from sysid.fitting.compiled import compiled, jax_module
 from sysid.mission.loop import COLUMNS, Loop, Tick, Verdict
 from sysid.mission.monte_carlo.clock import BLOCK, Clock, Pattern
+from sysid.mission.monte_carlo.compiled import settled
 from sysid.mission.monte_carlo.figures import FAILED
 from sysid.mission.monte_carlo.setup import PlantVariant, Setup
 from sysid.mission.noise import block as noise_block
@@ -116,11 +117,7 @@ class BatchRunner:
         return joined([self._one(runs.rows([k])) for k in range(len(runs.seeds))])
 
     def _one(self, run: Runs) -> Driven:
-        robot = self.variant.robot_of(run.theta[0], 0.0)
-        state = robot.initial_state()
-        for _ in range(self.variant.settling_steps):
-            state, _ = robot.step(state, np.zeros(2))
-        robot = replace(robot, rest=state)
+        robot = self.variant.resting(run.theta[0], 0.0)
         mission = self.with_gains(run.gains[0].tolist())
         try:
             result = simulate(mission, robot, run.seeds[0], self.variant.robot)
@@ -193,18 +190,7 @@ class BatchRunner:
         return closed_loop(mission, robot, self.variant.scene, xp, self.variant.shaper)
 
     def _start(self, numbers: tuple[Any, Any]) -> Any:
-        """State before the first sample, at rest without drive."""
-        jax = jax_module()
-        jnp = jax.numpy
-        loop = self._loop(*numbers)
-        state = loop.start()
-        plant, nothing = jnp.asarray(state.plant, jnp.float64), jnp.zeros(2)
-        settling_steps = self.variant.settling_steps
-        if settling_steps:
-            plant = jax.lax.fori_loop(
-                0, settling_steps, lambda _, x: loop.plant.step(x, nothing)[0], plant
-            )
-        return jax.tree.map(jnp.asarray, state._replace(plant=plant))
+        return settled(self._loop(*numbers), self.variant.settling_steps)
 
     @cached_property
     def _starts(self) -> Callable[..., Any]:

@@ -1,4 +1,4 @@
-"""What gains are judged by: answers to steps of speed and yaw, and the mission itself."""
+"""Criteria of gains: step responses of speed and yaw, and the mission itself."""
 
 import math
 from dataclasses import dataclass
@@ -180,12 +180,12 @@ NEVER = 1e6
 """A rise longer than any mission [s]."""
 
 NAMES = tuple(name for name in Criteria._fields if name != "arrives")
-"""Criteria that are told."""
+"""Reported criteria."""
 
 
 @dataclass(frozen=True)
 class Resolution:
-    """Differences by which nobody would choose: they are about what a second drive differs by.
+    """Negligible differences: about those between repeated drives.
 
     Attributes:
         rise: s, at least a control period.
@@ -206,7 +206,7 @@ class Resolution:
         _, _, time, effort = objectives.min(axis=0)[:4]
         steps = [max(self.rise, period), self.overshoot, self.time * time, self.effort * effort]
         steps.append(self.clearance)
-        return np.maximum(steps[: objectives.shape[1]], 1e-9)  # an effort of 0 is told apart, too
+        return np.maximum(steps[: objectives.shape[1]], 1e-9)  # also for an effort of 0
 
 
 def criteria(test: StepTest, answers: Driven, drives: Driven) -> Criteria:

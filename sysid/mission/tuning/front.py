@@ -1,4 +1,4 @@
-"""Which of many sets of gains are worth a choice, and which of those is proposed."""
+"""The Pareto front of many sets of gains, and the proposed set."""
 
 from dataclasses import dataclass
 
@@ -42,7 +42,7 @@ def non_dominated(values: Array) -> NDArray[np.bool_]:
 
 
 def front(values: Array, resolution: Array) -> Front:
-    """The front, with one member for sets that nobody could tell apart.
+    """The front, with one member for indistinguishable sets.
 
     Criteria are compared in steps of their resolution; of several sets with the same steps the one
     nearest to their lower corner stays (ε-dominance).

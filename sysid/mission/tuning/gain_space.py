@@ -1,5 +1,4 @@
-"""The gains that are searched: their names, their bounds, and points of a unit cube that stand for
-them."""
+"""The search space of gains: names, bounds, and the unit cube that they map to."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ ZERO = 0.1
 """Share of the cube that stands for 0 where a gain may be 0: one set in ten goes without it."""
 
 DIGITS = 3
-"""Digits of a gain: what is told, written and driven is the same number, and none of the criteria
+"""Digits of a gain: the displayed, written and simulated gain are equal, and none of the criteria
 sees a thousandth of a gain."""
 
 

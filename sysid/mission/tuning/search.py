@@ -1,4 +1,4 @@
-"""Gains by driving: sets spread over their bounds, then more around those worth a choice."""
+"""Search for gains by simulation: spread over the bounds first, then refined around the front."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -40,7 +40,7 @@ class SearchRule:
         widths: standard deviation of a refined set from a member of the front, in the unit cube, in
             the first and the last round: a tenth of the decades between the bounds is what one set
             in a hundred leaves open in three dimensions.
-        most: sets, more of which nobody waits for.
+        most: largest number of sets.
     """
 
     spread: float = 0.5

@@ -1,4 +1,4 @@
-"""What a search for gains came to: sets to choose from, the proposed one, and what rules say."""
+"""The result of a gain search: sets to choose from, the proposed one, and tuning rules."""
 
 import math
 from collections.abc import Mapping

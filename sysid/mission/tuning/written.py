@@ -1,4 +1,4 @@
-"""A mission file with another law: its text as it is, but for the section of that law."""
+"""A mission file with another law: its text unchanged except for the section of that law."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -93,7 +93,7 @@ def write_vehicle(source: Path, target: Path, sections: Sections) -> Path:
 
 
 def _rounded(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Numbers to six digits: more than any log tells."""
+    """Numbers to six digits: more than any log determines."""
 
     def short(value: Any) -> Any:
         if isinstance(value, float):

@@ -1,4 +1,4 @@
-"""A picture of a choice between sets of gains: what they trade, and what the proposed one does."""
+"""The picture of a front of gains: trade-offs, and the proposed set."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -21,7 +21,7 @@ _LEGEND = 0.62
 """Where the legend begins below the upper edge [in]: under title and subtitle."""
 
 _SHADES = ("#cfe4f1", "#7fb8dc", "#0072b2", "#00304d")
-"""From little to much, told apart in grey print."""
+"""From little to much, distinguishable in grey print."""
 
 
 @dataclass(frozen=True)

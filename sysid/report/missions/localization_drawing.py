@@ -1,4 +1,4 @@
-"""Where a robot believed to be: its estimated path with ellipses that hold it in 95 % of cases."""
+"""The picture of a localized path with its 95 % ellipses."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Pictures of tuning: answers over time beside a reference, and paths in the plane."""
+"""Pictures of tuning: responses over time beside a reference, and paths in the plane."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""The picture of many runs of a mission: the fan of their paths, how they ended, what matters."""
+"""The picture of many runs of a mission: fan of paths, distributions, variance shares."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""From files of the motor bench to the motor's constants with what they are worth."""
+"""From files of the motor bench to the motor's constants with their errors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -41,7 +41,7 @@ class MotorOptions:
             error; without one it is that of rounding to the last digit.
         gear: turns of the motor for one of the output shaft; the thesis's 120 unless a file or
             this tells it.
-        units: column → unit, where a file does not tell it.
+        units: column → unit, where a file lacks it.
         pulses_per_turn: of the sensor at the output shaft behind a column of event times.
         method: ``separate`` (one experiment at a time, as the thesis), ``joint``, or ``auto``:
             joint where there is the log of a drive.
@@ -71,12 +71,12 @@ class Estimate:
 
     Attributes:
         name, unit: as in ``CONSTANTS``.
-        value: in SI; None where nothing tells it.
+        value: in SI; None if not identifiable.
         std_error: its standard error; None where there is none, which ``reason`` explains.
         published: what the thesis prints, for its own tables.
-        recomputable: whether the given files tell the constant; for the thesis's tables whether
-            they give the printed number.
-        reason: where the value comes from, or why it cannot be told.
+        recomputable: whether the given files determine the constant; for the thesis's tables
+            whether they give the printed number.
+        reason: where the value comes from, or why there is none.
     """
 
     name: str
@@ -102,7 +102,7 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class MotorBench:
-    """What the experiments on a motor tell.
+    """Results of the experiments on a motor.
 
     Attributes:
         tests: experiments in steady state.
@@ -281,7 +281,7 @@ class _Evaluation:
         )
 
     def _chosen(self) -> tuple[dict[str, float], tuple[str, ...], Array]:
-        """Values, names and covariance by the method; what one way does not tell, by the other."""
+        """Values, names and covariance by the method, completed by the other one."""
         of_joint = dict(zip(self.joint.names, self.joint.theta.tolist(), strict=True))
         if self.method == "joint":
             values, names, covariance = of_joint, self.joint.names, self.joint.covariance

@@ -1,4 +1,4 @@
-"""One drive: a log of voltage, current and speed or angle, and how the constants predict it.
+"""One drive: a log of voltage, current and speed or angle, and its prediction from the constants.
 
 The two linear equations of the motor are solved exactly between rows, over which the voltage is
 held; dry friction makes them piecewise linear, and a shaft that stops stands until the torque

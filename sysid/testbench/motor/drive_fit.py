@@ -1,4 +1,4 @@
-"""Tables and drives together: which constants they tell, where to begin, how to hold the input."""
+"""Tables and drives together: identifiable constants, initial guesses, hold of the input."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ SMEARED = 3.0
 been at the rows: noise alone makes this ratio 1 within a few tenths."""
 
 SEEN = 2.0
-"""Standard errors by which an inductance must differ from zero to be told at all."""
+"""Standard errors by which an inductance must differ from zero to be identifiable."""
 
 
 def fit_all(
@@ -80,7 +80,7 @@ def fit_all(
 def _names(
     tests: Sequence[SteadyTest], drives: Sequence[DriveLog], known: Mapping[str, KnownValue]
 ) -> tuple[str, ...]:
-    """Constants that the experiments and known values tell, in the order of ``CONSTANTS``."""
+    """Constants that the experiments and known values determine, in the order of ``CONSTANTS``."""
     torque = any(t.has("torque") for t in tests if t.kind in (Kind.STALL, Kind.EXTERNAL))
     determined = {"R", "Kem", "f", "C0", *known}
     determined |= {"Kc"} if torque else set()
@@ -135,7 +135,7 @@ def _cost(fit: JointFit) -> float:
 
 
 def _inductance_identifiable(fit: JointFit, least: float) -> bool:
-    """Whether the inductance differs from zero, and L/R from the least that could be told [s]."""
+    """Whether L differs from zero, and L/R from its smallest identifiable value [s]."""
     k = fit.names.index("L")
     error = float(np.sqrt(fit.covariance[k, k]))
     long = least * fit.constants.R < fit.constants.L

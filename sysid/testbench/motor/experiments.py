@@ -1,4 +1,4 @@
-"""What is measured on a motor: experiments in steady state, and values known otherwise."""
+"""Measurements of a motor: steady-state experiments and known values."""
 
 import math
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from sysid.data.record import Array
 
 
 class Kind(Enum):
-    """Experiments in steady state, as the columns of a file tell them."""
+    """Experiments in steady state, by the columns of a file."""
 
     BLOCKED = "blocked rotor"
     NO_LOAD = "no load"

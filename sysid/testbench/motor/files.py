@@ -28,7 +28,7 @@ Given = Mapping[str, float | tuple[float, float | None]]
 """Constants known without a file: a value, or value and standard error."""
 
 LEAST_ROWS = 50
-"""Rows of a drive: fewer cannot tell six constants and a noise level of each column."""
+"""Rows of a drive: fewer do not determine six constants and a noise level per column."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def read_bench_files(
 
     Args:
         files: CSV or Parquet.
-        units: column → unit, where a file does not tell it.
+        units: column → unit, where a file lacks it.
         pulses_per_turn: of the sensor behind a column of event times.
         given: constants known without a file; they count before those of a file.
 

@@ -1,4 +1,4 @@
-"""All experiments of a motor at once: weighted least squares with a noise level each.
+"""All experiments of a motor at once: weighted least squares with a noise estimate for each.
 
 Every measurement is compared with what the constants predict at its voltage. Each quantity of each
 file has a noise level of its own, estimated along with the constants from its residuals over its
@@ -30,7 +30,7 @@ MIN_DEGREES_OF_FREEDOM = 2.5
 variance of Student's distribution is infinite."""
 
 ACCURACY = 0.01
-"""Noise of a measurement that nothing tells, as a share of the largest one: bench instruments are
+"""Unknown noise of a measurement, as a share of the largest one: bench instruments are
 specified to about 1 %."""
 
 TOLERANCE = 1e-7
@@ -392,8 +392,8 @@ def _with_uneven_noise(covariance: Array, J: Array, r: Array) -> Array:
 
 
 LEAST_FREE = 0.05
-"""Share of a measurement that the estimates leave free below which its residual tells no noise: a
-value that is known is taken up whole."""
+"""Share of a measurement that the estimates leave free below which its residual gives no noise
+estimate: a value that is known is taken up whole."""
 
 
 def _leverage(J: Array) -> Array:

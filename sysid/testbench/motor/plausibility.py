@@ -1,4 +1,4 @@
-"""Constants that no motor has, and experiments that contradict each other."""
+"""Impossible constants, and experiments that contradict each other."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -20,7 +20,7 @@ APART = 3.0
 """Standard errors of their difference beyond which two experiments contradict each other."""
 
 HARDLY = 0.5
-"""Standard error over value from which a constant is hardly told."""
+"""Standard error over value from which a constant is weakly identifiable."""
 
 
 def missing_experiments(

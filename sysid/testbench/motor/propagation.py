@@ -1,4 +1,4 @@
-"""What the noise of the measurements makes of constants from one experiment at a time."""
+"""Error propagation for constants from one experiment at a time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

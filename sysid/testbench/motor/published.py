@@ -1,4 +1,4 @@
-"""What the thesis prints for its motor, and which of it follows from what else it prints."""
+"""The constants that the thesis prints, and which of them follow from its data."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -32,7 +32,7 @@ Rule = Callable[[Sequence[SteadyTest], Values, float], list[Route]]
 def routes(
     tests: Sequence[SteadyTest], known: Mapping[str, KnownValue], gear: float
 ) -> tuple[Route, ...]:
-    """Every way in which the experiments tell a constant, the thesis's first.
+    """Every route from the experiments to a constant, the thesis's first.
 
     The constants are found in the order R, Kem, Kc, then f and C0 together, each with those
     before it; what is known takes part as if it were measured.

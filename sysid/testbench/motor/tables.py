@@ -81,14 +81,14 @@ def read_bench_table(path: Path) -> Table:
 
 
 def columns_of(table: Table, units: Mapping[str, str]) -> tuple[Column, ...]:
-    """What the columns hold, those that nobody knows left out.
+    """What the columns hold, unknown ones left out.
 
     Args:
         table: of a bench file.
-        units: column → unit, where the file does not tell it.
+        units: column → unit, where the file lacks it.
 
     Raises:
-        DataError: a column's unit is not told.
+        DataError: a column has no unit.
         UsageError: a unit is unknown.
     """
     columns = []

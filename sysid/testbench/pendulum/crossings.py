@@ -1,4 +1,4 @@
-"""Periods counted without a model: passages through the middle, and turning points.
+"""Periods without a model: zero crossings and turning points.
 
 They say which part of a log is a free swing (before it the body is held, after it somebody stops
 it), give the fit its start, and check its result.
@@ -22,7 +22,7 @@ TONE = 0.5
 or more it has a few per cent, of a swing sampled too slowly nearly all."""
 REACH = 0.1
 """Share of the largest swing that the angle must reach on either side between two passages: less
-is noise, or a swing so small that its passages tell little."""
+is noise, or a swing so small that its crossings carry little information."""
 STEADY = 0.15
 """A period may differ by so much from the usual one: at 90° it is 18 % longer than at rest."""
 LONGEST_HOLE = 12

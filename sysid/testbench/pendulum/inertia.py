@@ -1,4 +1,4 @@
-"""Inertia of a body that swings on a bar (thesis 2.51, 5.7), and what its error comes from.
+"""Inertia of a body that swings on a bar (thesis 2.51, 5.7), and its error budget.
 
 The errors of what is measured multiply: the period enters with its square, and the inertia about
 the centre of gravity is a small difference of large numbers wherever the arm is long.

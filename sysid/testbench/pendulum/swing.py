@@ -1,4 +1,4 @@
-"""The swing of a pendulum out of a log: its angle, from an angle, a quaternion or a position."""
+"""The swing angle of a log: from an angle, a quaternion or a position."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -115,7 +115,7 @@ def read_swing(
 
 
 def _places(table: Table, options: ReadOptions) -> tuple[tuple[str, ...], str]:
-    """The columns that tell the angle, and what they are."""
+    """The columns of the angle, and their kind."""
     if options.outputs:
         if len(options.outputs) > 1:
             raise UsageError("`outputs` names several columns; name one angle")

@@ -1,4 +1,4 @@
-"""A battery from rests and loads: open-circuit voltage, resistance, and what recovers slowly.
+"""A battery from rests and loads: open-circuit voltage, resistance, and slow recovery.
 
     V = E − s q − R₀ I − Σ v_k,    τ_k v̇_k = R_k I − v_k,    q = ∫ I dt
 
@@ -54,7 +54,7 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Battery:
-    """What rests and loads tell of a battery.
+    """A battery from rests and loads.
 
     Attributes:
         name: the log.
@@ -63,7 +63,7 @@ class Battery:
         branches: what recovers slowly, fast ones first.
         settled, settled_std_error: all resistances together [Ω].
         slope, slope_std_error: fall of the open-circuit voltage per charge [V/Ah]; None where the
-            log is too short to tell.
+            log is too short.
         charge: drawn [Ah]; None for a table.
         currents: mean and largest current drawn [A].
         rests: whether it ever rested.
@@ -136,7 +136,8 @@ def fit_battery(name: str, t: Array | None, voltage: Array, current: Array) -> B
         voltage, current: [V, A], (N,); the sign of the current is found.
 
     Raises:
-        DataError: the current does not change, so no resistance can be told, or too few rows.
+        DataError: the current does not change, so no resistance can be determined, or there are too
+            few rows.
     """
     good = np.isfinite(voltage) & np.isfinite(current)
     good &= np.isfinite(t) if t is not None else True

@@ -3,8 +3,8 @@
     y = g (|d| − δ + j)  for |d| > δ,  0 below
 
 y is what the motor gets [V] or does [rad/s, A], d the command as a share of full drive. Where the
-line through the answers begins, and where the first answer comes, together tell the dead band δ
-from a jump j: a band that is cut out of the command has none, a bridge that only lets pulses
+line through the answers begins, and where the first answer comes, together determine the dead band
+δ from a jump j: a band that is cut out of the command has none, a bridge that only lets pulses
 beyond a length through jumps onto the line it would have had without one.
 """
 
@@ -38,7 +38,7 @@ BENT = 0.03
 
 @dataclass(frozen=True)
 class Direction:
-    """What a staircase tells of one direction of drive; shares are of full drive.
+    """Result of a staircase in one direction of drive; shares are of full drive.
 
     Attributes:
         dead_band, dead_band_std_error: δ.
@@ -77,7 +77,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class Bridge:
-    """What a staircase tells of one bridge.
+    """Result of a staircase for one bridge.
 
     Attributes:
         name: the log.

@@ -1,7 +1,7 @@
-"""Files of the power bench: which column is the battery's voltage, its current, PWM, what answers.
+"""Files of the power bench: columns of voltage, current, PWM and response.
 
-A file that holds the battery's voltage and current tells of the battery; one that holds PWM and
-what the motor gets or does tells of the bridge; one that holds all of them tells of both.
+A file with the battery's voltage and current describes the battery, one with PWM and the motor's
+voltage, speed or current the bridge, one with all of them both.
 """
 
 import math
@@ -184,7 +184,7 @@ def _bridge(
 
 
 _QUANTITY_ORDER = ("voltage", "speed", "current")
-"""What tells most of a bridge, first: its own voltage knows no friction of the motor."""
+"""Best quantity first: the bridge's own voltage excludes the motor's friction."""
 
 
 def _drive(

@@ -1,4 +1,4 @@
-"""The power bench as a whole: battery, bridges, what a mission and a diagnosis take of them."""
+"""The power bench as a whole: battery, bridges, and their use in missions and diagnoses."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ standstill is seen."""
 
 @dataclass(frozen=True, eq=False)
 class PowerBench:
-    """What files of the power bench tell.
+    """Results from files of the power bench.
 
     Attributes:
         batteries: one for each log of rests and loads.
@@ -132,7 +132,7 @@ def bench_power(
         bags: of bags, what is which column, their stamps and their latencies.
 
     Raises:
-        DataError: a file tells of neither, or too little.
+        DataError: a file describes neither, or has too few rows.
         UsageError: an argument cannot be.
     """
     if not paths:

@@ -1,1 +1,1 @@
-"""Soils by name, and what they give and take: sinkage, resistances, drawbar pull, turning."""
+"""Soils by name and their effects: sinkage, resistances, drawbar pull, turning."""

@@ -1,4 +1,4 @@
-"""What a soil does to a tracked vehicle, in numbers with their uncertainty.
+"""The effects of a soil on a tracked vehicle, with uncertainty.
 
 Standard deviations are those of the soil's numbers, taken as independent: each number is moved by
 one of its own to both sides, as far as it can be, half the difference is what it contributes, and
@@ -17,9 +17,9 @@ from sysid.vehicle.ground.skid_steer import steady_turn
 from sysid.vehicle.soil import NUMBERS, Soil
 
 SLIPS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
-"""Slips at which drawbar pull is told [1]."""
+"""Slips at which drawbar pull is reported [1]."""
 RADII = (0.0, 0.25, 0.5, 1.0, 2.0, 5.0)
-"""Radii of turns that are told [m]."""
+"""Radii of reported turns [m]."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def assess(
     Args:
         traction: soil, vehicle and pressure, on the level.
         slope: a slope to climb [rad].
-        slips: where drawbar pull is told [1].
+        slips: where drawbar pull is reported [1].
         radii: of turns [m].
 
     Raises:
@@ -150,7 +150,7 @@ _UNITS = {
     "slope_pull": "N",
     "slope_slip": "",
 }
-"""Quantities and their units, in the order in which they are told."""
+"""Quantities and their units, in the order of the report."""
 _OF_SLOPE = ("slope_pull", "slope_slip")
 _WHY_NONE = {
     "steepest_slope": "the resistances exceed the thrust, so it cannot drive even on level ground",

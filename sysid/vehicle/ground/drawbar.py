@@ -1,4 +1,4 @@
-"""What a tracked vehicle can pull on a soil: drawbar pull against slip, its limits and inverse."""
+"""Drawbar pull of a tracked vehicle against slip, its limits and inverse."""
 
 import math
 from dataclasses import dataclass, replace

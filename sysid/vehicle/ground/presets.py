@@ -1,4 +1,4 @@
-"""Soils by name, with where their numbers come from, and soils from what a person writes.
+"""Soils by name with their sources, and soils from user input.
 
 The numbers of soft ground are rows of table 2.3 of Wong, *Theory of Ground Vehicles*; a standard
 deviation there is how far rows of the same kind of ground differ: soils of one name do differ so

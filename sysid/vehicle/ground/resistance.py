@@ -1,4 +1,4 @@
-"""What the ground takes: rolling resistance, lateral friction and the moment against turning.
+"""Resistances of the ground: rolling, lateral friction and the moment against turning.
 
 A turning vehicle slides sideways one way ahead of its instantaneous centre of rotation and the
 other way behind it. ``icr`` is x_ICR, how far that centre lies ahead of the centre of mass [m]; the

@@ -1,4 +1,4 @@
-"""How deep a track sinks and what pressing the ground together costs (Bekker)."""
+"""Sinkage of a track and its compaction resistance (Bekker)."""
 
 from typing import Any
 

@@ -1,1 +1,1 @@
-"""Vehicles on wheels or tracks: what their wheels let them do, from and to files."""
+"""Vehicles on wheels or tracks: mobility, kinematics and files."""

@@ -1,4 +1,4 @@
-"""What all wheels together ask of the body: rolling and sliding constraints and their rank.
+"""Rolling and sliding constraints of all wheels, and their rank.
 
 J1 ξ = J2 ω    every wheel rolls                     (thesis 2.17)
 C1 ξ = 0       no fixed or steerable wheel slides    (thesis 2.19)

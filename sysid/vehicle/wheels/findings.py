@@ -1,4 +1,4 @@
-"""What is to be said of a vehicle, in words: its type, and what its wheels do not let it do."""
+"""Findings about a vehicle in words: its type and its restrictions."""
 
 import math
 from collections.abc import Iterator
@@ -136,7 +136,7 @@ def inverse_words(inverse: InverseKinematics) -> str:
 
 
 def forward_words(forward: ForwardKinematics) -> str:
-    """What the wheel speeds tell, and whether they agree."""
+    """The motion from the wheel speeds, and whether they agree."""
     if forward.agree:
         return "The wheels agree: none of them has to slip."
     every = [*forward.rolling.items(), *forward.sliding.items()]

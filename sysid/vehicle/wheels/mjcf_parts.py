@@ -1,4 +1,4 @@
-"""Parts of a MuJoCo model (MJCF): a body, rows of road wheels, what turns them, and the floor.
+"""Parts of a MuJoCo model (MJCF): a body, rows of road wheels, actuators, and the floor.
 
 A track is a row of wheels that turn together, as those under a track do, and touch the floor in
 points with Coulomb friction that knows no direction: what it leaves for driving is what the slip to

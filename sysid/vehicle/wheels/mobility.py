@@ -1,4 +1,4 @@
-"""Degrees of mobility, steerability and manoeuvrability, and where the body can turn about."""
+"""Degrees of mobility, steerability and manoeuvrability, and centres of rotation."""
 
 import math
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""A vehicle and its answers as plain documents, to be printed or kept."""
+"""A vehicle and its kinematics as plain documents, to be printed or stored."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ from sysid.vehicle.wheels.vehicle import AXES, Vehicle
 from sysid.vehicle.wheels.wheel import Wheel
 
 _SPECIAL = ("angle_limits", "offset", "side", "roller", "width", "mass", "max_speed")
-"""Keys of a wheel that are told only where they are given."""
+"""Keys of a wheel that are listed only if given."""
 
 
 def summary(vehicle: Vehicle, angles: Angles | None = None) -> dict[str, Any]:

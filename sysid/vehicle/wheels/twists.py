@@ -73,7 +73,7 @@ class InverseKinematics:
 
 @dataclass(frozen=True, eq=False)
 class ForwardKinematics:
-    """The twist that measured wheel speeds tell.
+    """The twist from measured wheel speeds.
 
     Attributes:
         twist: ξ, (3,) [m/s, m/s, rad/s].
@@ -130,7 +130,7 @@ def inverse(
 def forward(
     wheels: Sequence[Wheel], speeds: Mapping[str, float], angles: Angles | None = None
 ) -> ForwardKinematics:
-    """The twist that wheel speeds tell, by least squares over rolling and sliding constraints.
+    """The twist from wheel speeds, by least squares over rolling and sliding constraints.
 
     min over ξ of Σ (r cos γ ω − J1 ξ)² over wheels with a speed + Σ (C1 ξ)² over fixed and
     steerable wheels, in (m/s)².
@@ -141,7 +141,7 @@ def forward(
         angles: steering angles [rad]; those of the description unless given.
 
     Raises:
-        UsageError: a speed is not finite, or these speeds do not tell the motion.
+        UsageError: a speed is not finite, or these speeds do not determine the motion.
     """
     wrong = [name for name, speed in speeds.items() if not math.isfinite(speed)]
     if wrong:
@@ -180,7 +180,7 @@ def forward(
 
 
 def speeds_determine_motion(wheels: Sequence[Wheel]) -> bool:
-    """Whether the speeds of all wheels but casters, at the present angles, tell the motion."""
+    """Whether the speeds of all wheels but casters, at the present angles, determine the motion."""
     rolling = [w.rolling_row() for w in wheels if w.kind != "caster"]
     sliding = [w.sliding_row() for w in wheels if w.constrains]
     return rank(rows_of([*rolling, *sliding]), Scale.of(wheels)) == 3

@@ -1,4 +1,4 @@
-"""A described vehicle: its wheels and body, and the questions one has about them."""
+"""A described vehicle: its wheels, body, mobility and kinematics."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -136,7 +136,7 @@ class Vehicle:
     def forward(
         self, speeds: Mapping[str, float], angles: Angles | None = None
     ) -> ForwardKinematics:
-        """The twist that wheel speeds [rad/s] by name tell, and what speaks against it."""
+        """The twist from wheel speeds [rad/s] by name, and its residual."""
         self._known(speeds)
         return twists.forward(self.wheels, speeds, self._steered(angles))
 

@@ -1,4 +1,4 @@
-"""One wheel: where it stands, which way it rolls, and what its kind lets the body do.
+"""One wheel: position, rolling direction, and constraints of its kind.
 
 A wheel is placed by its axis: the steering axis of a steerable wheel or a caster, the middle of
 any other. It rolls along e = (cos φ, sin φ), φ = heading + angle; n = (−sin φ, cos φ) is to its

@@ -1,4 +1,4 @@
-"""Reading a small XML file into plain elements that remember their lines; nothing is expanded."""
+"""Small XML files as plain elements with line numbers; entities are not expanded."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

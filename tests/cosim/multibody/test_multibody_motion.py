@@ -125,7 +125,7 @@ def test_walls_and_obstacles_that_move_are_there() -> None:
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
-        ("{kind: multibody, soil: clay}", "m.yaml:2: motion of kind multibody stands on a level"),
+        ("{kind: multibody, soil: clay}", "m.yaml:2: motion of kind multibody needs a level"),
         (
             "{kind: multibody, wheels: 3}",
             "m.yaml:2: wheels is 3: write an even number",
@@ -172,7 +172,7 @@ def test_without_the_extra_one_sentence_names_it(monkeypatch: pytest.MonkeyPatch
 
 def test_many_runs_go_one_after_the_other() -> None:
     setup = Setup.of(Mission.model_validate(AHEAD), [robot_model()], ())  # tracing, not driving
-    assert "one run at a time" in why_not_at_once(setup)
+    assert "one mission at a time" in why_not_at_once(setup)
 
 
 def test_the_vehicle_of_the_mission_is_the_one_that_is_driven() -> None:

@@ -21,7 +21,7 @@ def test_a_machine_without_ros(tmp_path: Path) -> None:
 def test_another_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "rospy").mkdir()
     other = tmp_path / "python3.8"
-    with pytest.raises(ModelError, match=r"system's Python 3\.8 and this is Python 3\.\d+"):
+    with pytest.raises(ModelError, match=r"system's Python 3\.8, and this is Python 3\.\d+"):
         _append_system_packages(other, (tmp_path,))
 
 

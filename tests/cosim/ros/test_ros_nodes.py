@@ -105,14 +105,14 @@ def test_two_nodes_in_lock_step_and_what_is_said_when_one_ends(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("plant", "m.yaml"), "give --ros"),
-        (("plant", "m.yaml", "--topic", "/a"), "--topic is of use with --ros only"),
+        (("plant", "m.yaml"), "add --ros"),
+        (("plant", "m.yaml", "--topic", "/a"), "--topic belongs to --ros"),
         (("plant", "m.yaml", "--ros", "--topic-level", "x"), "choose references or pwm"),
-        (("plant", "m.yaml", "--ros", "--topic", "a b"), "is no name of a topic"),
+        (("plant", "m.yaml", "--ros", "--topic", "a b"), "is not a topic name"),
         (("plant", "m.yaml", "--ros", "--wait", "0"), "give a number above 0"),
         (("plant", "m.yaml", "--ros", "--speed", "-1"), "give a number above 0"),
-        (("simulate", "log.csv", "--ros"), "is a log to replay: --ros has no use"),
-        (("simulate", "m.yaml", "--ros", "--runs", "5"), "--runs has no use with --ros"),
+        (("simulate", "log.csv", "--ros"), "is a log to replay; omit --ros"),
+        (("simulate", "m.yaml", "--ros", "--runs", "5"), "--runs does not apply with --ros"),
     ],
 )
 def test_wrong_use(

@@ -23,7 +23,7 @@ def sizes(u: Array, factor: float = 1.0) -> dict[str, float | None]:
         y = simulate(u / FULL) + factor * noise(np.random.default_rng(seed), "white", len(u))
         records.append(Record(u=u, y=y, dt=DT, **CHANNELS))
     base = fit_baseline(records[:1], records[1:], EFFECTS)
-    return detectable(base.search, base.candidate, [*IDS, "track-slip", "quantisation"])
+    return detectable(base.search, base.model, [*IDS, "track-slip", "quantisation"])
 
 
 def steps(same: bool) -> Array:
@@ -70,7 +70,7 @@ def test_a_run_that_leaves_all_bounds_shows_its_effect_without_an_overflow(
         return found if found.shape[0] < 2 else np.where(np.abs(found) > 1.0, 1e200, found)
 
     monkeypatch.setattr(FullModel, "run", far)
-    assert detectable(base.search, base.candidate, ["dead-zone"])["dead-zone"] is not None
+    assert detectable(base.search, base.model, ["dead-zone"])["dead-zone"] is not None
 
 
 def test_a_size_that_it_gives_would_be_found_about_there() -> None:
@@ -97,9 +97,9 @@ def test_slopes_have_a_column_for_each_free_number() -> None:
     y = simulate(u / FULL) + noise(np.random.default_rng(1), "white", len(u))
     record = Record(u=u, y=y, dt=DT, **CHANNELS)
     base = fit_baseline([record], [record.rows(0, 300)], (effect("dead-zone"),))
-    found = sensitivities(base.search, base.candidate, holdout=True)
-    assert [s.shape for s in found] == [(300, 2, len(base.candidate.free))]
+    found = sensitivities(base.search, base.model, holdout=True)
+    assert [s.shape for s in found] == [(300, 2, len(base.model.free))]
     gain = base.search.model.index["core", "gain", 0]
-    column = found[0][:, 0, base.candidate.free.index(gain)]
+    column = found[0][:, 0, base.model.free.index(gain)]
     own = simulate(u[:300] / FULL)[:, 0] / 20.0
     assert np.corrcoef(column[10:], own[10:])[0, 1] > 0.999

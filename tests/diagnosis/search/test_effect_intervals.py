@@ -50,9 +50,9 @@ def behind_a_dead_zone(seed: int, grid: float = 0.0, forward: bool = False) -> R
 def with_effect(record: Record, id: str) -> tuple[Base, CandidateModel]:
     """The plain base, and the node with the effect as the search leaves it."""
     base = fit_baseline([record], None, chain_effects())
-    (judged,) = base.search.candidates(base.candidate, [effect(id)])
-    base.search.origin = base.candidate.q
-    return base, base.search.polished(judged.candidate)
+    (judged,) = base.search.candidates(base.model, [effect(id)])
+    base.search.origin = base.model.q
+    return base, base.search.polished(judged.model)
 
 
 @cache
@@ -60,7 +60,7 @@ def measured(seed: int, grid: float = 0.0, forward: bool = False) -> tuple[Base,
     """A dead zone with a jump, its numbers with their intervals."""
     base, node = with_effect(behind_a_dead_zone(seed, grid, forward), "dead-zone")
     node, intervals = intervals_of(base.search, node)
-    return base, Selection(base.candidate, node, (), (), (), intervals)
+    return base, Selection(base.model, node, (), (), (), intervals)
 
 
 def holds(told: Interval, true: float) -> bool:
@@ -160,11 +160,11 @@ def sentence(id: str, **values: float) -> str:
 
 
 def test_sentences_follow_the_sign() -> None:
-    assert sentence("concave-gain", kappa__y=0.3).startswith("The harder it is driven, the less")
-    assert sentence("concave-gain", kappa__y=-0.3).startswith("The harder it is driven, the more")
+    assert sentence("concave-gain", kappa__y=0.3).startswith("The static gain falls")
+    assert sentence("concave-gain", kappa__y=-0.3).startswith("The static gain rises")
     mixed = sentence("concave-gain", kappa__a=0.3, kappa__b=-0.3)
-    assert "the less" in mixed
-    assert "On b the opposite: the harder it is driven, the more" in mixed
+    assert "gain falls" in mixed
+    assert "On b the opposite: the static gain rises" in mixed
     assert "helps" in sentence("cross-coupling", share__a=-0.1, share__b=-0.2)
     assert "loads" in sentence("cross-coupling", share__a=0.1, share__b=0.2)
 
@@ -218,11 +218,11 @@ def test_a_delay_is_no_surer_than_its_sampling() -> None:
     base = fit_baseline([record], None, (effect("input-delay"),))
     model = base.search.model
     (k,) = model.of("input-delay")
-    q = base.candidate.q.copy()
+    q = base.model.q.copy()
     q[k] = 0.1 - 0.05 * max(base.delay - 1, 0)
     core = [model.index["core", "gain", 0], model.index["core", "f1", 0]]
     q[core] = 10.0, -0.8
-    node = base.search.candidate(("input-delay",), q, (*core, k))
+    node = base.search.evaluate(("input-delay",), q, (*core, k))
     node, intervals = intervals_of(base.search, node)
     error = intervals[k].std_error(float(node.q[k]))
     assert error is not None

@@ -41,7 +41,7 @@ def numbers(search: ForwardSelection, left: float) -> np.ndarray:
 
 def test_a_track_far_above_the_noise_gets_what_another_track_has(search: ForwardSelection) -> None:
     mine = [k for k in search.model.of("dead-zone") if search.model.parameters[k].track == 0]
-    node = search.candidate(("dead-zone",), numbers(search, WIDTH), (*search.core, *mine))
+    node = search.evaluate(("dead-zone",), numbers(search, WIDTH), (*search.core, *mine))
     node = replace(node, touched=np.array([True, False]))
     wide = on_more_tracks(search, node)
     assert wide is not None
@@ -55,6 +55,6 @@ def test_a_track_far_above_the_noise_gets_what_another_track_has(search: Forward
 def test_nothing_is_widened_where_every_track_has_it(search: ForwardSelection) -> None:
     free = (*search.core, *search.model.of("dead-zone"))
     assert (
-        on_more_tracks(search, search.candidate(("dead-zone",), numbers(search, WIDTH), free))
+        on_more_tracks(search, search.evaluate(("dead-zone",), numbers(search, WIDTH), free))
         is None
     )

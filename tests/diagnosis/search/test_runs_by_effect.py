@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Record
-from sysid.diagnosis.search.batched_search import best_tracks, squares
+from sysid.diagnosis.search.batched_search import best_tracks
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import prepare
 from sysid.diagnosis.search.runs import BATCH_SIZE, GROUP_PARAMETERS, at_once, groups, stages
@@ -112,4 +112,4 @@ def test_runs_that_grow_without_end_cost_no_warning() -> None:
     assert found[model.index["core", "gain", 0]] == 2.0
     huge = np.full((1, 2), 1e160)
     data = prepare([Record(np.zeros((8, 2)), np.zeros((8, 2)), 0.05)], np.ones(2), 1)
-    assert np.all(squares(data, np.repeat(huge, len(data.y), axis=0)) >= 0.0)
+    assert np.all(data.squared_error(np.repeat(huge, len(data.y), axis=0)) >= 0.0)

@@ -57,7 +57,7 @@ def searched(logs: Sequence[Record]) -> tuple[dict[str, bool], CandidateModel, f
     base = search.base(start[None])
     search.origin = base.q
     judged = search.candidates(base, EFFECTS)
-    alone = {j.id: j.evidence.accepted and search.admissible(j.candidate) for j in judged}
+    alone = {j.id: j.evidence.accepted and search.admissible(j.model) for j in judged}
     final = search.run(base, effects).final
     return alone, final, float(final.q[model.index[SAMPLING.id, "share", 0]])
 

@@ -154,7 +154,7 @@ def test_what_is_alone_closes_a_quarter_and_a_description_nearly_all(
     id: str, left: float, stands: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
-    base: Any = SimpleNamespace(candidate=node(5.0))
+    base: Any = SimpleNamespace(model=node(5.0))
     study = DiagnosisSession(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
     alone = np.ones(1, dtype=bool)
     named = SelectedEffect(id, judged(id, 9.0).evidence, (), alone, {}, node(5.0))
@@ -201,7 +201,7 @@ def test_the_damping_of_a_base_is_that_of_its_swing(damping: float) -> None:
     poles = np.roots([1.0, 2.0 * damping * 8.0, 64.0])  # s² + 2 ζ ω s + ω²
     f = np.poly(np.exp(poles * 0.05))[1:]
     model = SimpleNamespace(tracks=1, order=2, index={("core", "f1", 0): 0, ("core", "f2", 0): 1})
-    base: Any = SimpleNamespace(search=SimpleNamespace(model=model), candidate=SimpleNamespace(q=f))
+    base: Any = SimpleNamespace(search=SimpleNamespace(model=model), model=SimpleNamespace(q=f))
     assert least_damping(base) == pytest.approx(min(damping, 1.0))
 
 
@@ -234,11 +234,11 @@ def test_a_tie_stays_one_beside_numbers_that_were_fitted_beside_one_of_the_two()
     search, evidence = Search(), Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9)
     mine = ScoredCandidate(model("sensor-bias", 0.25), evidence, 950.0)
     anew = [ScoredCandidate(model(id, 0.5), evidence, 900.0) for id in ("sensor-bias", "load-bias")]
-    assert not search.tied(mine.candidate, anew[1].candidate)
+    assert not search.tied(mine.model, anew[1].model)
     own, rival = search._as_far(mine, anew)
     assert own is anew[0]
-    assert search.tied(mine.candidate, rival.candidate)
-    assert rival.candidate.q.tolist() == [-1.0, 0.0, 0.25]
+    assert search.tied(mine.model, rival.model)
+    assert rival.model.q.tolist() == [-1.0, 0.0, 0.25]
 
 
 @pytest.mark.parametrize(
@@ -251,7 +251,7 @@ def test_what_closes_nothing_has_no_rivals_to_be_ahead_of(
     search: Any = SimpleNamespace(
         unrivalled=lambda *_: True, model=SimpleNamespace(effects=()), needed=0.9
     )
-    base: Any = SimpleNamespace(search=search, candidate=node(5.0))
+    base: Any = SimpleNamespace(search=search, model=node(5.0))
     study = DiagnosisSession(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
     monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
     monkeypatch.setattr(DiagnosisSession, "explained_by", lambda _, naming, n: (shares[n.id], 20.0))
@@ -274,7 +274,7 @@ def test_what_a_dropped_effect_had_taken_speaks_against_no_other(
     search: Any = SimpleNamespace(
         unrivalled=lambda *_: False, model=SimpleNamespace(effects=()), needed=0.9
     )
-    base: Any = SimpleNamespace(search=search, candidate=node(5.0))
+    base: Any = SimpleNamespace(search=search, model=node(5.0))
     study = DiagnosisSession(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
     monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
     monkeypatch.setattr(

@@ -15,7 +15,7 @@ from sysid.diagnosis.search.batched_search import refined
 from sysid.diagnosis.search.evidence import noise_floor
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import prepare
-from sysid.diagnosis.search.starts import clip_level, free_parameters, starts_of
+from sysid.diagnosis.search.starts import clip_level, free_indices, starts_of
 from sysid.effects.catalogue import about, chain_effects, effect
 from sysid.structures.augmented.chain import drive_before
 from sysid.structures.augmented.given_base import begins_at_rest
@@ -117,7 +117,7 @@ def test_a_gap_is_found_though_runs_change_with_it_by_jumps(inertia: float, coas
         for name, value in (("gap", 0.3), ("inertia", 0.8), ("coast", 0.4)):
             start[m.index["backlash", name, i]] = value
     core = tuple(k for k, slot in enumerate(m.parameters) if slot.owner == "core")
-    free = (*core, *free_parameters(m, about("backlash"), m.null, range(2)))
+    free = (*core, *free_indices(m, about("backlash"), m.null, range(2)))
     q, _ = refined(m, start[None], [free], prepare([r], FULL, 1), 20, unknown=(0,))
     gaps = [q[0][m.index["backlash", "gap", i]] for i in range(2)]
     # between two jumps every gap fits as well: 45 reversals leave some hundredths of a rad

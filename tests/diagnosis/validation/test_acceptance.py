@@ -151,11 +151,11 @@ def base() -> Base:
 
 def named(base: Base) -> Selection:
     """A dead zone with numbers of both sides; the log drives one."""
-    search, q = base.search, base.candidate.q.copy()
+    search, q = base.search, base.model.q.copy()
     mine = search.model.of("dead-zone")
     q[list(mine)] = [0.05, 0.05, 0.0]
-    node = search.candidate(("dead-zone",), q, (*base.candidate.free, *mine))
-    return Selection(base.candidate, node, search.account(base.candidate, node, (), ()), (), ())
+    node = search.evaluate(("dead-zone",), q, (*base.model.free, *mine))
+    return Selection(base.model, node, search.account(base.model, node, (), ()), (), ())
 
 
 def test_a_side_that_slopes_say_nothing_of_is_asked_of_the_likelihood(base: Base) -> None:
@@ -179,11 +179,11 @@ def test_numbers_that_only_shape_an_effect_are_no_sign_of_it(
     u, y = lagging()  # never backwards: no log shows a zone on that side
     record = Record(u, y, 0.05, (Channel("volts", "V"),), (Channel("omega", "rad/s"),))
     base = fit_baseline([record], None, [e for e in chain_effects() if e.id == id])
-    search, q = base.search, base.candidate.q.copy()
+    search, q = base.search, base.model.q.copy()
     mine = {name: search.model.index[id, name, 0] for name in values}
     for name, k in mine.items():
         q[k] = values[name]
-    node = search.candidate((id,), q, (*base.candidate.free, *mine.values()))
+    node = search.evaluate((id,), q, (*base.model.free, *mine.values()))
     alone = _acting_alone(base, node, tuple(mine.values()))
     assert {name for name, k in mine.items() if k in alone} == expected
 
@@ -193,7 +193,7 @@ def test_a_name_that_does_not_stand_is_dropped_with_the_reason(base: Base) -> No
     study = DiagnosisSession(base, noise_of(base), scales, 0)
     kept, dropped = study.confirmed(named(base))
     assert kept.selected == ()
-    assert kept.final is base.candidate
+    assert kept.final is base.model
     (gone,) = dropped
     assert gone.id == "dead-zone"
     assert gone.reason
@@ -206,14 +206,14 @@ def test_a_noise_that_a_model_undercuts_was_none_and_beside_a_name_less_asks_for
     """Readings without a sign look noisy; what hides in that noise was never looked for."""
     noise = noise_of(base)
     study = DiagnosisSession(base, noise, full_drive(base.parts.estimation), 0)
-    rng, errors = np.random.default_rng(2), base.candidate.errors
+    rng, errors = np.random.default_rng(2), base.model.errors
 
     def of(size: float, effects: tuple[str, ...]) -> Selection:
         white = tuple(size * noise.high * rng.standard_normal(e.shape) for e in errors.holdout)
-        node = replace(base.candidate, effects=effects, errors=replace(errors, holdout=white))
-        return Selection(base.candidate, node, (), (), ())
+        node = replace(base.model, effects=effects, errors=replace(errors, holdout=white))
+        return Selection(base.model, node, (), (), ())
 
-    assert study.refuted(of(0.5, ("unsigned-speed",))) < VERDICT.noise_refuted_below
+    assert study.refuted(of(0.5, ("unsigned-speed",))) < VERDICT.refuting
     assert study.refuted(of(1.0, ("unsigned-speed",))) == 1.0
     between = (VERDICT.residual_to_noise_later + VERDICT.residual_to_noise) / 2.0
     assert study.remains(of(between, ())) == 0.0

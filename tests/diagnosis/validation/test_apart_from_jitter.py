@@ -49,7 +49,7 @@ def test_a_dead_zone_is_seen_between_the_changes() -> None:
     assert late.output == "speed"
     # the search of all samples did not name it: errors behind changes hide what it explains
     (_, before), (_, after) = (
-        n.errors.mean_squares() for n in (study.base.candidate, found.session.base.candidate)
+        n.errors.mean_squares() for n in (study.base.model, found.session.base.model)
     )
     assert after < RULE.held_out**2 * before
 

@@ -126,7 +126,7 @@ def test_a_robot_that_is_carried_off_leaves_then() -> None:
     assert 2.0 <= comparison.leaves_at_s <= 3.0
     assert comparison.quantity == "y"
     assert comparison.where is not None
-    assert "m more than the middle of the fan" in comparison.sentence
+    assert "m more than the median of the fan" in comparison.sentence
 
 
 def test_one_wild_reading_is_no_leaving() -> None:
@@ -184,7 +184,7 @@ def test_a_log_without_a_way_is_refused() -> None:
 
 
 def test_few_runs_are_no_fan() -> None:
-    with pytest.raises(UsageError, match="20 runs are no fan: give at least 40"):
+    with pytest.raises(UsageError, match="20 runs are too few for a fan; give at least 40"):
         against_runs(driven(SHORT), SHORT, [model()], 20)
 
 
@@ -248,4 +248,4 @@ def test_a_log_without_pose_is_refused_in_one_sentence(
     assert refused.err.startswith("bare.csv has fewer than 10 rows of a path")
     replayed = run(capsys, "simulate", log, "--plant", "plant", "--measured", log)
     assert replayed.code == 2
-    assert "--measured has no use with it" in replayed.err
+    assert "omit --measured" in replayed.err

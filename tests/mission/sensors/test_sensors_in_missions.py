@@ -55,7 +55,7 @@ def test_a_seed_at_the_command_line_draws_the_noise_of_all_sensors(
     np.testing.assert_allclose(record.y[:, 0], one["omega_l"], rtol=1e-12)
     refused = run(capsys, "simulate", log, "--seed", 1)
     assert refused.code == 2
-    assert "is a log to replay: --seed has no use with it" in refused.err
+    assert "is a log to replay; omit --seed" in refused.err
 
 
 def test_the_mission_of_the_page_is_driven_past_its_iron(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def test_the_slip_for_a_pull_gives_that_pull(soil: Soil) -> None:
 def test_what_the_soil_cannot_give_is_said() -> None:
     ice = Traction(soil_preset("ice"), ROBOT)
     assert np.isnan(ice.slip_for(np.array([0.1, 50.0]))).tolist() == [False, True]
-    with pytest.raises(ModelError, match=r"cannot give a pull of 50 N: the largest is 0\.586 N at"):
+    with pytest.raises(ModelError, match=r"cannot give a pull of 50 N, at most 0\.586 N at"):
         ice.needed_slip(50.0)
     stuck = Traction(Soil(0.0, 0.01, 0.01, rolling=0.2), ROBOT)
     with pytest.raises(ModelError, match="resistances are larger"):

@@ -156,7 +156,7 @@ def test_what_a_reader_would_not_expect_is_said() -> None:
     idle = Vehicle((fixed(0, 0.1), fixed(0, -0.1), steered(0, 0)))
     assert "steering it turns nothing" in notes(idle)[0]
     loose = Vehicle((caster(0, 0.1), caster(0, -0.1)))
-    assert "do not tell the motion" in notes(loose)[0]
+    assert "neither determine the motion" in notes(loose)[0]
 
 
 def test_no_wheel_and_one_name_twice_are_refused() -> None:

@@ -1,1 +1,1 @@
-"""The laws of a mission as C: one step function each, and what they make together."""
+"""The laws of a mission as C: one step function each, and the controller made of them."""

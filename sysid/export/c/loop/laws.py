@@ -1,4 +1,4 @@
-"""Numbers of a law: found, and put in its place one by one, so that they can become parameters."""
+"""Parameters of a law, found and replaced one by one."""
 
 import inspect
 import re

@@ -1,4 +1,4 @@
-"""What the members of the structs are, by their names."""
+"""Units and descriptions of the struct members, by name."""
 
 _WORDS = {
     "t": ("s", "time since the start of the mission"),

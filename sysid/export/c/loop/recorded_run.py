@@ -1,4 +1,4 @@
-"""One drive of a mission with what went in and out of every law, for the self-test in C."""
+"""One run of a mission with the inputs and outputs of every law, for the self-test in C."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""Values in tuples, named tuples and dicts, in a row and back, each with a name."""
+"""Nested tuples, named tuples and dicts as flat rows with names, and back."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
