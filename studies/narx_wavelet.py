@@ -33,5 +33,12 @@ the training part, *hold-out fit* that of inner blocks of it: the arrow marks th
 the others lost. Seconds are those of one processor, compilation included where a shape is new.
 """
 
+TAIL = """
+Below what was to be reached: the left track with the thesis's orders (the speed of the other track
+is missing from them), CED (its sensor has no sign; Hammerstein–Wiener gets 0.09 V), and hoop_motor,
+where the figure refers to the spread of each record about its own mean: what is left is an
+uncertain delay where the input drops to zero.
+"""
+
 if __name__ == "__main__":
-    run(STUDY, __doc__, ATTEMPTS, HEAD)
+    run(STUDY, __doc__, ATTEMPTS, HEAD, TAIL)
