@@ -84,7 +84,7 @@ def named_options() -> list[tuple[str, str, str]]:
     found = []
     for path in sorted((ROOT / "cli").rglob("*.py")):
         module = path.relative_to(ROOT).as_posix()
-        folder = path.parent.name
+        folder = path.parent.name.removeprefix("test")  # cli/testbench holds `sysid bench`
         name = next((n for n in (path.stem, f"{folder} {path.stem}") if n in OPTIONS), "")
         own = (name,) if name else SHOWN_BY.get(str(Path(module).parent))
         shown = SHOWN_BY.get(module, own)
