@@ -24,7 +24,9 @@ def motor(
     known: Annotated[
         list[str] | None,
         typer.Option(
-            "--known", metavar="NAME=VALUE", help="A known constant: R=3.1 or R=3.1±0.05."
+            "--known",
+            metavar="NAME=VALUE",
+            help="A constant known from elsewhere: R=3.1 or R=3.1±0.05.",
         ),
     ] = None,
     gear: Annotated[

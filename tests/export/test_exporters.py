@@ -128,7 +128,7 @@ def test_a_format_that_cannot_write_a_plant_is_an_error_only_where_it_was_asked_
 
 def test_an_exporter_writes_inside_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Table, "files", lambda self, source: {"../../y.txt": ""})
-    with pytest.raises(ModelError, match="is no name of a file in a package"):
+    with pytest.raises(ModelError, match="is not a valid file name in a package"):
         package_files(robot_model("arx"), formats=["table"])
 
 

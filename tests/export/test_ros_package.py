@@ -112,7 +112,7 @@ def test_launched_nodes_talk_and_leave_on_a_signal(ros: Path, nodes: Path, tmp_p
 
 
 def test_what_cannot_be_two_nodes() -> None:
-    with pytest.raises(ModelError, match="name the mission that it drives"):
+    with pytest.raises(ModelError, match="needs a mission"):
         package_files(robot_model(), name="p", formats=["ros"])
     noisy = goal(1, 0, sensors={"gyroscope": {}})
     with pytest.raises(ModelError, match="nodes in C\\+\\+: has sensors with noise"):

@@ -211,7 +211,7 @@ def test_a_robot_never_seen_driving_straight_is_said_to_be_so() -> None:
     robot, warnings = as_robot(turned_on_the_spot, MISSION)
     np.testing.assert_array_equal(robot.scale, (1.0, 1.0))
     assert len(warnings) == 2
-    assert all("also drives straight" in w for w in warnings)
+    assert all("log with straight drives" in w for w in warnings)
 
 
 def test_the_missions_scales_are_taken_as_given() -> None:

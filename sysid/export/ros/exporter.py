@@ -49,7 +49,9 @@ class Ros(Exporter):
         """
         loop = source.loop
         if loop is None:
-            raise ModelError("the format ros needs a mission; name it with --mission")
+            raise ModelError(
+                "the format ros needs a mission, whose laws become the nodes; name one"
+            )
         blocks, laws = law_sources(loop)
         why = not_again(loop, blocks)
         if why:

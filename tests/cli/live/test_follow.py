@@ -123,12 +123,12 @@ def test_a_change_is_said_when_it_is_seen(tmp_path: Path, capsys: Capsys) -> Non
 @pytest.mark.parametrize(
     ("arguments", "words", "code"),
     [
-        (("--for", "3"), "give --follow", 2),
+        (("--for", "3"), "add --follow", 2),
         (("--forgetting", "0.9"), "belong to --follow", 2),
         (("--follow", "--for", "0"), "above 0", 2),
         (("--follow", "--structure", "oe"), "only arx", 2),
         (("--follow", "--stable"), "plain least squares", 2),
-        (("--follow", "--split", "0.5"), "leave", 2),
+        (("--follow", "--split", "0.5"), "omit", 2),
         (("--follow", "--detrend", "mean"), "auto, none, level", 2),
         (("--follow", "--low-pass", "3"), "--val", 2),
         (("--follow", "--forgetting", "1.5", "--for", "0.1"), "at most at 1", 2),
@@ -156,7 +156,7 @@ def test_a_log_that_never_comes_ends_in_time(tmp_path: Path, capsys: Capsys) -> 
     none = tmp_path / "none.csv"
     done = run(capsys, "fit", none, "--follow", "--for", "0.2", "--workspace", tmp_path / "w")
     assert done.code == 1
-    assert "no rows have come" in done.err
+    assert "no rows arrived" in done.err
     assert run(capsys, "fit", none, none, "--follow").code == 2
 
 

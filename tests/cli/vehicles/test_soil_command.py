@@ -66,7 +66,7 @@ def test_files_of_soil_and_vehicle_and_a_picture(
         (("ice", "--vehicle", "{wrong}"), "wrong.yaml:2: a tracked vehicle has no key 'mas'"),
         (("ice", "--vehicle", "{heavy}"), "heavy.yaml:1: mass is the text 'much': give a number"),
         (("ice", "--vehicle", "{light}"), "light.yaml:1: the vehicle's mass is -1"),
-        (("ice", "--vehicle", "{cart}"), "cart.yaml:2: it stands on wheels"),
+        (("ice", "--vehicle", "{cart}"), "cart.yaml:2: it has wheels"),
         (("{bad}",), "bad.yaml:2: the soil's cohesion is -3"),
     ],
 )
