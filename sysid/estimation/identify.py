@@ -16,9 +16,9 @@ from sysid.estimation.assessment.data_notes import notes_for
 from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
 from sysid.estimation.offsets.choice import start_of
-from sysid.estimation.selection.contest import run_contest, structures_for
 from sysid.estimation.selection.grid import parse_grids
-from sysid.estimation.selection.standings import Entry
+from sysid.estimation.selection.ranking import Entry
+from sysid.estimation.selection.select_structure import select_structure, structures_for
 from sysid.fitting.options import FitOptions
 from sysid.structures.orders import orders_text
 from sysid.structures.own_names import options_in_generic_names
@@ -113,7 +113,7 @@ def identify(
             "criterion": request.criterion,
         },
     )
-    contest = run_contest(
+    contest = select_structure(
         names,
         facts,
         options,

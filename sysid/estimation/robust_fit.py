@@ -11,7 +11,7 @@ from sysid.fitting.outliers import Outliers, find_outliers
 from sysid.fitting.problem import Parameter
 from sysid.fitting.robust import huber_pays
 from sysid.structures.base import Structure
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.outcome import FitOutcome, Fitter, InitialGuesses
 
 ROUNDS = 4
@@ -75,7 +75,7 @@ def without_outliers(
         else:
             outcome = again(road, outcome, used, options, parameters)
         s, theta = outcome.structure, outcome.theta
-        found = tuple(outliers_of(s, theta, r, head_window(s, theta)) for r in records)
+        found = tuple(outliers_of(s, theta, r, initial_state_window(s, theta)) for r in records)
         marked = tuple(f.marked(r) for f, r in zip(found, records, strict=True))
         known = known or tuple(f.none() for f in found)
         bounded = options.robust and (ranked or not s.has_losses or _heavy_tailed(outcome, marked))
@@ -89,7 +89,7 @@ def without_outliers(
 def _heavy_tailed(outcome: FitOutcome, records: Sequence[Record]) -> bool:
     """Whether Huber's loss pays on what is left of the data."""
     s, theta = outcome.structure, outcome.theta
-    errors = [s.errors(theta, r.u, r.y, head_window(s, theta)) for r in records]
+    errors = [s.errors(theta, r.u, r.y, initial_state_window(s, theta)) for r in records]
     kept = [np.where(r.fitted, e, np.nan) for e, r in zip(errors, records, strict=True)]
     return huber_pays(np.concatenate(kept))
 

@@ -90,7 +90,7 @@ class Structure(Dynamics):
         """The nearest known θ whose free run is bounded; θ itself where none is known."""
         return theta
 
-    def level_entries(self) -> Index:
+    def offset_entries(self) -> Index:
         """Entries of θ that are levels: coefficients of a constant input."""
         return np.zeros(0, dtype=np.intp)
 

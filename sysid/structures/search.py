@@ -246,7 +246,7 @@ class Search:
 
     def _levels(self, problem: Problem) -> Index:
         """Entries of p that are levels: coefficients of a constant input."""
-        return np.flatnonzero(np.isin(problem.index, self.structure.level_entries()))
+        return np.flatnonzero(np.isin(problem.index, self.structure.offset_entries()))
 
     @staticmethod
     def _state_columns(problem: Problem, p: Array, levels: Index) -> tuple[Array, Index]:

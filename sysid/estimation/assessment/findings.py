@@ -113,7 +113,9 @@ class Assessment:
             "step_response": [s.to_json() for s in self.steps],
             "equations": list(m.equations()),
             "sample_time": m.dt,
-            "offsets": m.detrend.to_json() | m.level.to_json() | {"text": m.level_sentence()},
+            "offsets": m.detrend.to_json()
+            | m.operating_point.to_json()
+            | {"text": m.operating_point_sentence()},
             "n_estimated": m.n_estimated,
             "starts": [asdict(s) for s in m.starts],
             "order_search": dict(self.chosen),

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from sysid.data.record import Array, Record
 from sysid.estimation.robust_fit import bounded_errors, outliers_of
 from sysid.fitting.outliers import Outliers
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.model import Model
 
 
@@ -32,7 +32,7 @@ def judged_errors(model: Model, records: Sequence[Record]) -> list[Array]:
     Outliers of a robustly fitted model count with the size at which an error begins to stand out,
     so that all models are judged on the same samples.
     """
-    window = head_window(model.structure, model.theta)
+    window = initial_state_window(model.structure, model.theta)
     if not is_robust(model):
         return [model.errors(r, window) for r in records]
     found = [_outliers(model, r) for r in records]
@@ -44,5 +44,5 @@ def judged_errors(model: Model, records: Sequence[Record]) -> list[Array]:
 
 def _outliers(model: Model, record: Record) -> Outliers:
     model.check(record)
-    window = head_window(model.structure, model.theta)
+    window = initial_state_window(model.structure, model.theta)
     return outliers_of(model.structure, model.theta, model.detrend.remove(record), window)

@@ -10,7 +10,7 @@ import numpy as np
 from sysid.data.facts import LogFacts
 from sysid.data.following.lines import Lines
 from sysid.data.following.rows import Lost, RowReader, Rows
-from sysid.data.level import Level, Origin
+from sysid.data.operating_point import OperatingPoint, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Channel, Record
@@ -18,7 +18,7 @@ from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation import pem
 from sysid.estimation.assessment.findings import Policy, assess
 from sysid.estimation.identify import Identification
-from sysid.estimation.offsets.estimated_level import narrowed
+from sysid.estimation.offsets.estimated_offset import narrowed
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.online.change import FALSE_ALARMS
 from sysid.estimation.online.live_fit import LiveFit
@@ -38,7 +38,7 @@ LEVELS = ("auto", "none", "level")
 APART = 5
 """Samples that a kept log leaves out between two stretches: more than a gap that is filled."""
 
-FEWEST_KEPT = 10
+MIN_KEPT_ROWS = 10
 """Rows of a stretch at least, to be kept in a log: a shorter piece is left out when it is read."""
 
 
@@ -224,7 +224,7 @@ def kept_log(live: LiveFit) -> tuple[str, ReadOptions]:
     lines = [",".join(["t", *(_quoted(c.name) for c in channels)])]
     k, kept = 0, 0
     for piece in live.recursion.pieces():
-        if len(piece) < FEWEST_KEPT:
+        if len(piece) < MIN_KEPT_ROWS:
             continue
         for row in np.column_stack([piece[:, ny : ny + nu], piece[:, :ny]]).tolist():
             lines.append(f"{k * live.dt:.12g}," + ",".join(map(repr, row)))
@@ -292,14 +292,19 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
     )
     none = Detrend.none(plain.nu, ny)
     if not wide.orders.constant:
-        return pem.model_of(outcome, records, records, options, none, Level())
+        return pem.model_of(outcome, records, records, options, none, OperatingPoint())
     places, _ = constant_places(wide)
     if np.all(np.isfinite(np.diag(found.covariance)[places])):
         offsets = Offsets(none, Origin.ESTIMATED, (True,) * ny)
-        levelled = narrowed(wide, outcome, LogFacts.of(records), offsets)
-        without = [levelled.at_fit.remove(r) for r in records]
+        with_offset = narrowed(wide, outcome, LogFacts.of(records), offsets)
+        without = [with_offset.at_fit.remove(r) for r in records]
         return pem.model_of(
-            levelled.outcome, records, without, options, levelled.detrend, levelled.level
+            with_offset.outcome,
+            records,
+            without,
+            options,
+            with_offset.detrend,
+            with_offset.operating_point,
         )
     kept = np.setdiff1d(np.arange(len(found.theta)), places)
     outcome = replace(
@@ -311,4 +316,4 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
         null=found.null[kept],
         warnings=("the level cannot be told from what the inputs do; it was taken as zero.",),
     )
-    return pem.model_of(outcome, records, records, options, none, Level())
+    return pem.model_of(outcome, records, records, options, none, OperatingPoint())

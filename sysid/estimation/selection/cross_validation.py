@@ -64,8 +64,8 @@ def cross_validate(
             "fewer folds or a longer log"
         )
     again = (
-        Offsets.again(model.detrend, model.level, len(model.outputs))
-        if model.level.estimated
+        Offsets.refit(model.detrend, model.operating_point, len(model.outputs))
+        if model.operating_point.estimated
         else model.detrend
     )
     options = options or options_of(model)

@@ -15,8 +15,8 @@ from sysid.estimation.pem import fit_prepared
 from sysid.estimation.selection.orders import searching
 from sysid.fitting.holdout import HoldOut, allowing, hold_out, tie_margin
 from sysid.fitting.options import FitOptions
-from sysid.structures.head import head_window
 from sysid.structures.held_out_error import free_run_error
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.constant_input import with_constant, with_ones
 from sysid.structures.linear.oe import OE
 from sysid.structures.linear.polynomial import PolynomialStructure
@@ -159,7 +159,7 @@ def _squares(data: HoldOut, row: Row, level: bool) -> Array | None:
     if fitted is None:
         return None
     structure, theta, whole = fitted
-    window = head_window(structure, theta)
+    window = initial_state_window(structure, theta)
     found = []
     for r in whole:
         state = structure.fitted_state(theta, r.u, r.y, window)

@@ -18,8 +18,8 @@ from sysid.fitting.holdout import HoldOut, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.structures.base import Structure
-from sysid.structures.head import head_window
 from sysid.structures.held_out_error import free_run_error
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.arx_at_once import promising, solved_at_once
 from sysid.structures.linear.constant_input import with_constant, with_ones, without_constant
@@ -225,7 +225,7 @@ def _loss(
     s: Structure, theta: Array, n: int, records: Sequence[Record], start: int, robust: bool
 ) -> Loss:
     """The loss of one-step errors from the sample ``start`` on."""
-    window = head_window(s, theta)
+    window = initial_state_window(s, theta)
     if robust:
         found = [outliers_of(s, theta, r, window) for r in records]
         pairs = zip(records, found, strict=True)

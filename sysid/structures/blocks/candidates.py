@@ -92,7 +92,7 @@ def points_last(
         start.p,
         data,
         evaluations=evaluations,
-        held_entries=fixed,
+        fixed_entries=fixed,
         tolerance=tolerance,
     )
     if not fixed:
@@ -102,7 +102,7 @@ def points_last(
         found.p,
         data,
         evaluations=evaluations,
-        held_entries=outer_abscissae(found.chain),
+        fixed_entries=outer_abscissae(found.chain),
         tolerance=tolerance,
     )
     # points may wander after noise: keep them where that does not help on held-out samples

@@ -117,7 +117,7 @@ def descend(
     data: ChainData,
     *,
     evaluations: int,
-    held_entries: Sequence[int] = (),
+    fixed_entries: Sequence[int] = (),
     tolerance: float = ROUGH_TOLERANCE,
     problem: ChainErrors | None = None,
 ) -> Fitted:
@@ -133,7 +133,7 @@ def descend(
     missing = len(p0) < chain.n + problem.n_initial
     p = data.with_states(chain, p0) if missing else p0.copy()
     free = np.ones(len(p), dtype=bool)
-    free[list(held_entries)] = False
+    free[list(fixed_entries)] = False
     sizes = np.concatenate([np.full(chain.n, np.inf), problem.state_sizes(p)])[free]
 
     def full(x: Array) -> Array:

@@ -83,7 +83,7 @@ def fitted_pair(
     if (inputs, outputs) != (stand_ins[0], stand_ins[1]):
         fixed = abscissae(now.structure.chain)
         found = descend(
-            now.structure.chain, now.found.p, data, evaluations=evaluations, held_entries=fixed
+            now.structure.chain, now.found.p, data, evaluations=evaluations, fixed_entries=fixed
         )
         now = reshaped(replace(now, found=found), inputs, outputs, data)
     return refined(now, data, evaluations)

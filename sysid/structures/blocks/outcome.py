@@ -193,7 +193,7 @@ class FinalFit:
             p,
             self.data,
             evaluations=min(EVALUATIONS, self.options.limit()),
-            held_entries=tuple(fixed),
+            fixed_entries=tuple(fixed),
             tolerance=tolerance,
             problem=problem,
         )

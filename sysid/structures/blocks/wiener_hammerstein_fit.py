@@ -157,7 +157,7 @@ def _moved(c: Candidate, part: Part, evaluations: int, tolerance: float = 1e-5) 
         c.found.theta,
         part.data,
         evaluations=evaluations,
-        held_entries=abscissae(c.found.chain),
+        fixed_entries=abscissae(c.found.chain),
         tolerance=tolerance,
     )
     return replace(c, found=found)

@@ -1,9 +1,9 @@
-"""A level as an ordinary parameter: the constant 1 as one more input of a linear structure.
+"""An offset as an ordinary parameter: the constant 1 as one more input of a linear structure.
 
     A y = Σ (B_j/F_j) u_j + c·1 + (C/D) e
 
 With it ARX stays linear, and starts, gradients, covariance and searches of orders need to know
-nothing of levels. The output's level where the inputs are zero is y₀ = A(1)⁻¹ c.
+nothing of offsets. The output's offset where the inputs are zero is y₀ = A(1)⁻¹ c.
 """
 
 from collections.abc import Sequence

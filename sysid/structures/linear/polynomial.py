@@ -99,11 +99,11 @@ class PolynomialStructure(NamedStructure):
 
         return stabilised(self, theta)
 
-    def level_entries(self) -> Index:
+    def offset_entries(self) -> Index:
         """Coefficients of the constant input, where there is one."""
         from sysid.structures.linear.constant_input import constant_places
 
-        return constant_places(self)[0] if self.orders.constant else super().level_entries()
+        return constant_places(self)[0] if self.orders.constant else super().offset_entries()
 
     def open_directions(self, records: Sequence[Record]) -> Array:
         """What inputs in fixed proportion to each other leave open, (n, k)."""

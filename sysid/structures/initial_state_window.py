@@ -12,7 +12,7 @@ FORGETTING = 2.0
 """Slowest time constants in a head: over less, the amplitude of a slow mode is guesswork."""
 
 
-def head_window(dynamics: Dynamics, theta: Array, skip: int = 0) -> int:
+def initial_state_window(dynamics: Dynamics, theta: Array, skip: int = 0) -> int:
     """Samples at the head of a record from which its unknown initial state is fitted.
 
     Exactly as many as there are states when just that many are left out of the figures: the run

@@ -49,7 +49,7 @@ class Entry:
 
 
 @dataclass(frozen=True, eq=False)
-class Standings:
+class StructureRanking:
     """Entries, the leading one first, and what put it there.
 
     Attributes:
@@ -76,7 +76,7 @@ def in_order(
     criterion: str,
     margin: float,
     one_step: bool = False,
-) -> Standings:
+) -> StructureRanking:
     """Entries by held-out error; of those within ``margin`` of the best the lowest BIC leads.
 
     Free runs of different structures tie more often than not: what then tells them apart is
@@ -136,7 +136,7 @@ def in_order(
     )
     decided = "size" if options.robust and by_error else rule
     passed = None if lead is first else first
-    return Standings((lead, *rest), tuple(sound), margin, decided, passed, one_step)
+    return StructureRanking((lead, *rest), tuple(sound), margin, decided, passed, one_step)
 
 
 def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
@@ -157,10 +157,10 @@ def _costs(entries: Sequence[Entry], records: Sequence[Record], name: str) -> li
 def _size(entry: Entry) -> int:
     """Parameters to estimate; initial states belong to the record, not to the model."""
     model = entry.model
-    return sum(p.fixed is None for p in model.parameters) + model.level.estimated
+    return sum(p.fixed is None for p in model.parameters) + model.operating_point.estimated
 
 
-def reason(order: Standings, criterion: str, words: str, *, given: bool) -> str:
+def reason(order: StructureRanking, criterion: str, words: str, *, given: bool) -> str:
     """One sentence on why the first entry is first.
 
     Args:
@@ -187,7 +187,7 @@ def _called(entry: Entry) -> str:
     return f"{s.name} {orders_text(s.order_values())}".rstrip()
 
 
-def _ahead(order: Standings, criterion: str, words: str, *, given: bool) -> str:
+def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) -> str:
     """What put the first entry first."""
     first = order.entries[0]
     text = _called(first)

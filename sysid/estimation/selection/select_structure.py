@@ -18,7 +18,7 @@ from sysid.estimation.selection.orders import (
     ranked,
     search_orders,
 )
-from sysid.estimation.selection.standings import Entry, in_order, reason
+from sysid.estimation.selection.ranking import Entry, in_order, reason
 from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import HoldOut, hold_out, longest_of, tie_margin
 from sysid.fitting.options import FitOptions
@@ -69,7 +69,7 @@ Data = tuple[HoldOut, tuple[bool, ...]]
 
 
 @dataclass(frozen=True, eq=False)
-class Contest:
+class StructureSelection:
     """All entries, the winner first, and why it is ahead.
 
     Attributes:
@@ -87,7 +87,7 @@ Grid = Sequence[Mapping[str, Any]]
 """Orders to try."""
 
 
-def run_contest(
+def select_structure(
     names: Sequence[str],
     data: Sequence[Record] | LogFacts,
     options: FitOptions,
@@ -97,7 +97,7 @@ def run_contest(
     criterion: str = "fit",
     jobs: int = 1,
     progress: Progress | None = None,
-) -> Contest:
+) -> StructureSelection:
     """Search the orders of each structure on estimation data only, fit it, and rank them.
 
     Args:
@@ -154,7 +154,9 @@ def run_contest(
         progress(1.0, "done")
     entries = [replace(e, notes=(*said, *e.notes)) for e in entries]
     order = in_order(entries, records, options, criterion, tie_margin(cut.held), cut.one_step)
-    return Contest(order.entries, reason(order, criterion, cut.words, given=whole), failed)
+    return StructureSelection(
+        order.entries, reason(order, criterion, cut.words, given=whole), failed
+    )
 
 
 def _entries(

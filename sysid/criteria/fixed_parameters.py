@@ -41,7 +41,7 @@ class Held:
     stuck: bool
 
 
-def held_parameter_tests(
+def fixed_parameter_tests(
     errors: Sequence[Array],
     free: Sequence[Array],
     held: Sequence[Array],
