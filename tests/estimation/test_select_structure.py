@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel, Record
 from sysid.estimation.pem import fit
-from sysid.estimation.selection import contest
+from sysid.estimation.selection import select_structure as selection
 from sysid.estimation.selection.orders import Candidate, OrderSearch, search_orders
 from sysid.estimation.selection.select_structure import default_structures, select_structure
 from sysid.fitting.holdout import hold_out
@@ -44,8 +44,8 @@ def _asked(names: Sequence[str], record: Record, patch: pytest.MonkeyPatch) -> d
         plain = structure_class("arx").from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1)
         return fit(plain, [record])
 
-    patch.setattr(contest, "search_orders", searched)
-    patch.setattr(contest, "fit", fitted)
+    patch.setattr(selection, "search_orders", searched)
+    patch.setattr(selection, "fit", fitted)
     select_structure(names, [record], FitOptions(), Detrend.none(1, 1))
     return seen
 
