@@ -264,15 +264,15 @@ def _value(name: str, criterion: Criterion, loss: Loss) -> float:
 @cache
 def _others() -> "Mapping[str, EntryPoint]":
     """Entry points of other packages; those that come with the workbench cannot be replaced."""
-    found = {name.lower(): point for name, point in points(GROUP).items()}
-    return {name: point for name, point in found.items() if name not in BUILT_IN}
+    entry_points = {name.lower(): point for name, point in points(GROUP).items()}
+    return {name: point for name, point in entry_points.items() if name not in BUILT_IN}
 
 
 @cache
 def _loaded(name: str) -> Criterion:
-    found = loaded(_others()[name], "criterion")
-    if not isinstance(found, Criterion) or found.value is None:
+    criterion = loaded(_others()[name], "criterion")
+    if not isinstance(criterion, Criterion) or criterion.value is None:
         raise unusable(
             _others()[name], "criterion", "is not a Criterion with a function of the loss"
         )
-    return found
+    return criterion

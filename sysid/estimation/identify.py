@@ -143,8 +143,8 @@ def _parts(
 ) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, str]]:
     names = ", ".join(dict.fromkeys(r.name for r in records))
     if split is None:
-        held = ", ".join(dict.fromkeys(r.name for r in validation))
-        return tuple(records), tuple(validation), (names, held)
+        validation_names = ", ".join(dict.fromkeys(r.name for r in validation))
+        return tuple(records), tuple(validation), (names, validation_names)
     if validation:
         raise UsageError("give either `validation` or `split`, not both")
     if not 0.0 < split < 1.0:

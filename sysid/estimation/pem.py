@@ -61,11 +61,11 @@ def fit(
     _check_length(structure, records, parameters)
     # an offset is the coefficient of a constant input, which only polynomials have
     if any(offsets.estimated) and isinstance(structure, PolynomialStructure):
-        found = fit_with_offset(structure, facts, offsets, options, parameters, initial_guesses)
-        if found is not None:
-            plain = tuple(found.at_fit.remove(r) for r in records)
+        fitted = fit_with_offset(structure, facts, offsets, options, parameters, initial_guesses)
+        if fitted is not None:
+            plain = tuple(fitted.at_fit.remove(r) for r in records)
             return model_of(
-                found.outcome, records, plain, options, found.detrend, found.operating_point
+                fitted.outcome, records, plain, options, fitted.detrend, fitted.operating_point
             )
     plain = tuple(offsets.detrend.remove(r) for r in records)
     outcome = fitter(structure, options)(structure, plain, options, parameters, initial_guesses)
@@ -174,7 +174,7 @@ def _constrained(
                 + ", ".join(names[:12])
                 + (" …" if len(names) > 12 else "")
             )
-    found = []
+    constrained = []
     for p in parameters:
         low, high = options.bounds.get(p.name, (p.lower, p.upper))
         if not low < high:
@@ -182,8 +182,8 @@ def _constrained(
         value = options.fixed.get(p.name)
         if value is not None and not low <= value <= high:
             raise UsageError(f"{p.name} is fixed at {value:g}, outside its bounds {low:g}…{high:g}")
-        found.append(replace(p, lower=low, upper=high, fixed=value))
-    return tuple(found)
+        constrained.append(replace(p, lower=low, upper=high, fixed=value))
+    return tuple(constrained)
 
 
 def _check_length(

@@ -75,15 +75,15 @@ def without_outliers(
         else:
             outcome = again(road, outcome, used, options, parameters)
         s, theta = outcome.structure, outcome.theta
-        found = tuple(outliers_of(s, theta, r, initial_state_window(s, theta)) for r in records)
-        marked = tuple(f.marked(r) for f, r in zip(found, records, strict=True))
-        known = known or tuple(f.none() for f in found)
+        outliers = tuple(outliers_of(s, theta, r, initial_state_window(s, theta)) for r in records)
+        marked = tuple(f.marked(r) for f, r in zip(outliers, records, strict=True))
+        known = known or tuple(f.none() for f in outliers)
         bounded = options.robust and (ranked or not s.has_losses or _heavy_tailed(outcome, marked))
-        if k == rounds - 1 or (_settled(found, known) and bounded == options.robust):
+        if k == rounds - 1 or (_settled(outliers, known) and bounded == options.robust):
             break
-        known, used, options = found, marked, replace(options, robust=bounded)
-    said = (*outcome.warnings, *_words(known, records))
-    return replace(outcome, warnings=said, outliers=known)
+        known, used, options = outliers, marked, replace(options, robust=bounded)
+    notes = (*outcome.warnings, *_words(known, records))
+    return replace(outcome, warnings=notes, outliers=known)
 
 
 def _heavy_tailed(outcome: FitOutcome, records: Sequence[Record]) -> bool:
@@ -102,24 +102,24 @@ def again(
     parameters: tuple[Parameter, ...],
 ) -> FitOutcome:
     """Fit what a fit found to nearly the same data: nothing is chosen anew where that is costly."""
-    own = before.structure.refitter()
-    if own is None:
+    refitter = before.structure.refitter()
+    if refitter is None:
         start = [("the fit before", before.theta)]
         return fitted(before.structure, records, options, parameters, start)
-    return own(before, records, options, parameters)
+    return refitter(before, records, options, parameters)
 
 
-def _settled(found: Sequence[Outliers], known: Sequence[Outliers]) -> bool:
+def _settled(outliers: Sequence[Outliers], known: Sequence[Outliers]) -> bool:
     """Whether two searches came to the same outliers and replaced them by the same values."""
     moved = [
         ((a.change - b.change) / a.limits)[a.readings & b.readings]
-        for a, b in zip(found, known, strict=True)
+        for a, b in zip(outliers, known, strict=True)
     ]
     if np.sum(np.concatenate(moved) ** 2) > SAME**2 * sum(len(m) for m in moved):
         return False
     changed = sum(
         int(np.sum((a.found != b.found) | (a.readings != b.readings)))
-        for a, b in zip(found, known, strict=True)
+        for a, b in zip(outliers, known, strict=True)
     )
     return changed <= SETTLED * sum(int(np.sum(b.found)) for b in known)
 
@@ -142,12 +142,12 @@ def bounded_errors(errors: Array, outliers: Outliers) -> Array:
     return np.where(outliers.found & np.isfinite(errors), outliers.limits, errors)
 
 
-def _words(found: Sequence[Outliers], records: Sequence[Record]) -> list[str]:
+def _words(outliers: Sequence[Outliers], records: Sequence[Record]) -> list[str]:
     """What was left out, by output, and what could not be."""
-    said = []
+    sentences = []
     for i, channel in enumerate(records[0].outputs):
-        readings = sum(int(np.sum(f.readings[:, i])) for f in found)
-        disturbances = sum(int(np.sum(f.disturbances[:, i])) for f in found)
+        readings = sum(int(np.sum(f.readings[:, i])) for f in outliers)
+        disturbances = sum(int(np.sum(f.disturbances[:, i])) for f in outliers)
         parts = [
             f"{count} {word if count == 1 else word + 's'}"
             for count, word in ((readings, "reading"), (disturbances, "disturbance"))
@@ -156,14 +156,14 @@ def _words(found: Sequence[Outliers], records: Sequence[Record]) -> list[str]:
         if parts:
             verb = "stands" if readings + disturbances == 1 else "stand"
             was = "was" if readings + disturbances == 1 else "were"
-            said.append(
+            sentences.append(
                 f"{' and '.join(parts)} of {channel.name} {verb} out and {was} left out of the "
                 "fit and its figures."
             )
-    doubtful = sum(f.doubtful for f in found)
+    doubtful = sum(f.doubtful for f in outliers)
     if doubtful:
-        said.append(
+        sentences.append(
             f"{doubtful} further errors stand out, but where the inputs or outputs are special or "
             "too often for accidents: they are taken for the model's own and not left out."
         )
-    return said
+    return sentences

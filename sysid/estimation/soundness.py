@@ -52,10 +52,10 @@ class Doubts:
 def doubts_about(model: Model) -> Doubts:
     """What speaks against a fitted model."""
     longest = max((s.samples for s in model.provenance.data), default=0)
-    found = list(motion_doubts(model.structure, model.theta, longest, model.dt))
+    doubts = list(motion_doubts(model.structure, model.theta, longest, model.dt))
     if model.termination is Termination.MAX_ITERATIONS:
-        found.append("the search for its parameters was given up before it ended")
-    return Doubts(not bounded_run(model.structure, model.theta), tuple(found))
+        doubts.append("the search for its parameters was given up before it ended")
+    return Doubts(not bounded_run(model.structure, model.theta), tuple(doubts))
 
 
 def motion_doubts(s: Dynamics, theta: Array, longest: int, dt: float) -> tuple[str, ...]:

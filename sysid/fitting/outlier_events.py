@@ -45,9 +45,11 @@ def explained(
         places: (sample, output) of the errors looked at, in order of time.
         patterns: of each, what a bad reading of one unit there does to the errors, (M, ny).
     """
-    left = errors.copy()
+    residuals = errors.copy()
     chosen: dict[tuple[int, int], bool] = {}
-    values = [_gain(left, place, pattern) for place, pattern in zip(places, patterns, strict=True)]
+    values = [
+        _gain(residuals, place, pattern) for place, pattern in zip(places, patterns, strict=True)
+    ]
     gains = np.array([gain for gain, _, _ in values])
     memory = len(patterns[0]) if patterns else 1
     samples = np.array([t for t, _ in places])
@@ -56,20 +58,20 @@ def explained(
         (t, i), (_, size, reading) = places[best], values[best]
         chosen[t, i] = reading
         if reading:
-            part = left[t : t + memory]
+            part = residuals[t : t + memory]
             part -= size * patterns[best][: len(part)]
         else:
-            left[t, i] = 0.0
+            residuals[t, i] = 0.0
         # samples are in order of time
         start, stop = np.searchsorted(samples, [t - 2 * memory + 1, t + 2 * memory])
         for k in range(int(start), int(stop)):
             known = places[k] in chosen
-            values[k] = (0.0, 0.0, False) if known else _gain(left, places[k], patterns[k])
+            values[k] = (0.0, 0.0, False) if known else _gain(residuals, places[k], patterns[k])
             gains[k] = values[k][0]
-    found = []
+    events = []
     for cluster in _clusters(sorted(chosen), memory):
-        found += _best_set(errors, cluster, places, patterns, chosen)
-    return found
+        events += _best_set(errors, cluster, places, patterns, chosen)
+    return events
 
 
 def _gain(errors: Array, place: tuple[int, int], pattern: Array) -> tuple[float, float, bool]:
@@ -78,10 +80,10 @@ def _gain(errors: Array, place: tuple[int, int], pattern: Array) -> tuple[float,
     part = errors[t : t + len(pattern)]
     pi = pattern[: len(part)]
     share, power = float(np.sum(pi * part)), float(np.sum(pi * pi))
-    own = float(errors[t, i])
-    if share * share >= power * own * own:
+    error = float(errors[t, i])
+    if share * share >= power * error * error:
         return share * share / power, share / power, True
-    return own * own, own, False
+    return error * error, error, False
 
 
 def _clusters(chosen: Sequence[tuple[int, int]], memory: int) -> list[list[tuple[int, int]]]:
@@ -136,8 +138,8 @@ def _best_set(
     def cost(events: Sequence[Event]) -> float:
         basis = np.column_stack([columns[e] for e in events])
         size = np.linalg.lstsq(basis, target, rcond=1e-9)[0]
-        left = target - basis @ size
-        return float(left @ left) + len(events)
+        residuals = target - basis @ size
+        return float(residuals @ residuals) + len(events)
 
     best = min(
         (

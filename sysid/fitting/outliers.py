@@ -139,7 +139,7 @@ def limits_of(errors: Array, resolution: Array, tail: Sequence[float] = TAIL) ->
     """
     from scipy.special import ndtri
 
-    found = []
+    limits = []
     for e, step in zip(errors.T, resolution, strict=True):
         size = np.abs(e[np.isfinite(e)])
         least = step / np.sqrt(12.0)
@@ -153,8 +153,8 @@ def limits_of(errors: Array, resolution: Array, tail: Sequence[float] = TAIL) ->
                 # P(size > x) = 2^(−(x/median)^shape)
                 shape = np.log(-np.log2(1.0 - share)) / np.log(max(high / middle, 1.0 + 1e-9))
                 limit = max(limit, middle * float(-np.log2(beyond)) ** (1.0 / shape))
-        found.append(limit)
-    return np.array(found)
+        limits.append(limit)
+    return np.array(limits)
 
 
 def resolutions(y: Array) -> Array:
@@ -162,14 +162,14 @@ def resolutions(y: Array) -> Array:
 
     Zero where hardly a value occurs twice: the log then says nothing about the sensor's steps.
     """
-    found = []
+    steps = []
     for column in y.T:
         values = np.unique(column)
         gaps = np.diff(values)
         gaps = gaps[gaps > NOTHING * np.ptp(column)] if len(gaps) else gaps
         many = len(values) > len(column) // 2
-        found.append(0.0 if many or not len(gaps) else float(np.median(gaps)))
-    return np.array(found)
+        steps.append(0.0 if many or not len(gaps) else float(np.median(gaps)))
+    return np.array(steps)
 
 
 class _Search:
@@ -247,21 +247,21 @@ class _Search:
         errors compared. Places far enough apart are tried at once.
         """
         spread = self._apart(places, LONGEST + 1)
-        found: dict[tuple[int, int], Array] = {}
+        patterns: dict[tuple[int, int], Array] = {}
         tried = self._tried(spread[0], LONGEST, limits)
         felt = np.mean([np.max(np.abs(e), axis=1) > FELT for e in tried.values()], axis=0)
         memory = 1 + int(np.flatnonzero(felt > SOME).max(initial=0))
-        found.update(tried)
-        rest = [p for p in places if p not in found]
+        patterns.update(tried)
+        rest = [p for p in places if p not in patterns]
         if memory == 1:
             for place in rest:
                 alone = np.zeros((1, self.y.shape[1]))
                 alone[0, place[1]] = 1.0
-                found[place] = alone
+                patterns[place] = alone
         else:
             for group in self._apart(rest, memory):
-                found.update(self._tried(group, memory, limits))
-        return [found[p][:memory] for p in places]
+                patterns.update(self._tried(group, memory, limits))
+        return [patterns[p][:memory] for p in places]
 
     def _apart(self, places: list[tuple[int, int]], distance: int) -> list[list[tuple[int, int]]]:
         """Places dealt out to as few groups as keep them ``distance`` samples apart, in order."""
@@ -281,7 +281,7 @@ class _Search:
         for t, i in group:
             y[t, i] -= self.e[t, i]
         change = (self.e - self._known(self.errors(y))) / limits
-        found = {}
+        scores = {}
         for t, i in group:
             size = self.e[t, i] / limits[i]
             effect = np.zeros((length, y.shape[1]))
@@ -289,8 +289,8 @@ class _Search:
             effect[: len(part)] = part / size
             effect[0] = np.where(np.arange(y.shape[1]) == i, 1.0, effect[0])
             effect[: len(part)] *= self.root[t : t + length]
-            found[t, i] = effect
-        return found
+            scores[t, i] = effect
+        return scores
 
     def _withdraw(self, limits: Array) -> None:
         """Readings that are no longer strange once the others are replaced count again."""
@@ -310,12 +310,12 @@ class _Search:
         leaving them out would hide what it does not describe.
         """
         dropped = 0
-        found = self.readings | self.disturbances
+        flagged = self.readings | self.disturbances
         for feature in _features(self.record.u, self.y - self.e):
-            for i in range(found.shape[1]):
-                mine = found[:, i]
-                special = _special(feature, mine)
-                dropped += int(np.sum(mine & special))
+            for i in range(flagged.shape[1]):
+                of_output = flagged[:, i]
+                special = _special(feature, of_output)
+                dropped += int(np.sum(of_output & special))
                 self.readings[:, i] &= ~special
                 self.disturbances[:, i] &= ~special
         return dropped
@@ -340,14 +340,14 @@ class _Search:
 
 def _features(u: Array, y: Array) -> list[Array]:
     """What may make a sample special: levels and changes of inputs and predicted outputs, (N,)."""
-    found = []
+    features = []
     for x in u.T:
         change = np.abs(np.diff(x, prepend=x[:1]))
-        found += [_recent(change, n) for n in WINDOWS]
-        found.append(np.abs(x - np.median(x)))
+        features += [_recent(change, n) for n in WINDOWS]
+        features.append(np.abs(x - np.median(x)))
     for x in y.T:
-        found += [np.abs(np.diff(x, prepend=x[:1])), np.abs(x - np.median(x))]
-    return found
+        features += [np.abs(np.diff(x, prepend=x[:1])), np.abs(x - np.median(x))]
+    return features
 
 
 def _recent(x: Array, samples: int) -> Array:
@@ -357,11 +357,11 @@ def _recent(x: Array, samples: int) -> Array:
     return np.asarray(maximum_filter1d(x, samples, origin=(samples - 1) // 2, mode="nearest"))
 
 
-def _special(feature: Array, found: Mask) -> Mask:
+def _special(feature: Array, flagged: Mask) -> Mask:
     """The samples at the end of a feature where those found gather; none where they do not."""
     from scipy.stats import rankdata
 
-    n, k = len(feature), int(found.sum())
+    n, k = len(feature), int(flagged.sum())
     none = np.zeros(n, dtype=bool)
     if k == 0 or k == n:
         return none
@@ -370,7 +370,7 @@ def _special(feature: Array, found: Mask) -> Mask:
     spread = float(np.std(rank)) * np.sqrt(k * (n - k) / n)
     if spread == 0.0:
         return none
-    score = (float(np.sum(rank[found])) - k * float(np.mean(rank))) / spread
+    score = (float(np.sum(rank[flagged])) - k * float(np.mean(rank))) / spread
     if abs(score) <= APART:
         return none
     order = rank if score > 0.0 else -rank

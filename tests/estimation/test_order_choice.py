@@ -70,7 +70,7 @@ def test_every_sample_is_either_fitted_or_held_out(
     assert data.whole == tuple(records)
     for held in data.counted:
         assert np.mean(held) == pytest.approx(0.3, abs=0.01)
-    seen = np.concatenate([*(r.y for r in data.train), *(r.y for r in data.held)])
+    seen = np.concatenate([*(r.y for r in data.train), *(r.y for r in data.holdout)])
     assert sorted(seen[:, 0]) == sorted(np.concatenate([r.y for r in records])[:, 0])
     assert data.samples == sum(len(r) for r in data.train)
 

@@ -205,7 +205,7 @@ def residual_tests(
     )
     if fitted:
         report = replace(
-            report, held=fixed_parameter_tests_of(model, errors, jacobians, report.level)
+            report, fixed=fixed_parameter_tests_of(model, errors, jacobians, report.level)
         )
     if model.structure.linear:
         return report

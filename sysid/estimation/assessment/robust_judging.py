@@ -35,10 +35,10 @@ def judged_errors(model: Model, records: Sequence[Record]) -> list[Array]:
     window = initial_state_window(model.structure, model.theta)
     if not is_robust(model):
         return [model.errors(r, window) for r in records]
-    found = [_outliers(model, r) for r in records]
+    outliers = [_outliers(model, r) for r in records]
     return [
         bounded_errors(model.errors(f.marked(r), window), f)
-        for r, f in zip(records, found, strict=True)
+        for r, f in zip(records, outliers, strict=True)
     ]
 
 

@@ -119,8 +119,8 @@ def _zero(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets |
         words, seen = "a drive without command stands still", SEEN_BALANCED
     else:
         return None
-    found = evidence.regression(none)
-    if found is None or np.all(np.abs(found.constant) < seen * found.constant_error):
+    regression = evidence.regression(none)
+    if regression is None or np.all(np.abs(regression.constant) < seen * regression.constant_error):
         return replace(none, why=words)
     zero, free = evidence.held_out_error(none), evidence.held_out_error(start)
     if zero <= free:
@@ -134,16 +134,16 @@ def _zero(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets |
 
 def _about(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets:
     """An offset that is estimated, or that of the rest where only that one can be right."""
-    found = evidence.regression(start)
-    if found is None:
+    regression = evidence.regression(start)
+    if regression is None:
         return start if rest is None else replace(start, origin=Origin.REST, estimated=())
     if rest is None:
-        return replace(start, detrend=found.balanced(start.detrend))
+        return replace(start, detrend=regression.balanced(start.detrend))
     as_is = replace(start, origin=Origin.REST, estimated=())
-    drift_unseen = np.abs(found.constant) < SEEN_BALANCED * found.constant_error
-    if np.all(found.integrates & drift_unseen):
+    drift_unseen = np.abs(regression.constant) < SEEN_BALANCED * regression.constant_error
+    if np.all(regression.integrates & drift_unseen):
         return as_is
-    offset, error = found.offset
+    offset, error = regression.offset
     limit = AGREES * np.hypot(error, rest.y_error)
     if np.all(np.abs(offset) <= limit):
         return replace(start, why="the log rests there before the first command")
@@ -199,9 +199,9 @@ class _Regression:
     @property
     def offset(self) -> tuple[Array, Array]:
         """A(1)⁻¹ c and its error, infinite where the output integrates."""
-        own = np.where(self.integrates, np.nan, np.diag(self.A))
-        offset = np.nan_to_num(self.constant / own)
-        error = np.nan_to_num(self.constant_error / np.abs(own), nan=np.inf)
+        diagonal = np.where(self.integrates, np.nan, np.diag(self.A))
+        offset = np.nan_to_num(self.constant / diagonal)
+        error = np.nan_to_num(self.constant_error / np.abs(diagonal), nan=np.inf)
         return offset, error
 
     def balanced(self, detrend: Detrend) -> Detrend:

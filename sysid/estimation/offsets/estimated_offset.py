@@ -149,10 +149,10 @@ def _least_error(
     estimated with it, says that the offset is known exactly (pile-up; Davis & Dunsmuir 1996).
     """
     errors = []
-    for r, found in zip(records, outcome.outliers or (None,) * len(records), strict=True):
+    for r, outliers in zip(records, outcome.outliers or (None,) * len(records), strict=True):
         plain = with_ones(before.remove(r))
-        if found is not None:  # what was left out of the fit says nothing about its offset
-            plain = found.marked(plain)
+        if outliers is not None:  # what was left out of the fit says nothing about its offset
+            plain = outliers.marked(plain)
         e = wide.errors(outcome.theta, plain.u, plain.y, len(plain))
         errors.append(np.where(plain.left_out, np.nan, e))
     e = np.concatenate(errors)

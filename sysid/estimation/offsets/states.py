@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.criteria.fit import Array
-from sysid.criteria.fixed_parameters import Held, fixed_parameter_tests
+from sysid.criteria.fixed_parameters import FixedParameter, fixed_parameter_tests
 from sysid.criteria.verdicts import ResidualTest
 from sysid.data.record import Index, Record
 from sysid.structures.linear.constant_input import (
@@ -97,12 +97,12 @@ def fixed_parameter_tests_of(
         level: confidence level over all of them.
     """
     entries = fixed_entries(model)
-    own = model.structure.parameters(model.inputs, model.outputs)
-    estimated = np.array([k for k in entries if own[k].fixed is None], dtype=int)
+    defaults = model.structure.parameters(model.inputs, model.outputs)
+    estimated = np.array([k for k in entries if defaults[k].fixed is None], dtype=int)
     if not len(estimated):
         return ()
-    held = [
-        Held(p.name, float(model.theta[k]), p.lower, p.upper, p.fixed is None)
+    fixed = [
+        FixedParameter(p.name, float(model.theta[k]), p.lower, p.upper, p.fixed is None)
         for k, p in enumerate(model.parameters)
         if k in estimated
     ]
@@ -118,7 +118,7 @@ def fixed_parameter_tests_of(
         errors,
         [w[:, :, kept] for w in whole],
         [w[:, :, estimated] for w in whole],
-        held,
+        fixed,
         noise_model=model.structure.has_noise_model,
         level=level,
     )

@@ -279,8 +279,8 @@ class RecursiveARX:
         earlier = [w.before(alarm.blocks) for w in self._watches]
         pieces = self._kept.pieces(self._history[:0], LOOKED_AT, alarm.blocks * self.block)
         before = self._estimate(earlier, pieces, self._kept.since - alarm.blocks * self.block)
-        found = Changed(max(after, 0), self.block, self.total, output, alarm, before)
-        self.changes = (*self.changes, found)
+        change = Changed(max(after, 0), self.block, self.total, output, alarm, before)
+        self.changes = (*self.changes, change)
         self._kept.only_last(back * self.block)
         factors = []
         for watch, f in zip(self._watches, self._factors, strict=True):
@@ -334,8 +334,8 @@ def regressors(rows: Array, output: int, terms: Sequence[tuple[int, int]], first
         first: first row with a whole past.
     """
     n = len(rows)
-    found = np.empty((max(n - first, 0), len(terms) + 1))
+    columns = np.empty((max(n - first, 0), len(terms) + 1))
     for c, (signal, lag) in enumerate(terms):
-        found[:, c] = rows[first - lag : n - lag, signal]
-    found[:, -1] = rows[first:, output]
-    return found
+        columns[:, c] = rows[first - lag : n - lag, signal]
+    columns[:, -1] = rows[first:, output]
+    return columns

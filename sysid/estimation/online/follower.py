@@ -188,13 +188,13 @@ class Follower:
         if self.live is None:
             self.live = self._begun(rows)
         live = self.live
-        told: list[LiveChange] = []
+        changes: list[LiveChange] = []
         edges = [0, *(k for k in np.flatnonzero(rows.gap).tolist() if k), len(rows.t)]
         for a, b in pairwise(edges):
             if rows.gap[a]:
                 live.interrupt()
-            told += live.update(rows.u[a:b], rows.y[a:b])
-        return len(rows.t), tuple(told)
+            changes += live.update(rows.u[a:b], rows.y[a:b])
+        return len(rows.t), tuple(changes)
 
     def _begun(self, rows: Rows) -> LiveFit:
         feed, options = self.feed, self.options
@@ -274,7 +274,7 @@ def identification(
 
 def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Model:
     """The recursive estimate as a model like any other."""
-    found = live.recursion.estimate(whole=True)
+    estimate = live.recursion.estimate(whole=True)
     wide = live.recursion.structure
     plain = without_constant(wide)
     parameters = plain.parameters(live.inputs, live.outputs)
@@ -284,9 +284,9 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
     outcome = FitOutcome(
         wide,
         parameters,
-        found.theta,
-        found.covariance,
-        found.null,
+        estimate.theta,
+        estimate.covariance,
+        estimate.null,
         termination=Termination.CLOSED_FORM,
         starts=(StartReport("all", "recursive least squares", None, None, 1),),
     )
@@ -294,7 +294,7 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
     if not wide.orders.constant:
         return pem.model_of(outcome, records, records, options, none, OperatingPoint())
     places, _ = constant_places(wide)
-    if np.all(np.isfinite(np.diag(found.covariance)[places])):
+    if np.all(np.isfinite(np.diag(estimate.covariance)[places])):
         offsets = Offsets(none, Origin.ESTIMATED, (True,) * ny)
         with_offset = narrowed(wide, outcome, LogFacts.of(records), offsets)
         without = [with_offset.at_fit.remove(r) for r in records]
@@ -306,14 +306,14 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
             with_offset.detrend,
             with_offset.operating_point,
         )
-    kept = np.setdiff1d(np.arange(len(found.theta)), places)
+    kept = np.setdiff1d(np.arange(len(estimate.theta)), places)
     outcome = replace(
         outcome,
         structure=plain,
         parameters=plain.parameters(live.inputs, live.outputs),
-        theta=found.theta[kept],
-        covariance=found.covariance[np.ix_(kept, kept)],
-        null=found.null[kept],
+        theta=estimate.theta[kept],
+        covariance=estimate.covariance[np.ix_(kept, kept)],
+        null=estimate.null[kept],
         warnings=("the level cannot be told from what the inputs do; it was taken as zero.",),
     )
     return pem.model_of(outcome, records, records, options, none, OperatingPoint())

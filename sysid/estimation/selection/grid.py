@@ -93,8 +93,8 @@ def _shared_grids(text: str, names: Sequence[str]) -> dict[str, list[RawOrders]]
     for order in grid[0]:
         if not any(order in orders for orders in known.values()):
             raise UsageError(f"`orders`: none of {', '.join(names)} has an order {order}")
-    found = {}
+    grids = {}
     for name, orders in known.items():
-        own = [{k: v for k, v in raw.items() if k in orders} for raw in grid]
-        found[name] = [o for k, o in enumerate(own) if o not in own[:k]]
-    return found
+        grid_of_structure = [{k: v for k, v in raw.items() if k in orders} for raw in grid]
+        grids[name] = [o for k, o in enumerate(grid_of_structure) if o not in grid_of_structure[:k]]
+    return grids

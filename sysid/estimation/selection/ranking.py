@@ -69,7 +69,7 @@ class StructureRanking:
     one_step: bool = False
 
 
-def in_order(
+def ranked_entries(
     entries: Sequence[Entry],
     records: Sequence[Record],
     options: FitOptions,
@@ -147,11 +147,11 @@ def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
 def _costs(entries: Sequence[Entry], records: Sequence[Record], name: str) -> list[float]:
     """What a criterion says of each entry, from one-step errors on the samples all predict."""
     errors = [judged_errors(e.model, records) for e in entries]
-    found = []
+    costs = []
     for e, common in zip(entries, on_common_samples(errors), strict=True):
         value = table.criterion(name).cost_of(loss_of(common, e.model.n_estimated))
-        found.append(value if np.isfinite(value) else np.inf)
-    return found
+        costs.append(value if np.isfinite(value) else np.inf)
+    return costs
 
 
 def _size(entry: Entry) -> int:
@@ -169,16 +169,16 @@ def reason(order: StructureRanking, criterion: str, words: str, *, given: bool) 
         words: the held-out data, as a sentence names them.
         given: whether the user gave the orders.
     """
-    said = _ahead(order, criterion, words, given=given)
+    sentence = _ahead(order, criterion, words, given=given)
     if order.passed is not None:
         return (
-            f"{said} {_called(order.passed)} would lead, but "
+            f"{sentence} {_called(order.passed)} would lead, but "
             f"{doubts_about(order.passed.model).words}."
         )
     against = doubts_about(order.entries[0].model)
     if against.settled or len(order.entries) == 1:
-        return said
-    return f"{said} It leads although {against.words}: no settled model is as good."
+        return sentence
+    return f"{sentence} It leads although {against.words}: no settled model is as good."
 
 
 def _called(entry: Entry) -> str:
@@ -209,17 +209,17 @@ def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) 
         return f"{text} was chosen by {criterion} on {words}: {share:.2f} % {how}."
     second = order.entries[1]
     loop = f" {IN_LOOP}" if order.one_step else ""
-    said = (
+    sentence = (
         f"{text} leads: on {words} its {kind} fits {share:.2f} %, with {_size(first)} "
         f"parameters; next is {second.model.structure.name} with "
         f"{100.0 * (1.0 - (second.error or 0.0)):.2f} % and {_size(second)} parameters"
     )
     if (second.error or 0.0) > (1.0 + order.margin) * first.error:
-        return f"{said}.{loop}"
+        return f"{sentence}.{loop}"
     if second in order.sound:
         equal = f"Errors that differ by less than {100.0 * order.margin:.2g} % count as equal"
-        return f"{said}. {equal}; {_AMONG_EQUALS[order.rule == 'size']}.{loop}"
-    return f"{said}, but over all estimation data it errs much more {how}.{loop}"
+        return f"{sentence}. {equal}; {_AMONG_EQUALS[order.rule == 'size']}.{loop}"
+    return f"{sentence}, but over all estimation data it errs much more {how}.{loop}"
 
 
 _AMONG_EQUALS = (

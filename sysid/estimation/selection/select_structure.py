@@ -18,7 +18,7 @@ from sysid.estimation.selection.orders import (
     ranked,
     search_orders,
 )
-from sysid.estimation.selection.ranking import Entry, in_order, reason
+from sysid.estimation.selection.ranking import Entry, ranked_entries, reason
 from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import HoldOut, hold_out, longest_of, tie_margin
 from sysid.fitting.options import FitOptions
@@ -123,12 +123,12 @@ def select_structure(
     whole = len(given) == len(names)
     searched = not whole or any(len(g) > 1 for g in given.values())
     closed = (searched or len(names) > 1) and facts.closed_loop
-    offsets, found = _offsets_and_delay(facts, detrend, search=not whole)
-    nk, said = found.nk, found.notes
+    offsets, chosen_delay = _offsets_and_delay(facts, detrend, search=not whole)
+    nk, notes = chosen_delay.nk, chosen_delay.notes
     replaced = facts.outliers.words
     if replaced and searched:
-        said = (
-            *said,
+        notes = (
+            *notes,
             f"{replaced} stood out; delay, orders and levels were chosen with the line between "
             "their neighbours in their place.",
         )
@@ -143,8 +143,8 @@ def select_structure(
             if name in given and len(names) > 1:
                 raise UsageError(f"{error}; or name fewer structures with `structures`") from None
             raise
-        own = offsets.for_structure(made[0], small)
-        seen[name] = (cut.of(own.detrend.remove), own.estimated)
+        treatment = offsets.for_structure(made[0], small)
+        seen[name] = (cut.of(treatment.detrend.remove), treatment.estimated)
         tasks.append((name, chosen))
     searches, failed = _searches(tasks, seen, options, criterion, jobs, progress)
     entries = _entries(tasks, searches, failed, facts, options, offsets, progress)
@@ -152,8 +152,10 @@ def select_structure(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    entries = [replace(e, notes=(*said, *e.notes)) for e in entries]
-    order = in_order(entries, records, options, criterion, tie_margin(cut.held), cut.one_step)
+    entries = [replace(e, notes=(*notes, *e.notes)) for e in entries]
+    order = ranked_entries(
+        entries, records, options, criterion, tie_margin(cut.holdout), cut.one_step
+    )
     return StructureSelection(
         order.entries, reason(order, criterion, cut.words, given=whole), failed
     )
@@ -238,10 +240,10 @@ def _offsets_and_delay(
     """What is done about levels, and the delay to search with, which that choice needs."""
     known = Offsets.of_detrend(detrend) if isinstance(detrend, Detrend) else detrend
     first = start_of(facts, known) if isinstance(known, str) else known
-    found = ChosenDelay(1)
+    delay = ChosenDelay(1)
     if search and facts.records[0].nu:
-        found = chosen_delay(facts, first)
-    return choose_offsets(facts, known, found.nk) if isinstance(known, str) else known, found
+        delay = chosen_delay(facts, first)
+    return choose_offsets(facts, known, delay.nk) if isinstance(known, str) else known, delay
 
 
 def _fitted(
@@ -266,10 +268,10 @@ def _fitted(
 def _grid(
     name: str, nu: int, ny: int, samples: int, nk: int | list[list[int]]
 ) -> list[dict[str, Any]]:
-    found = [dict(o) for o in structure_class(name).candidate_orders(nu, ny, samples, nk)]
-    if not found:
+    grid = [dict(o) for o in structure_class(name).candidate_orders(nu, ny, samples, nk)]
+    if not grid:
         raise DataError(f"{samples} samples are too few for {name}; record more or give orders")
-    return found
+    return grid
 
 
 def _searches(
@@ -286,7 +288,7 @@ def _searches(
         for name, grid in tasks
         if len(grid) > 1 or (len(tasks) > 1 and not structure_class(name).linear)
     ]
-    found: dict[str, tuple[OrderSearch, float]] = {}
+    searches: dict[str, tuple[OrderSearch, float]] = {}
     failed: dict[str, str] = {}
     total = sum(len(grid) for _, grid in searched)
     work = total * max(d.samples for d, _ in data.values())
@@ -308,21 +310,21 @@ def _searches(
         done = 0
         for outcome in outcomes:
             done += outcome[2]
-            _collect(outcome, found, failed)
+            _collect(outcome, searches, failed)
             if progress:
                 progress(0.9 * done / total, f"searched {done} of {total} orders")
     else:
         done = 0
         for name, chain, grid in chains:
 
-            def tell(k: int, n: int, what: str, base: int = done) -> None:
+            def report(k: int, n: int, what: str, base: int = done) -> None:
                 if progress:
                     progress(0.9 * (base + k) / total, what)
 
-            outcome = _timed(name, chain, grid, data[name], options, criterion, tell)
-            _collect(outcome, found, failed)
+            outcome = _timed(name, chain, grid, data[name], options, criterion, report)
+            _collect(outcome, searches, failed)
             done += len(chain)
-    return found, {k: v for k, v in failed.items() if k not in found}
+    return searches, {k: v for k, v in failed.items() if k not in searches}
 
 
 Outcome = tuple[str, OrderSearch | str, int, float]
@@ -349,7 +351,7 @@ def _timed(
 
 def _collect(
     outcome: Outcome,
-    found: dict[str, tuple[OrderSearch, float]],
+    searches: dict[str, tuple[OrderSearch, float]],
     failed: dict[str, str],
 ) -> None:
     """Merge the chains of one structure; deterministic whatever order they arrive in."""
@@ -357,21 +359,21 @@ def _collect(
     if isinstance(search, str):
         failed[name] = search
         return
-    if name in found:
-        before, spent = found[name]
+    if name in searches:
+        before, spent = searches[name]
         both = (*before.candidates, *search.candidates)
         order = ranked(both, search.criterion, search.margin, search.equations)
         search = replace(search, candidates=order)
         seconds += spent
-    found[name] = (search, seconds)
+    searches[name] = (search, seconds)
 
 
 def _delays(name: str, grid: Grid) -> list[Any]:
     """The delays of a grid, each once; one stands for all where candidates are no starts."""
     if structure_class(name).solved_at_once:
         return [ANY]
-    found: list[Any] = []
+    delays: list[Any] = []
     for orders in grid:
-        if orders.get("nk") not in found:
-            found.append(orders.get("nk"))
-    return found
+        if orders.get("nk") not in delays:
+            delays.append(orders.get("nk"))
+    return delays

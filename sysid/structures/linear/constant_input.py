@@ -66,18 +66,18 @@ def widened(
     wide: PolynomialStructure, parameters: Sequence[Parameter], outputs: Sequence[Channel]
 ) -> tuple[Parameter, ...]:
     """The parameters of the plain structure with the constants' at their places."""
-    found = list(parameters)
+    wide = list(parameters)
     for place, i in zip(*constant_places(wide), strict=True):
-        found.insert(int(place), Parameter(f"level[{outputs[i].name}]", outputs[i].unit))
-    return tuple(found)
+        wide.insert(int(place), Parameter(f"level[{outputs[i].name}]", outputs[i].unit))
+    return tuple(wide)
 
 
 def widened_theta(wide: PolynomialStructure, theta: Array) -> Array:
     """θ of the plain structure with a zero at the constants' places."""
-    found = theta.tolist()
+    wide = theta.tolist()
     for place in constant_places(wide)[0]:
-        found.insert(int(place), 0.0)
-    return np.array(found, dtype=np.float64)
+        wide.insert(int(place), 0.0)
+    return np.array(wide, dtype=np.float64)
 
 
 def with_ones(record: Record) -> Record:
