@@ -1,6 +1,6 @@
-"""Do the data agree with parameters that were given, or that stopped at a bound?
+"""Lagrange multiplier tests of parameters that were fixed, or that stopped at a bound.
 
-A parameter that is held at θ_h takes no part in the fit; if its value is right, the residuals do
+A parameter that is fixed at θ_h takes no part in the fit; if its value is right, the residuals do
 not correlate with its gradient g = ∂ŷ/∂θ_h, once what the estimated parameters took is projected
 out of g. That is the Lagrange multiplier (score) test of the constraint, the portmanteau of
 ``portmanteau.py`` with the one instrument g; the sign of g̃ᵀε says where a better value lies.
@@ -117,16 +117,18 @@ def _verdict(
     where = "larger" if larger else "smaller"
     at = f"{parameter.value:.6g}"
     if parameter.stuck:
-        agrees = f"{parameter.name} ended on its bound {at}, and the data agree with that ({p})."
+        agrees = (
+            f"{parameter.name} ended at its bound {at}, and the data agree with that value ({p})."
+        )
         contradicted = (
-            f"{parameter.name} ended on its bound {at}, but a {where} value fits the data better "
-            f"({p}): widen the bound or doubt the structure."
+            f"{parameter.name} ended at its bound {at}, but a {where} value fits the data better "
+            f"({p}): widen the bound or check the structure."
         )
     else:
         agrees = f"The data agree with {parameter.name} fixed at {at} ({p})."
         contradicted = (
             f"The data contradict {parameter.name} fixed at {at} ({p}): a {where} value fits "
-            "better; let it be estimated, or doubt the structure."
+            "better; estimate this parameter, or check the structure."
         )
     return ResidualTest(
         name="held parameter",

@@ -1,4 +1,4 @@
-"""What a nonlinear model's residuals still contain: Billings & Voon's correlation tests.
+"""Billings & Voon's correlation tests of a nonlinear model's residuals.
 
 Whiteness and independence from the input are not enough for a nonlinear model: residuals that hold
 u² or u(t−1) e(t−1) may pass both. Billings & Voon (1986) ask in addition whether
@@ -204,17 +204,17 @@ _SAYS = {
         "Products of past residuals and inputs do not predict {output} ({p}).",
         "Past residuals of {output} times {signal} predict it ({p}), most {lag} samples earlier: "
         "products of output and input are missing, or noise terms with the input.",
-        "No product of residual and input is left to test on {output}.",
+        "No product of residual and input can be tested on {output}.",
     ),
     "input squares": (
         "The residuals of {output} do not depend on squares of past inputs ({p}).",
-        "The residuals of {output} still depend on the square of {signal} ({p}), most {lag} "
+        "The residuals of {output} depend on the square of {signal} ({p}), mostly {lag} "
         "samples earlier: even terms of the input are missing (a square, an absolute value).",
         "The squares of the inputs are constant (two levels): they cannot be tested on {output}.",
     ),
     "error size": (
         "The size of the residuals of {output} does not depend on the inputs ({p}).",
-        "The residuals of {output} are of another size where {signal} is large ({p}), most {lag} "
+        "The size of the residuals of {output} depends on {signal} ({p}), mostly {lag} "
         "samples earlier: a nonlinear term is missing, or the noise depends on the input.",
         "The squares of the inputs are constant (two levels): the size of the residuals of "
         "{output} cannot be tested.",

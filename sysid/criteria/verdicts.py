@@ -1,4 +1,4 @@
-"""What residual tests found: the outcome of each, and the report of all."""
+"""Results of residual tests, each by itself and all in one report."""
 
 from dataclasses import dataclass, field, fields
 from typing import Any

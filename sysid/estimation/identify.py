@@ -1,4 +1,4 @@
-"""identify: the whole road from records to judged models, which ``sysid fit`` walks."""
+"""identify: from records to validated models, as ``sysid fit`` does."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -210,6 +210,6 @@ def require_unseen(records: Sequence[Record], validation: Sequence[Record]) -> N
             if shares_samples(r, e):
                 called = r.name if r.name == e.name else f"{r.name} (the same as {e.name})"
                 raise UsageError(
-                    f"{called} cannot judge what is fitted to it; give another log to judge on, or "
-                    "hold back a part of this one with `split=0.7`"
+                    f"{called} is estimation data; the validation log must differ: give another "
+                    "log, or hold out a part of this one with `split=0.7`"
                 )

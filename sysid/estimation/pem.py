@@ -1,4 +1,4 @@
-"""fit: the one entry from a structure and records to a Model."""
+"""fit: the entry from a structure and records to a Model."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -113,7 +113,7 @@ def check_records(structure: Structure, records: Sequence[Record]) -> None:
             channel that never changes.
     """
     if not records:
-        raise DataError("there is no record to fit; give at least one log")
+        raise DataError("no record to fit; give at least one log")
     first = records[0]
     if (first.nu, first.ny) != (structure.nu, structure.ny):
         raise DataError(
@@ -147,8 +147,8 @@ def check_data(records: Sequence[Record]) -> None:
         ):
             kind = "input" if k < first.nu else "output"
             raise DataError(
-                f"{first.name}: {kind} {channel.name} is constant, so nothing can be learned "
-                "from it; leave it out or record it while it moves"
+                f"{first.name}: {kind} {channel.name} is constant, so nothing can be "
+                "identified from it; leave it out or record a run in which it varies"
             )
 
 

@@ -1,4 +1,4 @@
-"""Robust fits: the model finds the outliers, they are left out, and the model is fitted again."""
+"""Robust fits: detect outliers by the model, leave them out, and fit again."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -163,7 +163,7 @@ def _words(outliers: Sequence[Outliers], records: Sequence[Record]) -> list[str]
     doubtful = sum(f.doubtful for f in outliers)
     if doubtful:
         sentences.append(
-            f"{doubtful} further errors stand out, but where the inputs or outputs are special or "
-            "too often for accidents: they are taken for the model's own and not left out."
+            f"{doubtful} further large errors are at special inputs or outputs, or too frequent "
+            "for outliers: they count as errors of the model and were kept."
         )
     return sentences

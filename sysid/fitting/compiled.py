@@ -1,4 +1,4 @@
-"""The one place that imports and configures JAX: double precision, compilations kept on disk."""
+"""The only module that imports and configures JAX: double precision, compilation cache."""
 
 import os
 from functools import cache

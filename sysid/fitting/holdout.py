@@ -1,4 +1,4 @@
-"""Holding data out: how orders and structures are chosen without touching validation data."""
+"""Hold out estimation data, so that validation data choose nothing."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How to fit: what a person may choose about any fit."""
+"""Options of a fit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Which bad readings and disturbances explain large errors best, neighbours told apart."""
+"""Bad measurements and disturbances that explain large errors best."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which readings and disturbances stand out of a model's prediction errors.
+"""Bad measurements and disturbances among a model's prediction errors.
 
 A bad *reading* is an isolated one: it spoils its own error and, where past outputs enter the
 prediction, the errors of the samples that look back at it, in a pattern π that the model knows;

@@ -1,4 +1,4 @@
-"""What robust fits share: the scale of errors, Huber's width, and residuals that count less."""
+"""Parts of robust fits: the scale of errors, Huber's width, and weighted residuals."""
 
 from collections.abc import Sequence
 

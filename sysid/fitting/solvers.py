@@ -1,4 +1,4 @@
-"""Numerical solvers behind one door: the only importer of jaxopt."""
+"""Numerical solvers; the only module that imports jaxopt."""
 
 import warnings
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Initial states that the data hardly tell apart, kept to what the outputs allow.
+"""Prior on initial states that the data hardly determine, within what the outputs allow.
 
 Each path from an input to an output has states of its own. At a record's head their free
 responses are short and alike, and poles that lie close make them the same: a descent then walks

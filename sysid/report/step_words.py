@@ -7,7 +7,7 @@ from sysid.estimation.assessment.own_motion import OwnMode
 from sysid.estimation.assessment.step_response import Estimate, StepResponse
 
 CLEAR = 2.0
-"""Standard errors from zero that make a gain one to speak of."""
+"""Standard errors from zero that make a gain significant."""
 
 PASSES_LITTLE = 0.02
 """A side path that passes on less than this share of an output's strongest gain is left out."""
@@ -52,8 +52,8 @@ def step_sentences(responses: Sequence[StepResponse]) -> tuple[str, ...]:
             kept.append(sentence(r))
     if small:
         kept.append(
-            f"{', '.join(sorted(small))}: no lasting change to speak of (under "
-            f"{100 * PASSES_LITTLE:g} % of the strongest path)."
+            f"{', '.join(sorted(small))}: static gain below {100 * PASSES_LITTLE:g} % of the "
+            "strongest path."
         )
     return tuple(kept)
 

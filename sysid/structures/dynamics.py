@@ -1,4 +1,4 @@
-"""Dynamics: what runs. Parameters in, free runs, poles, time constants and equations out."""
+"""Dynamics: from parameters to free runs, poles, time constants and equations."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence

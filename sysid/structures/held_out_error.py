@@ -1,4 +1,4 @@
-"""The error that chooses: of the free run on samples that were held out."""
+"""Free-run error on held-out samples, which chooses orders and structures."""
 
 from collections.abc import Sequence
 

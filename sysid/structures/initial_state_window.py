@@ -1,4 +1,4 @@
-"""The head of a record, from which the unknown initial state of a run is fitted."""
+"""Length of the window at the start of a record that fits its initial state."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Model: a structure with parameters, what they are worth, and where they came from."""
+"""Model: a structure with parameters, their covariance, and provenance."""
 
 import json
 from collections.abc import Mapping, Sequence

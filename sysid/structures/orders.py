@@ -1,4 +1,4 @@
-"""Orders of polynomial models: reading them, spreading scalars over channels, writing them."""
+"""Orders of polynomial models: read, spread over channels, write."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

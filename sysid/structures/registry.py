@@ -1,4 +1,4 @@
-"""The registry of structures: every name users can type, and how a saved one is read again."""
+"""Registry of structures: their names, and how a saved one is read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ def structure_classes() -> dict[str, type[NamedStructure]]:
         if name not in classes:
             structure = loaded(point, "structure")
             if not (isinstance(structure, type) and issubclass(structure, NamedStructure)):
-                raise unusable(point, "structure", "is no class of NamedStructure")
+                raise unusable(point, "structure", "is not a subclass of NamedStructure")
             classes[name] = structure
     return classes
 

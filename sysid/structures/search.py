@@ -1,4 +1,4 @@
-"""The search of one fit: every start, problem after problem, initial states included."""
+"""Parameter search of one fit: every initial guess, problem after problem, with initial states."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What a user should know about a fit, unasked: sentences that need a model to be written."""
+"""Automatic warnings about a fit, as sentences with advice."""
 
 from collections.abc import Sequence
 
@@ -65,7 +65,7 @@ def _useless(free_run: Figures, validation: Figures | None) -> list[str]:
         times = 1.0 - fit / 100.0
         worse = f"errs {times:.3g} times as much as" if times >= WORSE else "does no better than"
         sentences.append(
-            f"{name}: this model is useless for running freely: on {where} it {worse} the constant "
+            f"{name}: this model is not usable in free run: on {where} it {worse} the constant "
             f"mean of {name} (fit {fit:.5g} %). Look for wrong columns, signs, units and jumps "
             "with `sysid inspect`, then for another structure."
         )
@@ -80,7 +80,7 @@ def _ending(model: Model, residuals: ResidualReport) -> list[str]:
     for name in model.at_bound:
         test = tested.pop(name, None)
         sentences.append(
-            f"Parameter {name} ended on its bound: widen the bound or doubt the structure."
+            f"Parameter {name} ended at its bound: widen the bound or check the structure."
             if test is None
             else test.sentence
         )
@@ -92,8 +92,8 @@ def _stability(model: Model) -> list[str]:
         longest = max((x.samples for x in model.provenance.data), default=0)
         slow = motion_doubts(model.structure, model.theta, longest, model.dt)
         return [
-            f"{clause[0].upper()}{clause[1:]}: over these data it cannot be told from a level or "
-            "a drift; lower the orders or record longer."
+            f"{clause[0].upper()}{clause[1:]}: over these data it cannot be distinguished from "
+            "an offset or a drift; lower the orders or record longer."
             for clause in slow
         ]
     worst = largest_radius(model.structure, model.theta)
@@ -114,10 +114,10 @@ def _information(model: Model) -> list[str]:
     alone = [name for d in model.null_directions if (name := unvisited(d))]
     if alone:
         shown = ", ".join(alone[:6]) + (" …" if len(alone) > 6 else "")
-        why = "the input does not excite it" if model.structure.linear else "no sample goes there"
+        why = "the input does not excite it" if model.structure.linear else "no sample reaches it"
         sentences.append(
-            f"The data hold no information about {shown}: {why}. Record data that do, or leave it "
-            "out of the model."
+            f"The data hold no information about {shown}: {why}. Record such data, or remove it "
+            "from the model."
         )
     together = "their inputs move together" if len(model.inputs) > 1 else "only their sum counts"
     for direction in model.null_directions:
@@ -128,7 +128,7 @@ def _information(model: Model) -> list[str]:
         sentences.append(
             f"The data hold no information about a combination of {shown}: {together}, or too "
             "little is excited. The smallest such values were taken; a richer input (sysid excite) "
-            "tells them apart."
+            "distinguishes them."
         )
     table = [p for p in model.parameter_table() if not p.fixed]
     vague = [p.name for p in table if np.isfinite(p.std_error) and p.std_error > abs(p.value)]
@@ -188,8 +188,8 @@ def _residuals(model: Model, report: ResidualReport) -> list[str]:
     sentences = []
     if failed:
         sentences.append(
-            f"The residuals of {', '.join(failed)} still depend on the input: dynamics, delay or "
-            "a nonlinearity is missing."
+            f"The residuals of {', '.join(failed)} are correlated with the inputs: dynamics, "
+            "delay or a nonlinearity is missing."
         )
     white = [t.output for t in report.whiteness if t.judged and not t.passed]
     if white and model.structure.has_noise_model:

@@ -1,4 +1,4 @@
-"""Everything there is to say about a fitted model, as one JSON-able document."""
+"""Assessment of a fitted model as one JSON-able document."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field

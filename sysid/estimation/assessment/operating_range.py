@@ -1,4 +1,4 @@
-"""Data beyond what a nonlinear model was fitted to: a warning before its figures are believed."""
+"""Warning for validation data outside the range that a nonlinear model was fitted to."""
 
 from collections.abc import Sequence
 
@@ -36,7 +36,7 @@ def beyond_range(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
             warnings.append(
                 f"{channel.name} runs from {least:.4g} to {most:.4g}{unit} in the validation data "
                 f"but only from {low:.4g} to {high:.4g}{unit} in the estimation data "
-                f"({share:.0f} % of the samples lie outside): there a nonlinear model guesses; "
-                "fit to data of that amplitude."
+                f"({share:.0f} % of the samples lie outside): a nonlinear model extrapolates "
+                "there; fit to data of that amplitude."
             )
     return tuple(warnings)

@@ -1,4 +1,4 @@
-"""How a signal without inputs moves by itself: what it swings at, and what it forgets."""
+"""Natural modes of a signal without inputs: frequencies and time constants."""
 
 from dataclasses import asdict, dataclass
 from typing import Any

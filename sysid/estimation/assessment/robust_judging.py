@@ -1,4 +1,4 @@
-"""Judging a model that was fitted robustly: what stands out of data is not held against it."""
+"""Figures of a robustly fitted model, with outliers of the data left out."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What a model does to a step of its input: gain, time constants, dead time, settling time.
+"""Step response of a model: gain, time constants, dead time, settling time.
 
 These are the numbers by which a person knows their machine. Each comes with a standard error by
 the delta method.

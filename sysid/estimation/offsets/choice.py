@@ -1,4 +1,4 @@
-"""What a log's offsets are: zero, the rest at its head, or to be estimated with the model."""
+"""Choose the offsets of a log: zero, the rest at its start, or estimated with the model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -114,9 +114,9 @@ def _zero(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets |
     if at_rest:
         words, seen = "the log rests there before the first command", SEEN_AT_REST
     elif _both_sides(records):
-        words, seen = "the log is on both sides of it", SEEN_BALANCED
+        words, seen = "the log has both signs", SEEN_BALANCED
     elif records[0].is_robot_log:
-        words, seen = "a drive without command stands still", SEEN_BALANCED
+        words, seen = "a drive rests without command", SEEN_BALANCED
     else:
         return None
     regression = evidence.regression(none)
@@ -126,8 +126,8 @@ def _zero(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets |
     if zero <= free:
         return replace(
             none,
-            why=f"{words}, and held-out data are met no better with an offset "
-            f"({_share(free)} of their spread missed, {_share(zero)} without)",
+            why=f"{words}, and an offset does not lower the held-out error "
+            f"({_share(free)} with one, {_share(zero)} without)",
         )
     return None
 
@@ -151,8 +151,8 @@ def _about(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets:
     if fixed <= free:
         return replace(
             as_is,
-            why=f"a fitted offset would contradict it and meets held-out data no better "
-            f"({_share(free)} of their spread missed, {_share(fixed)} without)",
+            why=f"an estimated offset contradicts it and does not lower the held-out error "
+            f"({_share(free)} with one, {_share(fixed)} without)",
         )
     return start
 

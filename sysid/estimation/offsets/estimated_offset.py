@@ -1,5 +1,4 @@
-"""Fits of linear structures with an offset: the constant estimated with θ, then said as an "
-"offset."""
+"""Fits of linear structures with an offset, estimated as the coefficient of a constant input."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -69,14 +68,15 @@ def fit_with_offset(
         initial_guesses: further starts.
 
     Returns:
-        The fit, or None where the data cannot tell the constant from what the inputs do.
+        The fit, or None where the data cannot distinguish the constant from the effect of the
+    inputs.
     """
     records = facts.records
     wide = with_constant(structure, offsets.estimated)
     known = offsets.at_rest and len(records) == 1 and not structure.has_noise_model
     if known and options.initial is Initial.AUTO:
-        # zero about the rest; estimated, they would be hard to tell from an offset. What a noise
-        # model remembers of the time before the record is not known.
+        # zero about the rest; estimated, they would be hard to distinguish from an offset. What a
+        # noise model remembers of the time before the record is not known.
         options = replace(options, initial=Initial.ZERO)
     plain = [with_ones(offsets.detrend.remove(r)) for r in records]
     outcome = fitter(wide, options)(

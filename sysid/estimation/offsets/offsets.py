@@ -1,4 +1,4 @@
-"""Offsets of a fit: what is taken off the data first, and whether an offset is estimated with θ."""
+"""Offsets of a fit: what is removed first, and whether an offset is estimated with θ."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

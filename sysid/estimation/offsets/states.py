@@ -1,4 +1,4 @@
-"""Which directions of θ a fit really estimated: what residual tests may, and may not, project out.
+"""Directions of θ that a fit estimated, which residual tests project out.
 
 A parameter that was fixed, or that a bound stopped, absorbed nothing of the residuals; projecting
 its gradient out would hide a wrong value. Directions without information need no care: their

@@ -1,4 +1,4 @@
-"""ARX estimated row by row: the batch fit, but for rows that come one after the other."""
+"""ARX estimated recursively, with the results of the batch fit."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -108,9 +108,9 @@ class RecursiveARX:
             UsageError: forgetting or the false alarm rate cannot be.
         """
         if not 0.0 < forgetting <= 1.0:
-            raise UsageError(f"`forgetting` lies above 0 and at most at 1, got {forgetting:g}")
+            raise UsageError(f"`forgetting` must be above 0 and at most 1, got {forgetting:g}")
         if not 0.0 < false_alarms < 1.0:
-            raise UsageError(f"`false_alarms` is a chance between 0 and 1, got {false_alarms:g}")
+            raise UsageError(f"`false_alarms` must lie between 0 and 1, got {false_alarms:g}")
         self.structure, self.forgetting = structure, forgetting
         self._layouts = [structure.layout(i) for i in range(structure.ny)]
         self._terms = [lagged_terms(lay) for lay in self._layouts]
@@ -208,7 +208,9 @@ class RecursiveARX:
         if inputs is not None:
             rows[:, s.ny : s.ny + nu] = inputs
         if not np.isfinite(rows).all():
-            raise UsageError("a row holds a number that is not finite; leave it out, and interrupt")
+            raise UsageError(
+                "a row holds a number that is not finite; leave it out and call interrupt"
+            )
         return rows
 
     def _stacked(self) -> Array:

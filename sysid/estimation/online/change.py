@@ -1,4 +1,4 @@
-"""Has the plant changed? Recent rows against all before them, with a false alarm rate that holds.
+"""Detection of changes of the plant: recent rows against all before, at a fixed false alarm rate.
 
 For the window of the last w blocks, with R_w θ = z_w its own information and θ_o, R_o those of what
 came before it, the difference d = z_w − R_w θ_o has, where nothing changed, the covariance

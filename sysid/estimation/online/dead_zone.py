@@ -1,4 +1,4 @@
-"""The dead zone of a drive, from the newest rows of a stream.
+"""Dead zone of a drive, estimated from the newest rows of a stream.
 
 A dead zone shows in two ways, which agree while a drive turns the way it is commanded and differ
 when it coasts or is braked:

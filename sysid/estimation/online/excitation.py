@@ -1,4 +1,4 @@
-"""Has the plant been moved enough? The information of each parameter, and of the worst mixture.
+"""Excitation of a stream: the information of each parameter, and of the worst combination.
 
 With each regressor scaled to size 1 and the output by its own spread σ_y, the information about
 what a regressor does to the output is
@@ -110,4 +110,5 @@ def _why(output: str, lacking: Sequence[str], inputs: Sequence[str], y: Array, u
     if pairs:
         a, b = pairs[0]
         return f"{a} and {b} move together: move one without the other."
-    return f"{' and '.join(lacking)} {'tells' if len(lacking) == 1 else 'tell'} too little so far."
+    have = "has" if len(lacking) == 1 else "have"
+    return f"{' and '.join(lacking)} {have} too little information so far."

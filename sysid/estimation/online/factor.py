@@ -1,4 +1,4 @@
-"""Least squares in information form: one triangular factor that takes rows in and lets them fade.
+"""Recursive least squares in information form: a triangular factor with forgetting.
 
 With the rows [φᵀ y] weighted by λ^(age/2), the factor T of their QR factorisation holds all that
 a fit needs,

@@ -1,4 +1,4 @@
-"""A log followed while it is written: lines in, estimates out, and the model at the end."""
+"""Follow a log while it is written: lines in, estimates out, and the model at the end."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,7 +32,7 @@ from sysid.structures.linear.constant_input import (
 from sysid.structures.model import Model
 from sysid.structures.outcome import FitOutcome, StartReport
 
-LEVELS = ("auto", "none", "level")
+OFFSET_POLICIES = ("auto", "none", "level")
 """What may be done about levels while rows come: means and trends need the whole log."""
 
 APART = 5
@@ -50,8 +50,8 @@ class LiveOptions:
         orders: na, nb, nk; None to choose them from the rows.
         forgetting: λ, 1 weighs all rows alike.
         false_alarms: chance of ever saying that an unchanged plant has changed.
-        detrend: one of ``LEVELS``; auto gives each output a constant unless drives are commanded
-            and wheel speeds measured, whose zeros are physical.
+        detrend: one of ``OFFSET_POLICIES``; auto gives each output a constant unless drives are
+            commanded and wheel speeds measured, whose zeros are physical.
 
     Raises:
         UsageError: the policy is none of these.
@@ -63,9 +63,10 @@ class LiveOptions:
     detrend: str = "auto"
 
     def __post_init__(self) -> None:
-        if self.detrend not in LEVELS:
+        if self.detrend not in OFFSET_POLICIES:
             raise UsageError(
-                f"`detrend` is one of {', '.join(LEVELS)} while rows come, got {self.detrend!r}"
+                f"`detrend` is one of {', '.join(OFFSET_POLICIES)} while following, got "
+                f"{self.detrend!r}"
             )
 
 
@@ -233,7 +234,7 @@ def kept_log(live: LiveFit) -> tuple[str, ReadOptions]:
         k += APART
     if kept <= live.recursion.structure.first_sample() + len(live.model().theta) + 1:
         raise DataError(
-            f"{live.rows} rows have come, {kept} of them in a row since the plant last changed: "
+            f"{live.rows} rows so far, {kept} of them in a row since the last change: "
             "too few for a model; follow for longer"
         )
     options = ReadOptions(
@@ -314,6 +315,8 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
         theta=estimate.theta[kept],
         covariance=estimate.covariance[np.ix_(kept, kept)],
         null=estimate.null[kept],
-        warnings=("the level cannot be told from what the inputs do; it was taken as zero.",),
+        warnings=(
+            "the offset cannot be distinguished from the effect of the inputs; it was set to zero.",
+        ),
     )
     return pem.model_of(outcome, records, records, options, none, OperatingPoint())

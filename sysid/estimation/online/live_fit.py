@@ -1,4 +1,4 @@
-"""A plant followed while it moves: gain, time constant, dead zone, excitation and changes."""
+"""LiveFit: gain, time constant, dead zone, excitation and changes of a plant while it runs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -256,7 +256,7 @@ class LiveFit:
 
     def _excitations(self) -> tuple[Excitation, ...]:
         s = self.recursion.structure
-        names = [c.name for c in (*self.outputs, *self.inputs)] + ["the level"]
+        names = [c.name for c in (*self.outputs, *self.inputs)] + ["the offset"]
         pieces = self.recursion.pieces(SPREAD_ROWS)
         rows = np.concatenate(pieces) if pieces else np.zeros((0, s.ny + s.nu))
         u = rows[:, s.ny : s.ny + len(self.inputs)]

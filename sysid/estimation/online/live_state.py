@@ -1,4 +1,4 @@
-"""What a followed plant tells at one moment, and what a change of it was."""
+"""State of a followed plant at one moment, and its changes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace

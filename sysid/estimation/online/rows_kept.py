@@ -1,4 +1,4 @@
-"""The newest rows of a stream, for what a recursion cannot carry: coloured noise, figures."""
+"""The newest rows of a stream, kept for coloured noise and figures."""
 
 from collections import deque
 

@@ -1,4 +1,4 @@
-"""Ranking models on equal terms: the same data, the same samples, one initial-state policy."""
+"""Rank models on equal terms: same data, same samples, same initial-state policy."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -117,7 +117,7 @@ def compare(
     criterion, ranks = table.known_name(criterion), table.criterion(criterion)
     policy = policy or Policy()
     if not contenders:
-        raise ModelError("there is no model to compare; run `sysid fit` first")
+        raise ModelError("no model to compare; run `sysid fit` first")
     notes: list[str] = [] if validation is None else _seen_before(contenders, validation[0])
     excluded: dict[str, str] = {}
     figures = _all_figures(contenders, validation, policy, excluded)
@@ -284,8 +284,8 @@ def _figures_made(c: Contender, role: str, policy: Policy) -> dict[str, Any]:
     if "policy" not in c.report and policy == Policy():
         return {**part, "held_out": held_out}  # reports of other commands and versions
     raise ModelError(
-        f"{c.id} was judged in another way, and the log it was judged on is gone or has changed: "
-        "name a log to judge on (`validation=LOG`)"
+        f"{c.id} was validated in another way, and its validation log is missing or has changed; "
+        "give `validation=LOG`"
     )
 
 

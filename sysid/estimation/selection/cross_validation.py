@@ -1,4 +1,4 @@
-"""Block cross-validation: each model's structure fitted and judged on rotating blocks."""
+"""Block cross-validation: each structure fitted and validated on rotating blocks."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

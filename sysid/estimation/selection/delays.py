@@ -1,4 +1,4 @@
-"""Which input delay to search with: estimated from the data, confirmed by free runs."""
+"""Input delays for the order search: estimated from the data, confirmed by free runs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -78,7 +78,7 @@ def chosen_delay(facts: LogFacts, offsets: Offsets) -> ChosenDelay:
     data = hold_out([offsets.detrend.remove(r) for r in facts.sample])
     first, level = data.whole[0], any(offsets.estimated)
     notes = tuple(
-        f"{d.output} seems to answer to {d.input} after {d.delay} samples, more than the "
+        f"{d.output} seems to respond to {d.input} after {d.delay} samples, more than the "
         f"{MAX_ORDER} that orders allow; the search left this delay out. If it is real, decimate."
         for d in delays
         if d.delay is not None and d.delay > MAX_ORDER

@@ -1,4 +1,4 @@
-"""Which orders to try: what a user writes, read. A structure knows its own candidates."""
+"""Read the orders to try, as users write them."""
 
 import re
 from collections.abc import Sequence
@@ -63,8 +63,8 @@ def parse_grids(text: str, names: Sequence[str]) -> dict[str, list[RawOrders]]:
         return _shared_grids(text, names)
     if text[: heads[0].start()].strip():
         raise UsageError(
-            f"`orders`: {text[: heads[0].start()].strip()!r} stands before the first structure; "
-            f'write each behind its own, such as "{names[0]}: …; {names[-1]}: …"'
+            f"`orders`: {text[: heads[0].start()].strip()!r} comes before the first structure; "
+            f'write orders behind their structure, such as "{names[0]}: …; {names[-1]}: …"'
         )
     ends = [*(h.start() for h in heads[1:]), len(text)]
     grids: dict[str, list[RawOrders]] = {}

@@ -1,4 +1,4 @@
-"""Order and delay search, ranked on held-out data that are part of the estimation data."""
+"""Order and delay search, ranked on held-out estimation data."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Who is ahead among fitted structures, and the sentence that says why."""
+"""Rank fitted structures, and say why the first leads."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,8 +17,8 @@ from sysid.structures.model import Model
 from sysid.structures.orders import orders_text
 
 IN_LOOP = (
-    "Judged one step ahead, because the log was recorded in closed loop: there a free run errs "
-    "least where a model without noise model (oe) takes noise for the plant."
+    "Judged one step ahead, because the log was recorded in closed loop: there the free run is "
+    "biased in favour of models without noise model (oe)."
 )
 
 FOLLOWS = 1.5
@@ -79,7 +79,7 @@ def ranked_entries(
 ) -> StructureRanking:
     """Entries by held-out error; of those within ``margin`` of the best the lowest BIC leads.
 
-    Free runs of different structures tie more often than not: what then tells them apart is
+    Free runs of different structures tie more often than not: what then distinguishes them is
     how well they predict with how many parameters, and BIC finds the true one (Schwarz 1978).
     Under an information criterion that one ranks alone. Of those that tie, one that settles and
     whose search has ended is taken before others. Models that cannot lead come last: those

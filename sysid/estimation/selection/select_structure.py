@@ -1,4 +1,4 @@
-"""Several structures on one log: orders searched, each fitted, and one of them ahead, with why."""
+"""Select a structure: search the orders of each, fit each, and rank them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -51,13 +51,13 @@ def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ..
         takes = structure_class(name).takes_inputs
         if takes and not inputs:
             raise UsageError(
-                f"{name} needs an input and the log has none; choose from "
+                f"{name} needs an input but the log has none; choose from "
                 f"{', '.join(default_structures(False))}, or name the input column"
             )
         if inputs and not takes:
             raise UsageError(
-                f"{name} is for a log without inputs, and this one is read with "
-                f"{', '.join(inputs)}; say that there is no input (none), or take arx or armax"
+                f"{name} is for a log without inputs, but this log is read with "
+                f"{', '.join(inputs)}; set the input to none, or use arx or armax"
             )
     return chosen
 
@@ -65,7 +65,7 @@ def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ..
 Progress = Callable[[float, str], None]
 
 Data = tuple[HoldOut, tuple[bool, ...]]
-"""What a structure's search sees, and by output whether it estimates a level."""
+"""What a structure's search sees, and by output whether it estimates an offset."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ def select_structure(
         names: structures to fit.
         data: estimation data, or what is known of them.
         options: how to fit.
-        detrend: what is done about the records' levels: a policy, or what was chosen before.
+        detrend: treatment of the records' offsets: a policy, or what was chosen before.
         grid: orders to try, for all or by structure; None, and where a structure is left out, for
             its default grid; a single entry is fitted without a search.
         criterion: what ranks orders and structures.
@@ -129,8 +129,8 @@ def select_structure(
     if replaced and searched:
         notes = (
             *notes,
-            f"{replaced} stood out; delay, orders and levels were chosen with the line between "
-            "their neighbours in their place.",
+            f"{replaced} were outliers; delay, orders and offsets were chosen with values "
+            "interpolated in their place.",
         )
     ahead = closed and _may_be_judged_one_step(names, options)
     cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
@@ -237,7 +237,7 @@ def _may_be_judged_one_step(names: Sequence[str], options: FitOptions) -> bool:
 def _offsets_and_delay(
     facts: LogFacts, detrend: Detrend | Offsets | str, *, search: bool
 ) -> tuple[Offsets, ChosenDelay]:
-    """What is done about levels, and the delay to search with, which that choice needs."""
+    """The offsets, and the delay to search with, which that choice needs."""
     known = Offsets.of_detrend(detrend) if isinstance(detrend, Detrend) else detrend
     first = start_of(facts, known) if isinstance(known, str) else known
     delay = ChosenDelay(1)

@@ -1,4 +1,4 @@
-"""Candidates of a block-oriented fit: made from named values, refined, the best searched last."""
+"""Candidates of a block-oriented fit: started, refined, and the best chosen."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Other statics in a fitted chain that do what the old ones did, as well as they can."""
+"""Replace statics in a fitted chain by others that match them as well as possible."""
 
 from collections.abc import Sequence
 from dataclasses import replace

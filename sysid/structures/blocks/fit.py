@@ -1,4 +1,4 @@
-"""Fitting chains of blocks: descents on the part of the data that is not held out."""
+"""Fits of chains of blocks: descents on the samples that are not held out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

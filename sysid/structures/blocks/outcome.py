@@ -1,4 +1,4 @@
-"""The last search of a block-oriented fit: all data, the user's constraints, what it is worth."""
+"""Final fit of a block-oriented model: all data, the user's constraints, covariance."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What Hammerstein–Wiener and Wiener–Hammerstein models have in common."""
+"""Base class of Hammerstein–Wiener and Wiener–Hammerstein models."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Probing equations: do they stay near their data under inputs like those they have seen?"""
+"""Probe equations: do they stay near their data under similar inputs?"""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What structures whose outputs feed back through a nonlinear equation have in common."""
+"""Base class of structures whose outputs feed back through a nonlinear equation."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence

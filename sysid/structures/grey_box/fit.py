@@ -1,4 +1,4 @@
-"""Fitting grey boxes: many starts at once, the best of them polished, mechanisms that pay kept."""
+"""Fit of grey boxes: many initial guesses at once, the best refined, mechanisms added if useful."""
 
 from collections.abc import Sequence
 from dataclasses import replace

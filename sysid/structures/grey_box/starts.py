@@ -1,4 +1,4 @@
-"""Where fits of grey boxes begin: many starts at once, the best of them polished."""
+"""Initial guesses of grey boxes: many at once, the best refined."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

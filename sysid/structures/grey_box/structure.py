@@ -72,7 +72,7 @@ class GreyBox(NamedStructure):
     faster: x and u are lists of floats then, constants floats or, one an output, lists."""
     options: ClassVar[Mapping[str, str]] = {
         "substeps": "integration steps in a sample; chosen from the time constants unless given",
-        "free": "constants to estimate although they are held by default, divided by commas",
+        "free": "constants to estimate that are fixed by default, separated by commas",
     }
 
     # ----------------------------------------------------------------- what a subclass gives
@@ -227,7 +227,7 @@ class GreyBox(NamedStructure):
         refuse_options(cls.name, options, tuple(cls.options))
         if raw:
             raise UsageError(
-                f"`orders`: {cls.name} is a physical model and has no orders; leave `orders` out"
+                f"`orders`: {cls.name} is a physical model and has no orders; omit `orders`"
             )
         given = dict(options or {})
         substeps = _substeps(given.get("substeps", "auto"))

@@ -1,4 +1,4 @@
-"""Two tanks in cascade: the example of a grey box, as a user would write his own."""
+"""Two tanks in cascade: an example of a grey box."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

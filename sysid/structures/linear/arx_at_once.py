@@ -1,4 +1,4 @@
-"""ARX of many orders at once: all of them from two Gram matrices of lagged signals."""
+"""ARX of many orders at once, from two Gram matrices of lagged signals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

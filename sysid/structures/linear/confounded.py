@@ -1,4 +1,4 @@
-"""Inputs in fixed proportion to each other: which parameters no such log can tell apart."""
+"""Inputs in fixed proportion to each other: the parameters that such logs cannot distinguish."""
 
 from collections.abc import Sequence
 

@@ -66,18 +66,20 @@ def widened(
     wide: PolynomialStructure, parameters: Sequence[Parameter], outputs: Sequence[Channel]
 ) -> tuple[Parameter, ...]:
     """The parameters of the plain structure with the constants' at their places."""
-    wide = list(parameters)
+    parameters_with_constant = list(parameters)
     for place, i in zip(*constant_places(wide), strict=True):
-        wide.insert(int(place), Parameter(f"level[{outputs[i].name}]", outputs[i].unit))
-    return tuple(wide)
+        parameters_with_constant.insert(
+            int(place), Parameter(f"offset[{outputs[i].name}]", outputs[i].unit)
+        )
+    return tuple(parameters_with_constant)
 
 
 def widened_theta(wide: PolynomialStructure, theta: Array) -> Array:
     """θ of the plain structure with a zero at the constants' places."""
-    wide = theta.tolist()
+    theta_with_constant = theta.tolist()
     for place in constant_places(wide)[0]:
-        wide.insert(int(place), 0.0)
-    return np.array(wide, dtype=np.float64)
+        theta_with_constant.insert(int(place), 0.0)
+    return np.array(theta_with_constant, dtype=np.float64)
 
 
 def with_ones(record: Record) -> Record:

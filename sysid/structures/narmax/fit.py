@@ -1,4 +1,4 @@
-"""Fitting polynomial NARMAX models: terms chosen on a hold-out, coefficients on all of the data."""
+"""Fit of polynomial NARMAX models: terms chosen on a hold-out, coefficients on all data."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -88,7 +88,7 @@ def fit_narmax(
 def _check(s: NARMAX, parameters: Sequence[Parameter], options: FitOptions) -> None:
     if not s.terms and (options.fixed or options.bounds):
         raise UsageError(
-            "narmax chooses its terms from the data; to hold or bound a coefficient name the "
+            "narmax chooses its terms from the data; to fix or bound a coefficient, give the "
             f"terms, e.g. {argument(structure_options={'terms': 'y(t-1), u(t-1), u(t-1)*y(t-1)'})}"
         )
 
@@ -326,7 +326,7 @@ def _outcome(
         if free_entries.any():
             parts.append(with_covariance(problem, solution, np.flatnonzero(free_entries), samples))
     runs = s.free_run().measured(estimate.theta, records)
-    advice = "there the polynomial runs away; lower the degree or the number of terms"
+    advice = "there the polynomial diverges; lower the degree or the number of terms"
     notes = (*notes, *s.limit_warnings(runs, records[0].outputs, advice))
     outcome = outcome_of(s, parameters, estimate.theta, parts, starts, notes)
     ending = worst([solution.termination for _, solution, _ in estimate.solved])

@@ -59,7 +59,7 @@ class NARMAX(RecursiveStructure):
     name: ClassVar[str] = "narmax"
     title: ClassVar[str] = "NARMAX: polynomial with selected terms"
     equation: ClassVar[str] = "y(t) = Σ θ_k Π y(t−·) Π u(t−·) Π e(t−·) + e(t)"
-    when: ClassVar[str] = "smooth nonlinearities; an equation one can read"
+    when: ClassVar[str] = "smooth nonlinearities; a readable equation"
     # a polynomial that has left its data by their own width does not come back
     runaway: ClassVar[float] = 1.0
     options: ClassVar[Mapping[str, str]] = {
@@ -288,7 +288,7 @@ class NARMAX(RecursiveStructure):
             properties["note"] = (
                 f"In free run the output is kept inside {ends} about the operating point, its "
                 f"training range and {100 * self.margin:g} % on either side: beyond it a "
-                "polynomial means nothing."
+                "polynomial does not extrapolate."
             )
         return properties
 

@@ -1,4 +1,4 @@
-"""Which terms the equation of one output gets: pools, paths, and an inner hold-out that decides."""
+"""Term search for the equation of one output: pools, paths, and an inner hold-out."""
 
 from collections.abc import Sequence
 from dataclasses import replace

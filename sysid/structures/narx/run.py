@@ -92,12 +92,12 @@ class NarxRun(FreeRun):
         """Without past outputs the whole run is one evaluation."""
         driven = np.concatenate([self.past(x0)[1], u])
         blank = np.zeros((len(driven), self.ny))
-        columns = []
+        values_of_rows = []
         for i, (row, index) in enumerate(zip(self.rows, self.theta_index, strict=True)):
             x = columns(row, driven, blank)[self.before :]
-            columns.append(self.row_values(i, theta[index], x))
+            values_of_rows.append(self.row_values(i, theta[index], x))
         low, high = np.array(self.limits).T
-        return np.asarray(np.clip(np.stack(columns, axis=1), low, high))
+        return np.asarray(np.clip(np.stack(values_of_rows, axis=1), low, high))
 
     def row_values(self, i: int, p: Array, x: Array) -> Array:
         """Map of one output with its parameters p for regressors (N, d), unlimited, (N,)."""
@@ -120,13 +120,15 @@ class NarxRun(FreeRun):
             xp: Any = x.__array_namespace__()
             known: Any = xp.concatenate([x, u])
             if point is None or xp is not np:
-                values = self._values_at(xp, theta, known)
+                row_values = self._values_at(xp, theta, known)
             elif simple:
-                values = point(known[places])
+                row_values = point(known[places])
             else:
                 values = known.tolist()
-                values = point(np.array([f(values) for f in each]))
-            limited = [kept_inside(xp, v, *ends) for v, ends in zip(values, limits, strict=True)]
+                row_values = point(np.array([f(values) for f in each]))
+            limited = [
+                kept_inside(xp, v, *ends) for v, ends in zip(row_values, limits, strict=True)
+            ]
             y = together(xp, limited)
             return xp.concatenate([x, y, u])[source], y
 
@@ -310,5 +312,5 @@ class Point:
             if self._units:
                 t = (self._slope @ z + self._offset).reshape(self._shape)
                 out += self._amplitude @ self._value(np, t, self._flag, self._dim)
-        values: list[float] = out.tolist()
-        return values
+        outputs: list[float] = out.tolist()
+        return outputs

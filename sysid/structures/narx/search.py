@@ -1,4 +1,4 @@
-"""Which products and units the map of one output gets: a grid of starts, judged and refined."""
+"""Search for the products and units of one output's map: a grid of starts, judged and refined."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""NARX with a nonlinearity estimator: the thesis's accepted structure, and its relatives."""
+"""NARX with a nonlinearity estimator, such as a wavelet network."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -210,6 +210,6 @@ class NarxWavelet(RecursiveStructure):
             properties["note"] = (
                 "In free run every output is kept inside its training range and "
                 f"{margin:g} % on either side, and so is what the nonlinear part sees of every "
-                "regressor: beyond it the model says nothing."
+                "regressor: the model does not extrapolate."
             )
         return properties

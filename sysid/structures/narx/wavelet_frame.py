@@ -269,7 +269,7 @@ def dictionary(
     """
     z = scaled(design, x[_rows(len(x))])
     v, kind = z @ np.array(design.projection), KINDS[estimator]
-    units: list[Units] = []
+    units_of_dictionary: list[Units] = []
     values: list[Array] = []
     owners: list[tuple[int, ...]] = []
     rng = np.random.default_rng(seed)
@@ -278,9 +278,9 @@ def dictionary(
         units = _thinned(DICTIONARIES[estimator](part, rng), max(len(views), 1), rng)
         t = kind.argument(np, part[:, None, :], units[0], units[1])
         values.append(kind.value(np, t, units[2], np.full(len(units[0]), float(len(view)))))
-        units.append(units)
+        units_of_dictionary.append(units)
         owners += [view] * len(units[0])
-    shape, place, flag = (np.concatenate(parts) for parts in zip(*units, strict=True))
+    shape, place, flag = (np.concatenate(parts) for parts in zip(*units_of_dictionary, strict=True))
     columns = Candidates.of(np.concatenate(values, axis=1))
     return Dictionary(shape, place, flag, tuple(owners), columns, bool(views))
 

@@ -1,4 +1,4 @@
-"""The constants of the DC motor: lumped ones, those of the bench, and the shape of friction."""
+"""Constants of the DC motor: lumped, or those of the bench, and the shape of friction."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any

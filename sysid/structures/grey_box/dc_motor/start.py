@@ -1,4 +1,4 @@
-"""Gain, time constant and Coulomb level of motors, read off their records by least squares."""
+"""Initial guesses of gain, time constant and Coulomb friction of motors, by least squares."""
 
 from collections.abc import Sequence
 

@@ -80,18 +80,18 @@ class DCMotor(GreyBox):
     title: ClassVar[str] = "DC motor: a grey box with friction, one motor or two tracks on a body"
     equation: ClassVar[str] = "T dω/dt = K (sat(u) - o) - ω - f(ω), f: Coulomb and Stribeck, sticks"
     when: ClassVar[str] = (
-        "motors driven by PWM or voltage whose speed or position is read; numbers with a meaning"
+        "motors driven by PWM or voltage whose speed or position is measured; physical parameters"
     )
     options: ClassVar[Mapping[str, str]] = MappingProxyType(
         {
             "input": "pwm (µs, limited at full drive), voltage, or auto (default): pwm for columns "
             "called pwm…",
-            "output": "what is read: speed, position, or auto (default): by the output's unit, or "
-            "by whether its readings integrate the input",
+            "output": "measured output: speed, position, or auto (default): by the output's "
+            "unit, or by whether it integrates the input",
             "friction": "none, coulomb, stribeck, full (with offset, asymmetry and drag), or auto "
             "(default): each mechanism only where held-out data pay for it",
             "parameters": "lumped (default: gain, time constant, Coulomb level …) or bench (R, "
-            "Kem, Kc, gear, inertia held at the bench's values; masses and friction estimated)",
+            "Kem, Kc, gear, inertia fixed at the bench's values; masses and friction estimated)",
             "shared": "constants with one value for both tracks, divided by commas; "
             "breakaway,stribeck,limit unless given, or none",
             "torque_constant": "stall torque or force per unit of input, if known: the equations "

@@ -1,4 +1,4 @@
-"""The DC motor as a source of torque: what turns a track once the ground answers."""
+"""The DC motor as a torque source for vehicles."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""A fitted motor in words: its motion with numbers, and what follows for physical constants."""
+"""Sentences about a fitted motor: its equation with numbers, and physical constants."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -90,7 +90,7 @@ def _physical(
                 "supply",
             )
         ]
-        return ["held at the bench's values: " + ", ".join(names)]
+        return ["fixed at the bench's values: " + ", ".join(names)]
     u = inputs[0].unit or inputs[0].name
     G = m.torque_per_input
     if not G:
