@@ -17,7 +17,7 @@ def export(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="DIR|FILE.zip", help="Where to [WORKSPACE/plant]."),
+        typer.Option("-o", "--out", metavar="DIR|FILE.zip", help="Output path [WORKSPACE/plant]."),
     ] = None,
     formats: Annotated[
         str | None,

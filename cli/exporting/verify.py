@@ -14,7 +14,7 @@ def verify(
     ],
     json: reading.Json = False,
 ) -> None:
-    """Replay the self-test of a plant package on every runtime that is here."""
+    """Replay the self-test of a plant package on every installed runtime."""
     from sysid.export.verification.verify import verify as replayed
 
     with render.progress(f"Verifying {package}"):

@@ -269,7 +269,7 @@ def show_files(facts: dict[str, Any]) -> None:
 
 
 def _show_drivers(shares: dict[str, Any]) -> None:
-    rest = "noise, and what acts together" if "noise" in shares["vary"] else "what acts together"
+    rest = "noise and interactions" if "noise" in shares["vary"] else "interactions"
     columns = [
         {d["name"]: d["share_of_variance"] for d in shares[key]} | {rest: shares[unexplained]}
         for key, unexplained in (

@@ -27,8 +27,8 @@ SETTLED = 0.05
 harm on either side of it."""
 
 SAME = 0.02
-"""Change of the replaced readings, root mean square over the size at which an error stands out, up
-to which they are the same: a twelfth of a standard deviation, in two samples of a hundred."""
+"""Change of the replaced measurements, root mean square over the size at which an error stands out,
+up to which they are the same: a twelfth of a standard deviation, in two samples of a hundred."""
 
 RANKING_ROUNDS = 2
 """Fits of a candidate that is only ranked."""
@@ -48,11 +48,11 @@ def without_outliers(
 ) -> FitOutcome:
     """Fit with Huber's loss, leave out what stands out of the model's errors, and fit again.
 
-    Huber's loss bounds what a large error does, but not what a bad reading does among the past
-    outputs from which others are predicted; so bad readings are found, replaced by what the model
-    predicts there, and searched for again with the better model until nothing changes. Where what
-    is left has no heavy tail, least squares fits it better: data without outliers are fitted as
-    without this search.
+    Huber's loss bounds what a large error does, but not what a bad measurement does among the past
+    outputs from which others are predicted; so bad measurements are found, replaced by what the
+    model predicts there, and searched for again with the better model until nothing changes. Where
+    what is left has no heavy tail, least squares fits it better: data without outliers are fitted
+    as without this search.
 
     Args:
         structure: what to fit.
@@ -73,7 +73,7 @@ def without_outliers(
         if k < WHOLE_ROUNDS:
             outcome = road(structure, used, options, parameters, initial_guesses)
         else:
-            outcome = again(road, outcome, used, options, parameters)
+            outcome = refit(road, outcome, used, options, parameters)
         s, theta = outcome.structure, outcome.theta
         outliers = tuple(outliers_of(s, theta, r, initial_state_window(s, theta)) for r in records)
         marked = tuple(f.marked(r) for f, r in zip(outliers, records, strict=True))
@@ -94,7 +94,7 @@ def _heavy_tailed(outcome: FitOutcome, records: Sequence[Record]) -> bool:
     return huber_pays(np.concatenate(kept))
 
 
-def again(
+def refit(
     fitted: Fitter,
     before: FitOutcome,
     records: Sequence[Record],
@@ -112,13 +112,13 @@ def again(
 def _settled(outliers: Sequence[Outliers], known: Sequence[Outliers]) -> bool:
     """Whether two searches came to the same outliers and replaced them by the same values."""
     moved = [
-        ((a.change - b.change) / a.limits)[a.readings & b.readings]
+        ((a.change - b.change) / a.limits)[a.bad_measurements & b.bad_measurements]
         for a, b in zip(outliers, known, strict=True)
     ]
     if np.sum(np.concatenate(moved) ** 2) > SAME**2 * sum(len(m) for m in moved):
         return False
     changed = sum(
-        int(np.sum((a.found != b.found) | (a.readings != b.readings)))
+        int(np.sum((a.found != b.found) | (a.bad_measurements != b.bad_measurements)))
         for a, b in zip(outliers, known, strict=True)
     )
     return changed <= SETTLED * sum(int(np.sum(b.found)) for b in known)
@@ -146,19 +146,21 @@ def _words(outliers: Sequence[Outliers], records: Sequence[Record]) -> list[str]
     """What was left out, by output, and what could not be."""
     sentences = []
     for i, channel in enumerate(records[0].outputs):
-        readings = sum(int(np.sum(f.readings[:, i])) for f in outliers)
+        measurements = sum(int(np.sum(f.bad_measurements[:, i])) for f in outliers)
         disturbances = sum(int(np.sum(f.disturbances[:, i])) for f in outliers)
         parts = [
             f"{count} {word if count == 1 else word + 's'}"
-            for count, word in ((readings, "reading"), (disturbances, "disturbance"))
+            for count, word in (
+                (measurements, "outlying measurement"),
+                (disturbances, "disturbance"),
+            )
             if count
         ]
         if parts:
-            verb = "stands" if readings + disturbances == 1 else "stand"
-            was = "was" if readings + disturbances == 1 else "were"
+            was = "was" if measurements + disturbances == 1 else "were"
             sentences.append(
-                f"{' and '.join(parts)} of {channel.name} {verb} out and {was} left out of the "
-                "fit and its figures."
+                f"{' and '.join(parts)} of {channel.name} {was} left out of the fit "
+                "and its figures."
             )
     doubtful = sum(f.doubtful for f in outliers)
     if doubtful:

@@ -22,12 +22,12 @@ class Event:
     Attributes:
         sample: when.
         output: at which output.
-        reading: whether the reading is bad; otherwise the plant was disturbed.
+        bad_measurement: whether the measurement is bad; otherwise the plant was disturbed.
     """
 
     sample: int
     output: int
-    reading: bool
+    bad_measurement: bool
 
 
 def explained(
@@ -43,7 +43,7 @@ def explained(
     Args:
         errors: (N, ny) in these units.
         places: (sample, output) of the errors looked at, in order of time.
-        patterns: of each, what a bad reading of one unit there does to the errors, (M, ny).
+        patterns: of each, what a bad measurement of one unit there does to the errors, (M, ny).
     """
     residuals = errors.copy()
     chosen: dict[tuple[int, int], bool] = {}
@@ -55,9 +55,9 @@ def explained(
     samples = np.array([t for t, _ in places])
     while np.max(gains, initial=0.0) > 1.0:
         best = int(np.argmax(gains))
-        (t, i), (_, size, reading) = places[best], values[best]
-        chosen[t, i] = reading
-        if reading:
+        (t, i), (_, size, bad) = places[best], values[best]
+        chosen[t, i] = bad
+        if bad:
             part = residuals[t : t + memory]
             part -= size * patterns[best][: len(part)]
         else:
@@ -75,7 +75,7 @@ def explained(
 
 
 def _gain(errors: Array, place: tuple[int, int], pattern: Array) -> tuple[float, float, bool]:
-    """(power explained, size, whether as a reading) of the better of the two kinds."""
+    """(power explained, size, whether as a measurement) of the better of the two kinds."""
     t, i = place
     part = errors[t : t + len(pattern)]
     pi = pattern[: len(part)]
@@ -121,7 +121,7 @@ def _best_set(
     def column(event: Event) -> Array:
         out = np.zeros(window.shape)
         at = event.sample - first
-        if event.reading:
+        if event.bad_measurement:
             part = out[at : at + memory]
             part += known[event.sample, event.output][: len(part)]
         else:
@@ -131,7 +131,7 @@ def _best_set(
     kinds = (True, False) if memory > 1 else (True,)
     candidates = [Event(t, i, kind) for t, i in known for kind in kinds]
     usable = all((e.sample, e.output) in known for e in greedy)
-    # without memory readings alone are tried, but a disturbance may have explained more
+    # without memory measurements alone are tried, but a disturbance may have explained more
     columns = {e: column(e) for e in (*candidates, *(greedy if usable else ()))}
     target = window.ravel()
 

@@ -235,7 +235,7 @@ def test_fit_says_that_the_data_contradict_a_value(
     found = run(capsys, *common)
     assert found.code == 0, found.err
     assert "a smaller value fits" in " ".join(found.err.split())
-    assert "still follow u, not white, held a1 contradicted" in found.out
+    assert "correlated with u, not white, fixed a1 contradicted" in found.out
     document = run(capsys, *common, "--json").document
     (model,) = document["models"]
     held = json.loads(json.dumps(model["residuals"]))["held_parameters"]

@@ -45,7 +45,7 @@ class Figures:
         horizon: prediction horizon in samples, None for the free run.
         initial_state: the initial-state policy, in words.
         samples: samples that count.
-        left_out: samples that do not, because a reading or a disturbance stands out of a robust
+        left_out: samples that do not, because a measurement or a disturbance stands out of a robust
             fit there.
         fit_percent: 100(1 − ‖y−ŷ‖/‖y−ȳ‖) by output; NaN where y is constant.
         rmse: root mean squared error by output, in the output's unit.

@@ -183,6 +183,6 @@ def _left_out(samples: int) -> tuple[str, ...]:
     """What the figures on validation data do not count."""
     if samples == 0:
         return ()
-    seen = "1 sample stands" if samples == 1 else f"{samples} samples stand"
+    seen = "1 outlier" if samples == 1 else f"{samples} outliers"
     was = "was" if samples == 1 else "were"
-    return (f"{seen} out of the validation data and {was} left out of the figures.",)
+    return (f"{seen} of the validation data {was} left out of the figures.",)

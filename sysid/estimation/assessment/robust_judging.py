@@ -17,9 +17,9 @@ def is_robust(model: Model) -> bool:
 def judged(model: Model, records: Sequence[Record]) -> tuple[Record, ...]:
     """The records as a model is to be judged on them.
 
-    For a model that was fitted robustly bad readings are replaced by what it predicts there, since
-    predictions start from them, and they and the samples of disturbances have weight zero. All
-    other records come back as they are, and those whose outliers are known already.
+    For a model that was fitted robustly bad measurements are replaced by what it predicts there,
+    since predictions start from them, and they and the samples of disturbances have weight zero.
+    All other records come back as they are, and those whose outliers are known already.
     """
     if not is_robust(model):
         return tuple(records)

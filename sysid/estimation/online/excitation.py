@@ -6,7 +6,7 @@ what a regressor does to the output is
     Λ = (σ_y/σ)² D⁻¹ RᵀR D⁻¹,   D² = diag(RᵀR)/N
 
 so that 1/√λ_min(Λ) is the standard error, as a share of the output's spread, of the mixture of
-regressors that is known worst: a mean command or reading that only stands adds nothing to σ_y.
+regressors that is known worst: a mean command or measurement that only stands adds nothing to σ_y.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""``verify``: the self-test of a package on every runtime that is here."""
+"""``verify``: the self-test of a package on every installed runtime."""
 
 import tempfile
 from dataclasses import asdict, dataclass
@@ -32,7 +32,7 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether no runtime that is here fails."""
+        """Whether no installed runtime fails."""
         return all(r.passed for r in self.results if not r.skipped)
 
     def summary(self) -> dict[str, Any]:
@@ -43,7 +43,7 @@ class Verification:
 
 
 def verify(path: str | Path) -> Verification:
-    """Replay the self-test of a package on every runtime that is here.
+    """Replay the self-test of a package on every installed runtime.
 
     Python, gcc, clang, ARM, a Cortex-M4F, which counts instructions, FMPy, libcosim and ROS.
 

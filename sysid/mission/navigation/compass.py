@@ -25,7 +25,7 @@ class Compass(Settings):
     """
 
     needs: ClassVar[tuple[str, ...]] = ("magnetometer",)
-    plainest: ClassVar[tuple[str, ...]] = ("encoders", "magnetometer")
+    default_sensors: ClassVar[tuple[str, ...]] = ("encoders", "magnetometer")
 
     def start(self, scene: Scene, xp: Any) -> Body:
         """At rest in the start pose, which is known."""

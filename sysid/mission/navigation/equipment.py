@@ -1,4 +1,4 @@
-"""Which sensors a navigation law has: those of the file, or the plainest ones that serve it."""
+"""Which sensors a navigation law has: those of the file, or its default sensors."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -23,7 +23,7 @@ def equipped(
         raise ModelError(missing)
     if sensors:
         return sensors
-    return {kind: make(kind) for kind in _plainest(navigation)}
+    return {kind: make(kind) for kind in _default_sensors(navigation)}
 
 
 def lacking(navigation: Navigation, sensors: Mapping[str, Sensor]) -> str:
@@ -50,9 +50,9 @@ def assumed(
         make: gives the sensors that a law takes where none is listed.
     """
     said = []
-    if not sensors and _plainest(navigation):
+    if not sensors and _default_sensors(navigation):
         said.append(
-            f"no sensors are listed: navigation reads {_listed(_plainest(navigation))} with "
+            f"no sensors are listed: navigation reads {_listed(_default_sensors(navigation))} with "
             "default values of a small robot; list sensors to change them"
         )
     layout = getattr(navigation, "layout", None)
@@ -74,9 +74,9 @@ def assumed(
     return tuple(said)
 
 
-def _plainest(navigation: Navigation) -> tuple[str, ...]:
+def _default_sensors(navigation: Navigation) -> tuple[str, ...]:
     law: Any = navigation
-    kinds: tuple[str, ...] = getattr(law, "plainest", getattr(law, "needs", ()))
+    kinds: tuple[str, ...] = getattr(law, "default_sensors", getattr(law, "needs", ()))
     return kinds
 
 

@@ -92,7 +92,7 @@ class FiniteModel(Filter):
         dwell: mean time for which one holds [s].
     """
 
-    plainest: ClassVar[tuple[str, ...]] = ("encoders", "gyroscope", "visual_odometry")
+    default_sensors: ClassVar[tuple[str, ...]] = ("encoders", "gyroscope", "visual_odometry")
 
     hypotheses: Mapping[str, Hypothesis] = Field(
         default_factory=lambda: {"grip": Hypothesis(), "slip": Hypothesis(slip=0.3)}

@@ -104,7 +104,7 @@ class Filter(Settings):
     sigma_heading: Deviation = 0.001
 
     linear: ClassVar[bool] = False
-    plainest: ClassVar[tuple[str, ...]] = ("encoders", "gyroscope")
+    default_sensors: ClassVar[tuple[str, ...]] = ("encoders", "gyroscope")
 
     @field_validator("q")
     @classmethod

@@ -46,7 +46,7 @@ def signed_starts(
         for i, static in enumerate(outputs):
             if static.is_identity:
                 continue
-            # the lowest reading is the sensor's zero
+            # the lowest measurement is the sensor's zero
             zero = min(float(r.y[k, i].min()) for r, k in zip(records, kept, strict=True))
             A, B, offset = _recovered(records, kept, orders, i, zero, lag)
             out = records[0].output_names[i]
@@ -98,7 +98,7 @@ def recovered(
 
     Args:
         inputs: u of each record, (N, nu).
-        sizes: readings without sign, (N,).
+        sizes: measurements without sign, (N,).
         kept: samples that may be looked at, (N,).
         n: order of A.
         numerators: (delay, coefficients) of B of each input.

@@ -27,7 +27,7 @@ MAX_POOL = 2500
 
 
 MAX_DEGREE = 6
-"""Largest degree of a term: beyond it products of float64 readings span too many decades."""
+"""Largest degree of a term: beyond it products of float64 measurements span too many decades."""
 
 Term = tuple[Signal, ...]
 """A product of factors in ascending order; () is the constant."""

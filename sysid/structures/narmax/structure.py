@@ -76,7 +76,7 @@ class NARMAX(RecursiveStructure):
 
     @property
     def counts_from_zero(self) -> bool:
-        """Where the user gave the terms: they are products of the readings themselves."""
+        """Where the user gave the terms: they are products of the measurements themselves."""
         return bool(self.terms)
 
     @property

@@ -57,7 +57,7 @@ class DCMotor(GreyBox):
     Attributes:
         input: ``pwm`` [µs], ``voltage`` or ``auto``: by the input's name.
         output: ``speed``, ``position`` or ``auto``: by the output's unit, else by whether its
-            readings integrate the input.
+            measurements integrate the input.
         integrator: ``exact`` (linear part by matrix exponential, friction implicit, stops found
             inside a step), ``rk4``, or ``implicit`` (as exact, but stops at the end of a step).
         friction: ``auto`` adds mechanisms as held-out data pay for them; ``none``, ``coulomb``,
