@@ -61,7 +61,7 @@ def show(
     _figures(best)
     residuals = residual_words(best.residuals.as_dict(), [c.name for c in best.model.inputs])
     render.say(f"Residuals (measured less predicted): {residuals}.")
-    level = best.model.level_sentence()
+    level = best.model.operating_point_sentence()
     if level:
         render.say(level)
     for line in best.model.equations():

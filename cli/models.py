@@ -117,7 +117,7 @@ def _document(stored: "StoredModel") -> None:
 def _show(stored: "StoredModel") -> None:
     model = stored.model
     render.say(f"{stored.id}: {model.structure.title}", "bold")
-    level = model.level_sentence()
+    level = model.operating_point_sentence()
     if level:
         render.say(level)
     for line in model.equations():

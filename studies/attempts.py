@@ -14,8 +14,8 @@ from sysid.data.record import Record
 from sysid.errors import SysidError
 from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.pem import fit
-from sysid.estimation.selection.contest import default_structures, run_contest
-from sysid.estimation.selection.standings import Entry
+from sysid.estimation.selection.ranking import Entry
+from sysid.estimation.selection.select_structure import default_structures, select_structure
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.report.markdown import table
@@ -144,7 +144,7 @@ def fitted(attempt: Attempt) -> dict[str, Any]:
     found = Fitted(attempt.record, attempt.structure, asked=attempt.asked)
     started = process_time()
     try:
-        entry = run_contest(names, trial.train, options, detrend, grid=grid).entries[0]
+        entry = select_structure(names, trial.train, options, detrend, grid=grid).entries[0]
         seconds = process_time() - started
         model = entry.model
         held = None if attempt.record == "circuit" else held_out(entry, trial.train, options)

@@ -164,7 +164,7 @@ def _units_below() -> Written:
     k, u, y = motor()
     head = "time,voltage,speed\nms,V,rpm\n"
     text = head + lines([whole(20 * k), point(u), point(y)])
-    return Written(text, u, y * RPM, said=("a line beside the header tells the units",))
+    return Written(text, u, y * RPM, said=("units from a line next to the header",))
 
 
 def _quoted() -> Written:
@@ -201,7 +201,7 @@ def _spreadsheet_days() -> Written:
 def _nameless_clock() -> Written:
     k, u, y = motor()
     text = "tick_val,u,y\n" + lines([whole(500 + 20 * k), whole(u), point(y)])
-    return Written(text, u, y, said=("was taken for the time, in ms", "`units={'tick_val': 's'}`"))
+    return Written(text, u, y, said=("was taken as the time, in ms", "`units={'tick_val': 's'}`"))
 
 
 def _zeit_ms() -> Written:

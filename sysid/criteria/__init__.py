@@ -1,1 +1,1 @@
-"""How good a model is: fit, information criteria, residual tests."""
+"""Measures of a model's quality: fit, information criteria, residual tests."""

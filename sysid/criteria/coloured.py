@@ -1,4 +1,4 @@
-"""What coloured residuals do to sums over time: their AR model and Gram matrices JᵀΣJ.
+"""AR models of coloured residuals, and the Gram matrices JᵀΣJ of sums over time.
 
 A sum c = Σ z(t) v(t) has variance zᵀΣz, and Σ = σ²I only for white v. Here Σ is the covariance of
 an autoregression α(q) v(t) = w(t) fitted to the residuals: Σ = σ_w² H Hᵀ with H the (infinite to
@@ -130,7 +130,7 @@ def ar_fit(errors: Signals, order: int = 20) -> AutoRegression:
         raise DataError(f"an AR fit needs samples and an order ≥ 0, got {samples} and {order}")
     scale = max(float(np.abs(p).max()) for p in pieces)
     if not np.isfinite(scale):
-        raise DataError("an AR fit needs finite residuals; the model that left these is unstable")
+        raise DataError("an AR fit needs finite residuals; the model is unstable")
     alpha = np.ones(1)
     if scale == 0.0:
         return AutoRegression(alpha, 0.0)

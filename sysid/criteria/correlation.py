@@ -104,9 +104,9 @@ def one_output(errors: Signals) -> list[Array]:
     if records[0].shape[1] != 1:
         raise DataError(f"residuals of one output expected, got shape {records[0].shape}")
     if any(np.isinf(r).any() for r in records):
-        raise DataError("the residuals are not finite; the model that left them is unstable")
+        raise DataError("the residuals are not finite; the model is unstable")
     if all(np.isnan(r).all() for r in records):
-        raise DataError("there is no residual to test; give a longer record")
+        raise DataError("no residual to test; give a longer record")
     return [r[:, 0] for r in records]
 
 

@@ -1,4 +1,4 @@
-"""How close a model's output is to the measured one: fit percent, RRSE, RMSE.
+"""Measures of fit between simulated and measured outputs: fit percent, RRSE, RMSE.
 
 Every function takes one record (an array, time first) or several (a list or tuple of arrays) and
 pools them: sums run over all records, and the mean ȳ that a fit is measured against is each

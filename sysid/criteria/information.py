@@ -1,4 +1,4 @@
-"""Criteria that weigh the loss of one-step errors against a model's size; see the table.
+"""Information criteria of one-step errors; see the table.
 
 Values of different data, or of different sets of predicted samples, must not be compared: see
 :func:`on_common_samples`.

@@ -1,4 +1,4 @@
-"""What a nonlinear model's residuals still contain: Billings & Voon's correlation tests.
+"""Billings & Voon's correlation tests of a nonlinear model's residuals.
 
 Whiteness and independence from the input are not enough for a nonlinear model: residuals that hold
 u² or u(t−1) e(t−1) may pass both. Billings & Voon (1986) ask in addition whether
@@ -40,7 +40,7 @@ LARGE = 2.58
 CONSTANT = 1e-10
 """Share of its power below which nothing is left of the square of an input."""
 
-FEWEST = 20
+MIN_RESIDUALS = 20
 
 FURTHER = ("error products", "input squares", "error size")
 NAMES = ("whiteness", "independence", *FURTHER)
@@ -128,9 +128,10 @@ def further_tests(
     missing = [np.isnan(np.column_stack([e, j])).any(axis=1) for e, j in zip(es, js, strict=True)]
     keep: list[Mask] = [np.asarray(~m) for m in missing]
     samples = sum(int(k.sum()) for k in keep)
-    if samples < FEWEST:
+    if samples < MIN_RESIDUALS:
         raise DataError(
-            f"{samples} residuals of {output_name} are too few to test; at least {FEWEST} needed"
+            f"{samples} residuals of {output_name} are too few to test; at least {MIN_RESIDUALS} "
+            "needed"
         )
     lags = max(1, min(LAGS, samples // (10 * len(names))))
     known = [centred(np.where(k, e, np.nan)) for k, e in zip(keep, es, strict=True)]
@@ -138,7 +139,7 @@ def further_tests(
     squares = _squares(us)
     products = [e[:, None] * u for e, u in zip(filled, us, strict=True)]
     sizes = _sizes(known)
-    found = []
+    tests = []
     for name, target, signals, jacobians, unsure, first, noise in (
         ("error products", filled, products, js, gs, 1, None),
         ("input squares", filled, squares, js, gs, 0, ar_fit(known)),
@@ -147,8 +148,8 @@ def further_tests(
     ):
         trial = _trial(target, signals, jacobians, unsure, keep, range(first, lags + 1), noise)
         judged = noise_model or name != "error products"
-        found.append(_verdict(name, trial, level, judged, output_name, names))
-    return tuple(found)
+        tests.append(_verdict(name, trial, level, judged, output_name, names))
+    return tuple(tests)
 
 
 def _squares(us: Sequence[Array]) -> list[Array]:
@@ -161,10 +162,10 @@ def _squares(us: Sequence[Array]) -> list[Array]:
     power = sum(np.sum(u**2, axis=0) for u in us)
     slope = sum(np.sum(s * u, axis=0) for s, u in zip(squares, us, strict=True))
     slope = np.divide(slope, power, out=np.zeros_like(slope), where=power > 0.0)
-    found = [s - slope * u for s, u in zip(squares, us, strict=True)]
-    left = sum(np.sum(f**2, axis=0) for f in found)
+    nonlinear_parts = [s - slope * u for s, u in zip(squares, us, strict=True)]
+    remaining = sum(np.sum(f**2, axis=0) for f in nonlinear_parts)
     whole = sum(np.sum(u**4, axis=0) for u in us)
-    return [f * (left > CONSTANT * whole) for f in found]
+    return [f * (remaining > CONSTANT * whole) for f in nonlinear_parts]
 
 
 def _sizes(known: Sequence[Array]) -> list[Array]:
@@ -203,17 +204,17 @@ _SAYS = {
         "Products of past residuals and inputs do not predict {output} ({p}).",
         "Past residuals of {output} times {signal} predict it ({p}), most {lag} samples earlier: "
         "products of output and input are missing, or noise terms with the input.",
-        "No product of residual and input is left to test on {output}.",
+        "No product of residual and input can be tested on {output}.",
     ),
     "input squares": (
         "The residuals of {output} do not depend on squares of past inputs ({p}).",
-        "The residuals of {output} still depend on the square of {signal} ({p}), most {lag} "
+        "The residuals of {output} depend on the square of {signal} ({p}), mostly {lag} "
         "samples earlier: even terms of the input are missing (a square, an absolute value).",
         "The squares of the inputs are constant (two levels): they cannot be tested on {output}.",
     ),
     "error size": (
         "The size of the residuals of {output} does not depend on the inputs ({p}).",
-        "The residuals of {output} are of another size where {signal} is large ({p}), most {lag} "
+        "The size of the residuals of {output} depends on {signal} ({p}), mostly {lag} "
         "samples earlier: a nonlinear term is missing, or the noise depends on the input.",
         "The squares of the inputs are constant (two levels): the size of the residuals of "
         "{output} cannot be tested.",
@@ -225,8 +226,8 @@ def _verdict(
     name: str, trial: Trial, level: float, judged: bool, output: str, inputs: Sequence[str]
 ) -> ResidualTest:
     outcome = score(trial)
-    found = ScoredTest(outcome, outcome.dof, level, tuple(inputs))
+    scored = ScoredTest(outcome, outcome.dof, level, tuple(inputs))
     right, wrong, empty = _SAYS[name]
-    text = empty if found.dof == 0 else right if found.passed else wrong
-    words = text.format(output=output, signal=found.signal, lag=found.lag, p=found.says)
-    return found.test(name, output, judged, words)
+    text = empty if scored.dof == 0 else right if scored.passed else wrong
+    words = text.format(output=output, signal=scored.signal, lag=scored.lag, p=scored.says)
+    return scored.test(name, output, judged, words)

@@ -1,4 +1,4 @@
-"""The one statistic behind all residual tests: cᵀC⁺c with what the fit absorbed projected out.
+"""The statistic of all residual tests: cᵀC⁺c with the estimated parameters projected out.
 
 Instruments Z are lagged copies of signals. From them everything is removed that a right model's
 residuals are, or may be, correlated with by construction: the Jacobian J of what was estimated from

@@ -1,4 +1,4 @@
-"""What the residuals still contain: tests of whiteness, independence from the inputs, feedback.
+"""Residual tests: whiteness, independence from the inputs, feedback.
 
 All three ask whether the residuals ε correlate with instruments Z (lagged residuals, past inputs,
 future inputs) and decide by one portmanteau number, not by one lag outside its band:
@@ -114,18 +114,18 @@ def whiteness_test(
     result = ScoredTest(outcome, min(dof, outcome.dof), level, names, trial.tested)
     who = names[output]
     if result.dof == 0:
-        sentence = f"The residuals of {who} are zero: there is nothing to test."
+        sentence = f"The residuals of {who} are zero: nothing to test."
     elif result.passed:
         sentence = f"The residuals of {who} are white up to lag {lags} ({result.says})."
     else:
         advice = (
             "raise the orders of the noise model (nc, nd) or of the dynamics."
             if judged
-            else "a structure without noise model leaves this, and it is not held against it."
+            else "acceptable for a structure without noise model."
         )
         sentence = (
             f"The residuals of {who} are not white ({result.says}), {result.signal} "
-            f"{result.lag} samples earlier predicts them best: {advice}"
+            f"{result.lag} samples earlier is the best predictor: {advice}"
         )
     return result.test("whiteness", who, judged, sentence)
 
@@ -169,14 +169,15 @@ def _independence(
 ) -> ResidualTest:
     result = _input_trial(given, lags, level, input_names, future=False)
     if result.dof == 0:
-        sentence = f"No input direction is left to test on {output_name}: excite the input more."
+        sentence = f"No input direction can be tested on {output_name}: excite the input more."
     elif result.passed:
         sentence = f"The residuals of {output_name} do not depend on past inputs ({result.says})."
     else:
         sentence = (
-            f"The residuals of {output_name} still depend on the inputs ({result.says}), most on "
+            f"The residuals of {output_name} are correlated with the inputs ({result.says}), "
+            "mostly with "
             f"{result.signal} {result.lag} samples earlier: dynamics are missing; raise nb and "
-            "nf (or na), check the delay nk, or suspect a nonlinearity."
+            "nf (or na), check the delay nk, or try a nonlinear structure."
         )
     return result.test("independence", output_name, True, sentence)
 
@@ -213,8 +214,8 @@ def _feedback(
         sentence = f"No sign of feedback from {output_name} to the inputs ({result.says})."
     else:
         sentence = (
-            f"{result.signal} reacts to {output_name} ({result.says}): the data hold feedback; "
-            "prefer structures with a noise model and do not trust OE or delays."
+            f"{result.signal} responds to {output_name} ({result.says}): the log is of a closed "
+            "loop; prefer structures with a noise model and check OE and delays."
         )
     return result.test("feedback", output_name, False, sentence)
 
@@ -353,7 +354,7 @@ def _affordable(lags: int, keep: Sequence[Mask], signals: int) -> int:
     samples = sum(int(k.sum()) for k in keep)
     if samples < 20:
         raise DataError(
-            f"{samples} one-step errors are too few to test a model by, at least 20 are needed; "
+            f"{samples} one-step errors are too few for residual tests, which need 20; "
             "record longer, or lower the orders"
         )
     return max(min(lags, samples // (10 * max(signals, 1))), 1)

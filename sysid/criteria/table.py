@@ -1,4 +1,4 @@
-"""The table of criteria: name → what it says, how it is computed and how two of its values compare.
+"""The table of criteria: name → meaning, formula, and how two values compare.
 
 With V = det(EᵀE/N) of one-step errors, N samples, n parameters (estimated initial states count, the
 noise variance does not) and ny outputs:
@@ -181,15 +181,15 @@ BUILT_IN: Mapping[str, Criterion] = MappingProxyType(
         "aic": Criterion("Akaike: expected information lost; favours good prediction.", value=_aic),
         "aicc": Criterion("Akaike corrected for short records; use when N < 40 n.", value=_aicc),
         "naic": Criterion(
-            "Akaike per sample, without its constant; ranks as AIC does.",
+            "Akaike per sample, without its constant; ranks like AIC.",
             ratio_of_logarithms,
             _naic,
         ),
         "bic": Criterion(
-            "Schwarz: punishes size more; finds the true order as N grows.", value=_bic
+            "Schwarz: penalises size more; finds the true order as N grows.", value=_bic
         ),
         "mdl": Criterion(
-            "Rissanen: shortest description; ranks nearly as BIC does.", ratio_of_losses, _mdl
+            "Rissanen: shortest description; ranks nearly like BIC.", ratio_of_losses, _mdl
         ),
         "fpe": Criterion(
             "Akaike's final prediction error: expected loss on new data.", ratio_of_losses, _fpe
@@ -200,11 +200,11 @@ BUILT_IN: Mapping[str, Criterion] = MappingProxyType(
             lambda loss: loss.value,
         ),
         "fit": Criterion(
-            "Fit percent 100(1 − ‖y−ŷ‖/‖y−ȳ‖); judge it on held-out data.",
+            "Fit percent 100(1 − ‖y−ŷ‖/‖y−ȳ‖); use held-out data.",
             ratio_of_percentages,
             smaller_is_better=False,
         ),
-        "rmse": Criterion("Root mean squared error; judge it on held-out data.", ratio_of_errors),
+        "rmse": Criterion("Root mean squared error; use held-out data.", ratio_of_errors),
     }
 )
 """Name → criterion. Those with a loss are better when smaller; a perfect fit has loss, mdl and fpe
@@ -264,15 +264,15 @@ def _value(name: str, criterion: Criterion, loss: Loss) -> float:
 @cache
 def _others() -> "Mapping[str, EntryPoint]":
     """Entry points of other packages; those that come with the workbench cannot be replaced."""
-    found = {name.lower(): point for name, point in points(GROUP).items()}
-    return {name: point for name, point in found.items() if name not in BUILT_IN}
+    entry_points = {name.lower(): point for name, point in points(GROUP).items()}
+    return {name: point for name, point in entry_points.items() if name not in BUILT_IN}
 
 
 @cache
 def _loaded(name: str) -> Criterion:
-    found = loaded(_others()[name], "criterion")
-    if not isinstance(found, Criterion) or found.value is None:
+    criterion = loaded(_others()[name], "criterion")
+    if not isinstance(criterion, Criterion) or criterion.value is None:
         raise unusable(
             _others()[name], "criterion", "is not a Criterion with a function of the loss"
         )
-    return found
+    return criterion

@@ -1,4 +1,4 @@
-"""What residual tests found: the outcome of each, and the report of all."""
+"""Results of residual tests, each by itself and all in one report."""
 
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -140,8 +140,8 @@ class ResidualReport:
     The tests of one kind run at level 1 − (1 − ``level``)/ny each (Bonferroni), so that a right
     model fails one of them with probability 1 − ``level`` whatever its number of outputs.
     ``nonlinear`` holds the further tests that nonlinear models must stand (``nonlinear.py``),
-    ``held`` one test of each parameter that was not estimated but given, or stopped by a bound
-    (``held_parameters.py``); their level is shared in the same way.
+    ``fixed`` one test of each parameter that was not estimated but given, or stopped by a bound
+    (``fixed_parameters.py``); their level is shared in the same way.
     """
 
     whiteness: tuple[ResidualTest, ...]
@@ -149,12 +149,12 @@ class ResidualReport:
     feedback: tuple[ResidualTest, ...]
     level: float
     nonlinear: tuple[ResidualTest, ...] = ()
-    held: tuple[ResidualTest, ...] = ()
+    fixed: tuple[ResidualTest, ...] = ()
 
     @property
     def passed(self) -> bool:
         """Whether every test that counts against the model passed."""
-        tests = (*self.whiteness, *self.independence, *self.nonlinear, *self.held)
+        tests = (*self.whiteness, *self.independence, *self.nonlinear, *self.fixed)
         return all(t.passed for t in tests if t.judged)
 
     def as_dict(self) -> dict[str, Any]:
@@ -173,7 +173,7 @@ class ResidualReport:
             "nonlinear": {
                 kind: _summary(tuple(t for t in self.nonlinear if t.name == kind)) for kind in kinds
             },
-            "held_parameters": [t.as_dict() for t in self.held],
+            "held_parameters": [t.as_dict() for t in self.fixed],
         }
 
 

@@ -36,7 +36,7 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ),
     ("u", "motor", "mot"),
 )
-"""Words of a command, the plainest first: where several columns could be the command, the first
+"""Words of a command, the clearest first: where several columns could be the command, the first
 group that names exactly one (or one a side) decides."""
 
 SPEEDS: tuple[tuple[str, ...], ...] = (
@@ -106,7 +106,7 @@ class Meaning:
 
     Attributes:
         quantity: what the column holds.
-        rank: place of the word that says so in its list of groups (0 is the plainest).
+        rank: place of the word that says so in its list of groups (0 is the clearest).
         side: "left", "right" or "".
     """
 

@@ -23,8 +23,8 @@ from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError, ModelError
 from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.offsets.offsets import Offsets
-from sysid.estimation.selection.contest import run_contest
 from sysid.estimation.selection.delays import chosen_delay
+from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.structures.augmented.given_base import GivenBase, begins_at_rest
@@ -392,7 +392,7 @@ def _linear(facts: LogFacts) -> tuple[Model, int]:
     delay = int(np.max(nk)) if isinstance(nk, list) else int(nk)
     delay = max(delay, 1)
     grid = [{"nb": n, "nf": n, "nk": delay} for n in range(1, LARGEST_ORDER + 1)]
-    ranking = run_contest(("oe",), facts, FitOptions(stable=True), detrend, grid=grid)
+    ranking = select_structure(("oe",), facts, FitOptions(stable=True), detrend, grid=grid)
     return ranking.entries[0].model, delay
 
 

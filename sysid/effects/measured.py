@@ -45,11 +45,11 @@ def read_measured(path: str | Path) -> dict[str, Measured]:
             for key, entry in document["measured"].items()
         }
     except FileNotFoundError:
-        raise UsageError(f"there is no file {path}: write one with the power bench") from None
+        raise UsageError(f"file not found: {path}; write one with `sysid bench power`") from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise DataError(f"{path} is no file of the power bench: write one anew") from None
+        raise DataError(f"{path} is not a file of `sysid bench power`; write it again") from None
     if not all(math.isfinite(m.value) and m.std_error >= 0.0 for m in measured.values()):
-        raise DataError(f"{path} holds impossible values: write it anew")
+        raise DataError(f"{path} holds impossible values; write it again")
     return measured
 
 

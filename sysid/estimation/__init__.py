@@ -1,1 +1,1 @@
-"""What serves all structures: the one entry to fits, choosing, levels of a log, judging a model."""
+"""Estimation for all structures: fits, offsets of a log, selection, assessment."""

@@ -1,4 +1,4 @@
-"""identify: the whole road from records to judged models, which ``sysid fit`` walks."""
+"""identify: from records to validated models, as ``sysid fit`` does."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,9 +16,9 @@ from sysid.estimation.assessment.data_notes import notes_for
 from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
 from sysid.estimation.offsets.choice import start_of
-from sysid.estimation.selection.contest import run_contest, structures_for
 from sysid.estimation.selection.grid import parse_grids
-from sysid.estimation.selection.standings import Entry
+from sysid.estimation.selection.ranking import Entry
+from sysid.estimation.selection.select_structure import select_structure, structures_for
 from sysid.fitting.options import FitOptions
 from sysid.structures.orders import orders_text
 from sysid.structures.own_names import options_in_generic_names
@@ -113,7 +113,7 @@ def identify(
             "criterion": request.criterion,
         },
     )
-    contest = run_contest(
+    contest = select_structure(
         names,
         facts,
         options,
@@ -143,8 +143,8 @@ def _parts(
 ) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, str]]:
     names = ", ".join(dict.fromkeys(r.name for r in records))
     if split is None:
-        held = ", ".join(dict.fromkeys(r.name for r in validation))
-        return tuple(records), tuple(validation), (names, held)
+        validation_names = ", ".join(dict.fromkeys(r.name for r in validation))
+        return tuple(records), tuple(validation), (names, validation_names)
     if validation:
         raise UsageError("give either `validation` or `split`, not both")
     if not 0.0 < split < 1.0:
@@ -210,6 +210,6 @@ def require_unseen(records: Sequence[Record], validation: Sequence[Record]) -> N
             if shares_samples(r, e):
                 called = r.name if r.name == e.name else f"{r.name} (the same as {e.name})"
                 raise UsageError(
-                    f"{called} cannot judge what is fitted to it; give another log to judge on, or "
-                    "hold back a part of this one with `split=0.7`"
+                    f"{called} is estimation data; the validation log must differ: give another "
+                    "log, or hold out a part of this one with `split=0.7`"
                 )

@@ -1,4 +1,4 @@
-"""fit: the one entry from a structure and records to a Model."""
+"""fit: the entry from a structure and records to a Model."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,18 +8,18 @@ import numpy as np
 from sysid.criteria.fit import complete_rows
 from sysid.criteria.information import information_criteria
 from sysid.data.facts import LogFacts
-from sysid.data.level import Level
+from sysid.data.operating_point import OperatingPoint
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.data.same_kind import require_same_kind
 from sysid.errors import DataError, UsageError
-from sysid.estimation.offsets.estimated_level import fit_with_level
+from sysid.estimation.offsets.estimated_offset import fit_with_offset
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.robust_fit import bounded_errors, fitter
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter
 from sysid.structures.base import Structure
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, Provenance, Source
 from sysid.structures.outcome import FitOutcome
@@ -59,15 +59,17 @@ def fit(
     offsets = _offsets(structure, facts, detrend)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
-    # a level is the coefficient of a constant input, which only polynomials have
+    # an offset is the coefficient of a constant input, which only polynomials have
     if any(offsets.estimated) and isinstance(structure, PolynomialStructure):
-        found = fit_with_level(structure, facts, offsets, options, parameters, initial_guesses)
-        if found is not None:
-            plain = tuple(found.at_fit.remove(r) for r in records)
-            return model_of(found.outcome, records, plain, options, found.detrend, found.level)
+        fitted = fit_with_offset(structure, facts, offsets, options, parameters, initial_guesses)
+        if fitted is not None:
+            plain = tuple(fitted.at_fit.remove(r) for r in records)
+            return model_of(
+                fitted.outcome, records, plain, options, fitted.detrend, fitted.operating_point
+            )
     plain = tuple(offsets.detrend.remove(r) for r in records)
     outcome = fitter(structure, options)(structure, plain, options, parameters, initial_guesses)
-    return model_of(outcome, records, plain, options, offsets.detrend, offsets.level)
+    return model_of(outcome, records, plain, options, offsets.detrend, offsets.operating_point)
 
 
 def fit_prepared(
@@ -78,14 +80,14 @@ def fit_prepared(
 ) -> Model:
     """Fit to records from which offsets are removed already, which were checked as a whole.
 
-    A piece of a log may hold a channel that never moves, and so does the constant of a level.
+    A piece of a log may hold a channel that never moves, and so does the constant of an offset.
     """
     records = tuple(records)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
     outcome = fitter(structure, options)(structure, records, options, parameters, initial_guesses)
     none = Detrend.none(structure.nu, structure.ny)
-    return model_of(outcome, records, records, options, none, Level())
+    return model_of(outcome, records, records, options, none, OperatingPoint())
 
 
 def _offsets(structure: Structure, facts: LogFacts, detrend: Detrend | Offsets | str) -> Offsets:
@@ -111,7 +113,7 @@ def check_records(structure: Structure, records: Sequence[Record]) -> None:
             channel that never changes.
     """
     if not records:
-        raise DataError("there is no record to fit; give at least one log")
+        raise DataError("no record to fit; give at least one log")
     first = records[0]
     if (first.nu, first.ny) != (structure.nu, structure.ny):
         raise DataError(
@@ -145,8 +147,8 @@ def check_data(records: Sequence[Record]) -> None:
         ):
             kind = "input" if k < first.nu else "output"
             raise DataError(
-                f"{first.name}: {kind} {channel.name} is constant, so nothing can be learned "
-                "from it; leave it out or record it while it moves"
+                f"{first.name}: {kind} {channel.name} is constant, so nothing can be "
+                "identified from it; leave it out or record a run in which it varies"
             )
 
 
@@ -172,7 +174,7 @@ def _constrained(
                 + ", ".join(names[:12])
                 + (" …" if len(names) > 12 else "")
             )
-    found = []
+    constrained = []
     for p in parameters:
         low, high = options.bounds.get(p.name, (p.lower, p.upper))
         if not low < high:
@@ -180,8 +182,8 @@ def _constrained(
         value = options.fixed.get(p.name)
         if value is not None and not low <= value <= high:
             raise UsageError(f"{p.name} is fixed at {value:g}, outside its bounds {low:g}…{high:g}")
-        found.append(replace(p, lower=low, upper=high, fixed=value))
-    return tuple(found)
+        constrained.append(replace(p, lower=low, upper=high, fixed=value))
+    return tuple(constrained)
 
 
 def _check_length(
@@ -218,7 +220,7 @@ def model_of(
     plain: Sequence[Record],
     options: FitOptions,
     detrend: Detrend,
-    level: Level,
+    operating_point: OperatingPoint,
 ) -> Model:
     """The model that an outcome stands for.
 
@@ -226,11 +228,11 @@ def model_of(
         outcome: what was found.
         records, plain: the data, as read and without their offsets.
         options: how it was found.
-        detrend, level: the offsets, and what they are.
+        detrend, operating_point: the offsets, and what they are.
     """
     structure, theta, parameters = outcome.structure, outcome.theta, outcome.parameters
     n_states = outcome.n_states
-    n_estimated = sum(p.fixed is None for p in parameters) + level.estimated + n_states
+    n_estimated = sum(p.fixed is None for p in parameters) + operating_point.estimated + n_states
     # the errors that were minimised: from rest, or from states fitted to the whole record
     own_states = n_states > 0 or options.initial is Initial.BACKCAST
     outliers = outcome.outliers
@@ -244,7 +246,7 @@ def model_of(
     criteria = information_criteria(judged, n_estimated)
     first = records[0]
     names = [p.name for p in parameters]
-    window = head_window(structure, theta)
+    window = initial_state_window(structure, theta)
     return Model(
         structure=structure,
         theta=theta,
@@ -254,7 +256,7 @@ def model_of(
         inputs=first.inputs,
         outputs=first.outputs,
         detrend=detrend,
-        level=level,
+        operating_point=operating_point,
         noise_covariance=_noise_covariance(errors, plain),
         n_estimated=n_estimated,
         criteria=criteria,

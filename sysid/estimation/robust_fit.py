@@ -1,4 +1,4 @@
-"""Robust fits: the model finds the outliers, they are left out, and the model is fitted again."""
+"""Robust fits: detect outliers by the model, leave them out, and fit again."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +11,7 @@ from sysid.fitting.outliers import Outliers, find_outliers
 from sysid.fitting.problem import Parameter
 from sysid.fitting.robust import huber_pays
 from sysid.structures.base import Structure
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.outcome import FitOutcome, Fitter, InitialGuesses
 
 ROUNDS = 4
@@ -27,8 +27,8 @@ SETTLED = 0.05
 harm on either side of it."""
 
 SAME = 0.02
-"""Change of the replaced readings, root mean square over the size at which an error stands out, up
-to which they are the same: a twelfth of a standard deviation, in two samples of a hundred."""
+"""Change of the replaced measurements, root mean square over the size at which an error stands out,
+up to which they are the same: a twelfth of a standard deviation, in two samples of a hundred."""
 
 RANKING_ROUNDS = 2
 """Fits of a candidate that is only ranked."""
@@ -48,11 +48,11 @@ def without_outliers(
 ) -> FitOutcome:
     """Fit with Huber's loss, leave out what stands out of the model's errors, and fit again.
 
-    Huber's loss bounds what a large error does, but not what a bad reading does among the past
-    outputs from which others are predicted; so bad readings are found, replaced by what the model
-    predicts there, and searched for again with the better model until nothing changes. Where what
-    is left has no heavy tail, least squares fits it better: data without outliers are fitted as
-    without this search.
+    Huber's loss bounds what a large error does, but not what a bad measurement does among the past
+    outputs from which others are predicted; so bad measurements are found, replaced by what the
+    model predicts there, and searched for again with the better model until nothing changes. Where
+    what is left has no heavy tail, least squares fits it better: data without outliers are fitted
+    as without this search.
 
     Args:
         structure: what to fit.
@@ -73,28 +73,28 @@ def without_outliers(
         if k < WHOLE_ROUNDS:
             outcome = road(structure, used, options, parameters, initial_guesses)
         else:
-            outcome = again(road, outcome, used, options, parameters)
+            outcome = refit(road, outcome, used, options, parameters)
         s, theta = outcome.structure, outcome.theta
-        found = tuple(outliers_of(s, theta, r, head_window(s, theta)) for r in records)
-        marked = tuple(f.marked(r) for f, r in zip(found, records, strict=True))
-        known = known or tuple(f.none() for f in found)
+        outliers = tuple(outliers_of(s, theta, r, initial_state_window(s, theta)) for r in records)
+        marked = tuple(f.marked(r) for f, r in zip(outliers, records, strict=True))
+        known = known or tuple(f.none() for f in outliers)
         bounded = options.robust and (ranked or not s.has_losses or _heavy_tailed(outcome, marked))
-        if k == rounds - 1 or (_settled(found, known) and bounded == options.robust):
+        if k == rounds - 1 or (_settled(outliers, known) and bounded == options.robust):
             break
-        known, used, options = found, marked, replace(options, robust=bounded)
-    said = (*outcome.warnings, *_words(known, records))
-    return replace(outcome, warnings=said, outliers=known)
+        known, used, options = outliers, marked, replace(options, robust=bounded)
+    notes = (*outcome.warnings, *_words(known, records))
+    return replace(outcome, warnings=notes, outliers=known)
 
 
 def _heavy_tailed(outcome: FitOutcome, records: Sequence[Record]) -> bool:
     """Whether Huber's loss pays on what is left of the data."""
     s, theta = outcome.structure, outcome.theta
-    errors = [s.errors(theta, r.u, r.y, head_window(s, theta)) for r in records]
+    errors = [s.errors(theta, r.u, r.y, initial_state_window(s, theta)) for r in records]
     kept = [np.where(r.fitted, e, np.nan) for e, r in zip(errors, records, strict=True)]
     return huber_pays(np.concatenate(kept))
 
 
-def again(
+def refit(
     fitted: Fitter,
     before: FitOutcome,
     records: Sequence[Record],
@@ -102,24 +102,24 @@ def again(
     parameters: tuple[Parameter, ...],
 ) -> FitOutcome:
     """Fit what a fit found to nearly the same data: nothing is chosen anew where that is costly."""
-    own = before.structure.refitter()
-    if own is None:
+    refitter = before.structure.refitter()
+    if refitter is None:
         start = [("the fit before", before.theta)]
         return fitted(before.structure, records, options, parameters, start)
-    return own(before, records, options, parameters)
+    return refitter(before, records, options, parameters)
 
 
-def _settled(found: Sequence[Outliers], known: Sequence[Outliers]) -> bool:
+def _settled(outliers: Sequence[Outliers], known: Sequence[Outliers]) -> bool:
     """Whether two searches came to the same outliers and replaced them by the same values."""
     moved = [
-        ((a.change - b.change) / a.limits)[a.readings & b.readings]
-        for a, b in zip(found, known, strict=True)
+        ((a.change - b.change) / a.limits)[a.bad_measurements & b.bad_measurements]
+        for a, b in zip(outliers, known, strict=True)
     ]
     if np.sum(np.concatenate(moved) ** 2) > SAME**2 * sum(len(m) for m in moved):
         return False
     changed = sum(
-        int(np.sum((a.found != b.found) | (a.readings != b.readings)))
-        for a, b in zip(found, known, strict=True)
+        int(np.sum((a.found != b.found) | (a.bad_measurements != b.bad_measurements)))
+        for a, b in zip(outliers, known, strict=True)
     )
     return changed <= SETTLED * sum(int(np.sum(b.found)) for b in known)
 
@@ -142,28 +142,30 @@ def bounded_errors(errors: Array, outliers: Outliers) -> Array:
     return np.where(outliers.found & np.isfinite(errors), outliers.limits, errors)
 
 
-def _words(found: Sequence[Outliers], records: Sequence[Record]) -> list[str]:
+def _words(outliers: Sequence[Outliers], records: Sequence[Record]) -> list[str]:
     """What was left out, by output, and what could not be."""
-    said = []
+    sentences = []
     for i, channel in enumerate(records[0].outputs):
-        readings = sum(int(np.sum(f.readings[:, i])) for f in found)
-        disturbances = sum(int(np.sum(f.disturbances[:, i])) for f in found)
+        measurements = sum(int(np.sum(f.bad_measurements[:, i])) for f in outliers)
+        disturbances = sum(int(np.sum(f.disturbances[:, i])) for f in outliers)
         parts = [
             f"{count} {word if count == 1 else word + 's'}"
-            for count, word in ((readings, "reading"), (disturbances, "disturbance"))
+            for count, word in (
+                (measurements, "outlying measurement"),
+                (disturbances, "disturbance"),
+            )
             if count
         ]
         if parts:
-            verb = "stands" if readings + disturbances == 1 else "stand"
-            was = "was" if readings + disturbances == 1 else "were"
-            said.append(
-                f"{' and '.join(parts)} of {channel.name} {verb} out and {was} left out of the "
-                "fit and its figures."
+            was = "was" if measurements + disturbances == 1 else "were"
+            sentences.append(
+                f"{' and '.join(parts)} of {channel.name} {was} left out of the fit "
+                "and its figures."
             )
-    doubtful = sum(f.doubtful for f in found)
+    doubtful = sum(f.doubtful for f in outliers)
     if doubtful:
-        said.append(
-            f"{doubtful} further errors stand out, but where the inputs or outputs are special or "
-            "too often for accidents: they are taken for the model's own and not left out."
+        sentences.append(
+            f"{doubtful} further large errors are at special inputs or outputs, or too frequent "
+            "for outliers: they count as errors of the model and were kept."
         )
-    return said
+    return sentences

@@ -1,11 +1,11 @@
-"""Why a model should not lead, whatever its figures: a run that drifts, a mode nobody saw, no end.
+"""Reasons against a model: an unbounded free run, an unobservably slow mode, an unfinished search.
 
 A model can be ahead by its figures and still be of no use for what comes next. Three things tell:
 
 - its free run grows for ever, or nearly so: a pole outside the unit circle;
 - it has a mode slower than the longest record is long: over that record the mode is a level or a
   drift that it stands for, and elsewhere it does something else;
-- the search for its parameters was given up before it ended.
+- its parameter search ended before convergence.
 
 Such a model leads only where no settled one is as good.
 """
@@ -52,10 +52,10 @@ class Doubts:
 def doubts_about(model: Model) -> Doubts:
     """What speaks against a fitted model."""
     longest = max((s.samples for s in model.provenance.data), default=0)
-    found = list(motion_doubts(model.structure, model.theta, longest, model.dt))
+    doubts = list(motion_doubts(model.structure, model.theta, longest, model.dt))
     if model.termination is Termination.MAX_ITERATIONS:
-        found.append("the search for its parameters was given up before it ended")
-    return Doubts(not bounded_run(model.structure, model.theta), tuple(found))
+        doubts.append("its parameter search ended before convergence")
+    return Doubts(not bounded_run(model.structure, model.theta), tuple(doubts))
 
 
 def motion_doubts(s: Dynamics, theta: Array, longest: int, dt: float) -> tuple[str, ...]:

@@ -1,1 +1,1 @@
-"""What every fit needs and no structure knows: problems, solvers, uncertainty, hold-outs."""
+"""Numerical fitting, independent of structures: problems, solvers, uncertainty, hold-outs."""

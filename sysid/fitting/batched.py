@@ -141,8 +141,8 @@ def descend_alone(run: Run, start: Array, rounds: int, gain: float) -> Array:
     everywhere = (np.array(-np.inf), np.array(np.inf))
     free = np.ones((1, len(start)), dtype=bool)
     with np.errstate(over="ignore", invalid="ignore"):
-        found, _ = descend_together(run, start[None], free, everywhere, Damping(), rounds, gain)
-    return np.asarray(found[0])
+        solution, _ = descend_together(run, start[None], free, everywhere, Damping(), rounds, gain)
+    return np.asarray(solution[0])
 
 
 def damped_steps(A: Array, g: Array, free: Mask, damping: Array) -> Array:
@@ -152,8 +152,8 @@ def damped_steps(A: Array, g: Array, free: Mask, damping: Array) -> Array:
     both = free[:, :, None] & free[:, None, :]
     scaled = np.where(both, A / (norms[:, :, None] * norms[:, None, :]), 0.0)
     scaled += np.einsum("gk,kl->gkl", np.where(free, damping[:, None], 1.0), np.eye(g.shape[1]))
-    found = np.linalg.solve(scaled, np.where(free, g / norms, 0.0)[:, :, None])[:, :, 0] / norms
-    return np.asarray(np.where(free, found, 0.0))
+    steps = np.linalg.solve(scaled, np.where(free, g / norms, 0.0)[:, :, None])[:, :, 0] / norms
+    return np.asarray(np.where(free, steps, 0.0))
 
 
 def _sums(cost: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The one place that imports and configures JAX: double precision, compilations kept on disk."""
+"""The only module that imports and configures JAX: double precision, compilation cache."""
 
 import os
 from functools import cache
@@ -62,10 +62,10 @@ def vectorised(jnp: Any) -> Any:
         n = jnp.round(x / np.pi)
         y = (x - n * _PI[0]) - n * _PI[1]
         square = y * y
-        found = jnp.zeros_like(y)
+        result = jnp.zeros_like(y)
         for c in reversed(_SINE):
-            found = found * square + c
-        return found * y * (1.0 - 2.0 * jnp.abs(n - 2.0 * jnp.round(0.5 * n)))
+            result = result * square + c
+        return result * y * (1.0 - 2.0 * jnp.abs(n - 2.0 * jnp.round(0.5 * n)))
 
     def cos(x: Any) -> Any:
         return sin(x + 0.5 * np.pi)

@@ -1,4 +1,4 @@
-"""Holding data out: how orders and structures are chosen without touching validation data."""
+"""Hold out estimation data, so that validation data choose nothing."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ class HoldOut:
 
     Attributes:
         train: pieces to fit on, each with an initial state of its own.
-        held: the pieces held out.
+        holdout: the pieces held out.
         whole: the records uncut: a free run goes through all of a record, because a state fitted
             to the head of a short block would hide a model that drifts.
         counted: by record, the samples of ``whole`` that are held out, (N,) each.
@@ -61,7 +61,7 @@ class HoldOut:
     """
 
     train: tuple[Record, ...]
-    held: tuple[Record, ...]
+    holdout: tuple[Record, ...]
     whole: tuple[Record, ...]
     counted: tuple[NDArray[np.bool_], ...]
     words: str
@@ -69,10 +69,10 @@ class HoldOut:
 
     def of(self, changed: Callable[[Record], Record]) -> "HoldOut":
         """The same split of records that are changed sample by sample."""
-        train, held, whole = (
-            tuple(changed(r) for r in part) for part in (self.train, self.held, self.whole)
+        train, holdout, whole = (
+            tuple(changed(r) for r in part) for part in (self.train, self.holdout, self.whole)
         )
-        return HoldOut(train, held, whole, self.counted, self.words, self.one_step)
+        return HoldOut(train, holdout, whole, self.counted, self.words, self.one_step)
 
     @property
     def samples(self) -> int:
@@ -93,13 +93,13 @@ def hold_out(records: Sequence[Record], dead_time: int = 0) -> HoldOut:
             cut less often where that would cost a piece more than half of its samples.
     """
     train: list[Record] = []
-    held: list[Record] = []
+    holdout: list[Record] = []
     counted, cuts = [], []
     for r in records:
         n = len(r)
         cut = ONCE if len(records) >= MANY else _cut(n, dead_time)
         edges = [round(share * n) for block in cut for share in block]
-        held += [r.rows(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        holdout += [r.rows(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
         bounds = [0, *edges, n]
         fitted = zip(bounds[::2], bounds[1::2], strict=True)
         train += [r.rows(a, b) for a, b in fitted if b > a]
@@ -108,7 +108,7 @@ def hold_out(records: Sequence[Record], dead_time: int = 0) -> HoldOut:
             mask[a:b] = True
         counted.append(mask)
         cuts.append(cut)
-    return HoldOut(tuple(train), tuple(held), tuple(records), tuple(counted), _words(cuts))
+    return HoldOut(tuple(train), tuple(holdout), tuple(records), tuple(counted), _words(cuts))
 
 
 def longest_of(nk: int | Sequence[Sequence[int]]) -> int:
@@ -140,14 +140,14 @@ def _words(cuts: Sequence[object]) -> str:
     return "the 30 % of the estimation data that were held out"
 
 
-def tie_margin(held: Sequence[Record]) -> float:
+def tie_margin(holdout: Sequence[Record]) -> float:
     """Fraction by which an RMS error on these records is uncertain: one standard error.
 
     N independent errors give their RMS with a relative standard error of 1/√(2N). Among models
     within one standard error of the best the smallest is taken (Breiman et al. 1984, §3.4.3):
     the best of many candidates owes part of its lead to chance.
     """
-    samples = sum(len(r) * r.ny for r in held)
+    samples = sum(len(r) * r.ny for r in holdout)
     return max(CLOSE, 1.0 / float(np.sqrt(2.0 * max(samples, 1))))
 
 

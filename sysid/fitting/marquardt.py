@@ -1,4 +1,4 @@
-"""The one iteration of every fit on the host: Levenberg-Marquardt, with bounds and Huber's loss.
+"""Levenberg–Marquardt with bounds and Huber's loss, used by every fit on the host.
 
 The algorithm is that of MINPACK's lmder (Moré 1978; Moré, Garbow & Hillstrom 1980), with its
 scaling, trust region, constants and tests; on well-posed problems it takes the same steps. What

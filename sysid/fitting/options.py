@@ -1,4 +1,4 @@
-"""How to fit: what a person may choose about any fit."""
+"""Options of a fit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -54,13 +54,13 @@ class FitOptions:
         for name, kind in (("focus", Focus), ("initial", Initial), ("method", Method)):
             object.__setattr__(self, name, _member(kind, getattr(self, name), name))
 
-    def limit(self, usual: int = EVALUATIONS) -> int:
+    def limit(self, default: int = EVALUATIONS) -> int:
         """Evaluations of a search: what was asked for, else what is usual there."""
-        return usual if self.max_evaluations is None else self.max_evaluations
+        return default if self.max_evaluations is None else self.max_evaluations
 
-    def precision(self, usual: float = TOLERANCE) -> float:
+    def precision(self, default: float = TOLERANCE) -> float:
         """Tolerance of a search: what was asked for, else what is usual there."""
-        return usual if self.tolerance is None else self.tolerance
+        return default if self.tolerance is None else self.tolerance
 
 
 def _member(kind: type[Enum], given: object, name: str) -> Enum:

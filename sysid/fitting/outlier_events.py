@@ -1,4 +1,4 @@
-"""Which bad readings and disturbances explain large errors best, neighbours told apart."""
+"""Bad measurements and disturbances that explain large errors best."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ class Event:
     Attributes:
         sample: when.
         output: at which output.
-        reading: whether the reading is bad; otherwise the plant was disturbed.
+        bad_measurement: whether the measurement is bad; otherwise the plant was disturbed.
     """
 
     sample: int
     output: int
-    reading: bool
+    bad_measurement: bool
 
 
 def explained(
@@ -43,45 +43,47 @@ def explained(
     Args:
         errors: (N, ny) in these units.
         places: (sample, output) of the errors looked at, in order of time.
-        patterns: of each, what a bad reading of one unit there does to the errors, (M, ny).
+        patterns: of each, what a bad measurement of one unit there does to the errors, (M, ny).
     """
-    left = errors.copy()
+    residuals = errors.copy()
     chosen: dict[tuple[int, int], bool] = {}
-    values = [_gain(left, place, pattern) for place, pattern in zip(places, patterns, strict=True)]
+    values = [
+        _gain(residuals, place, pattern) for place, pattern in zip(places, patterns, strict=True)
+    ]
     gains = np.array([gain for gain, _, _ in values])
     memory = len(patterns[0]) if patterns else 1
     samples = np.array([t for t, _ in places])
     while np.max(gains, initial=0.0) > 1.0:
         best = int(np.argmax(gains))
-        (t, i), (_, size, reading) = places[best], values[best]
-        chosen[t, i] = reading
-        if reading:
-            part = left[t : t + memory]
+        (t, i), (_, size, bad) = places[best], values[best]
+        chosen[t, i] = bad
+        if bad:
+            part = residuals[t : t + memory]
             part -= size * patterns[best][: len(part)]
         else:
-            left[t, i] = 0.0
+            residuals[t, i] = 0.0
         # samples are in order of time
         start, stop = np.searchsorted(samples, [t - 2 * memory + 1, t + 2 * memory])
         for k in range(int(start), int(stop)):
             known = places[k] in chosen
-            values[k] = (0.0, 0.0, False) if known else _gain(left, places[k], patterns[k])
+            values[k] = (0.0, 0.0, False) if known else _gain(residuals, places[k], patterns[k])
             gains[k] = values[k][0]
-    found = []
+    events = []
     for cluster in _clusters(sorted(chosen), memory):
-        found += _best_set(errors, cluster, places, patterns, chosen)
-    return found
+        events += _best_set(errors, cluster, places, patterns, chosen)
+    return events
 
 
 def _gain(errors: Array, place: tuple[int, int], pattern: Array) -> tuple[float, float, bool]:
-    """(power explained, size, whether as a reading) of the better of the two kinds."""
+    """(power explained, size, whether as a measurement) of the better of the two kinds."""
     t, i = place
     part = errors[t : t + len(pattern)]
     pi = pattern[: len(part)]
     share, power = float(np.sum(pi * part)), float(np.sum(pi * pi))
-    own = float(errors[t, i])
-    if share * share >= power * own * own:
+    error = float(errors[t, i])
+    if share * share >= power * error * error:
         return share * share / power, share / power, True
-    return own * own, own, False
+    return error * error, error, False
 
 
 def _clusters(chosen: Sequence[tuple[int, int]], memory: int) -> list[list[tuple[int, int]]]:
@@ -119,7 +121,7 @@ def _best_set(
     def column(event: Event) -> Array:
         out = np.zeros(window.shape)
         at = event.sample - first
-        if event.reading:
+        if event.bad_measurement:
             part = out[at : at + memory]
             part += known[event.sample, event.output][: len(part)]
         else:
@@ -129,15 +131,15 @@ def _best_set(
     kinds = (True, False) if memory > 1 else (True,)
     candidates = [Event(t, i, kind) for t, i in known for kind in kinds]
     usable = all((e.sample, e.output) in known for e in greedy)
-    # without memory readings alone are tried, but a disturbance may have explained more
+    # without memory measurements alone are tried, but a disturbance may have explained more
     columns = {e: column(e) for e in (*candidates, *(greedy if usable else ()))}
     target = window.ravel()
 
     def cost(events: Sequence[Event]) -> float:
         basis = np.column_stack([columns[e] for e in events])
         size = np.linalg.lstsq(basis, target, rcond=1e-9)[0]
-        left = target - basis @ size
-        return float(left @ left) + len(events)
+        residuals = target - basis @ size
+        return float(residuals @ residuals) + len(events)
 
     best = min(
         (

@@ -1,4 +1,4 @@
-"""What a fit solves: parameters, the least-squares problems that determine them, and the focus."""
+"""Least-squares problems of a fit, their parameters, and the focus."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

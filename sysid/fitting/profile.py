@@ -1,4 +1,4 @@
-"""Intervals by profile likelihood, for parameters whose slopes do not tell what they are worth.
+"""Intervals by profile likelihood, for parameters whose gradient does not give their error.
 
 A run changes by jumps or kinks with some parameters: the breakaway level of dry friction decides
 whether a command moves the motor at all. The slope at the estimate knows nothing of the next jump,

@@ -1,4 +1,4 @@
-"""What robust fits share: the scale of errors, Huber's width, and residuals that count less."""
+"""Parts of robust fits: the scale of errors, Huber's width, and weighted residuals."""
 
 from collections.abc import Sequence
 
@@ -141,11 +141,11 @@ def weighted(problem: Problem, records: Sequence[Record], more: int = 0) -> Prob
     if all(r.weights is None for r in records):
         return problem
     channel = _channels(problem)
-    found = np.ones(len(channel) + more)
+    weights = np.ones(len(channel) + more)
     for i in np.unique(channel):
         where = np.flatnonzero(channel == i)
-        found[where] = _from_first(records, int(i), len(where))
-    return Weighted(problem, found)
+        weights[where] = _from_first(records, int(i), len(where))
+    return Weighted(problem, weights)
 
 
 def _channels(problem: Problem) -> Array:
@@ -166,10 +166,10 @@ def _from_first(records: Sequence[Record], output: int, count: int) -> Array:
         np.ones(max(len(r) - first, 0)) if r.weights is None else r.weights[first:, output]
         for r in records
     ]
-    found = np.concatenate(parts)
-    if len(found) != count:
+    joined = np.concatenate(parts)
+    if len(joined) != count:
         raise DataError(
             f"{records[0].name}: {count} errors do not belong to {lengths.sum()} samples in a "
             "known way, so that outliers cannot be left out"
         )
-    return found
+    return joined

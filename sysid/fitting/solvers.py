@@ -1,4 +1,4 @@
-"""Numerical solvers behind one door: the only importer of jaxopt."""
+"""Numerical solvers; the only module that imports jaxopt."""
 
 import warnings
 from collections.abc import Callable
@@ -229,8 +229,8 @@ def many_starts(
         tolerance: on the gradient's norm.
         jacobian: of ``residual``, with the same arguments; forward-mode unless given.
     """
-    found = _batch_solver(residual, jacobian, iterations, tolerance)(starts, each, shared)
-    ends, costs, counts, gradients = (np.asarray(part, dtype=np.float64) for part in found)
+    solutions = _batch_solver(residual, jacobian, iterations, tolerance)(starts, each, shared)
+    ends, costs, counts, gradients = (np.asarray(part, dtype=np.float64) for part in solutions)
     endings = []
     for z, cost, count, gradient in zip(ends, costs, counts, gradients, strict=True):
         finite = bool(np.isfinite(cost)) and bool(np.all(np.isfinite(z)))
@@ -260,15 +260,15 @@ def _batch_solver(
     jax = jax_module()
     jnp, lax = jax.numpy, jax.lax
 
-    def clipped(z: Any, own: Any, data: Any) -> Any:
-        r = jnp.nan_to_num(residual(jnp, lax, z, own, data), nan=CLIPPED)
+    def clipped(z: Any, bounds: Any, data: Any) -> Any:
+        r = jnp.nan_to_num(residual(jnp, lax, z, bounds, data), nan=CLIPPED)
         return jnp.clip(r, -CLIPPED, CLIPPED)
 
     # compiled on their own, they are traced once although jaxopt calls them in many places
     clipped = jax.jit(clipped)
     slopes = None
     if jacobian is not None:
-        slopes = jax.jit(lambda z, own, data: jacobian(jnp, lax, z, own, data))
+        slopes = jax.jit(lambda z, bounds, data: jacobian(jnp, lax, z, bounds, data))
 
     class Solver(LevenbergMarquardt):  # type: ignore[misc]
         """jaxopt's: with the Jacobian kept, as here, it forgets to take ``jac_fun``."""
@@ -290,8 +290,8 @@ def _batch_solver(
         jit=True,
     )
 
-    def run(z: Any, own: Any, data: Any) -> Any:
-        end, state = solver.run(z, own, data)
+    def run(z: Any, bounds: Any, data: Any) -> Any:
+        end, state = solver.run(z, bounds, data)
         return end, state.value, state.iter_num, state.error
 
     compiled: Callable[..., Any] = jax.jit(jax.vmap(run, in_axes=(0, 0, None)))

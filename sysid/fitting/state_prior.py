@@ -1,4 +1,4 @@
-"""Initial states that the data hardly tell apart, kept to what the outputs allow.
+"""Prior on initial states that the data hardly determine, within what the outputs allow.
 
 Each path from an input to an output has states of its own. At a record's head their free
 responses are short and alike, and poles that lie close make them the same: a descent then walks
@@ -124,16 +124,16 @@ def descend_with_prior(
         spread = float(np.linalg.norm(at_rest + columns @ x)) / np.sqrt(rows)
     point = np.concatenate([start[:n], x])
     for _ in range(ROUNDS):
-        found = descend(PriorStates(problem, spread / size * response), point)
-        left = float(np.linalg.norm(found.residual[:rows])) / np.sqrt(rows)
-        if not left < FALLEN * spread:
+        solution = descend(PriorStates(problem, spread / size * response), point)
+        remaining = float(np.linalg.norm(solution.residual[:rows])) / np.sqrt(rows)
+        if not remaining < FALLEN * spread:
             break
-        point, spread = found.p, left
-    r = found.residual[:rows]
+        point, spread = solution.p, remaining
+    r = solution.residual[:rows]
     return replace(
-        found,
+        solution,
         cost=loss(r, huber),
         residual=r,
-        jacobian=found.jacobian[:rows],
-        weights=found.weights[:rows],
+        jacobian=solution.jacobian[:rows],
+        weights=solution.weights[:rows],
     )

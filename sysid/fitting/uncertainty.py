@@ -1,4 +1,4 @@
-"""What estimated parameters are worth: covariance, and directions the data say nothing about."""
+"""Covariance of estimated parameters, and directions without information."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -35,7 +35,8 @@ def model_card(model: Model, described: Mapping[str, Any], usage: str) -> str:
         output_offset=_offsets("adds", described["outputs"], after["offset"]),
         parameters="\n".join(_parameter_rows(core["parameters"])),
         behaviour="\n".join(
-            f"- {x}" for x in (*_behaviour(described, model.level_sentence()), *_ground(model))
+            f"- {x}"
+            for x in (*_behaviour(described, model.operating_point_sentence()), *_ground(model))
         ),
         fit="\n".join(_fit(described["fit"])),
         domain="\n".join(_domain_rows(described)),

@@ -1,1 +1,1 @@
-"""What can be fitted: model structures, their algebra, and the Model that comes out."""
+"""Model structures, their algebra, and the Model of a fit."""

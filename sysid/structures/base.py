@@ -1,4 +1,4 @@
-"""Structure: dynamics that can be fitted; NamedStructure: one that users ask for by its name."""
+"""Structure: dynamics that can be fitted; NamedStructure: one that users choose by name."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ class Structure(Dynamics):
 
     order_names: ClassVar[tuple[str, ...]]
     has_noise_model: ClassVar[bool]
-    tells: ClassVar[str] = "what it answers, nothing of why"
+    tells: ClassVar[str] = "the response only, no physical parameters"
     """What a person can read off its parameters, in a few words."""
     physical: ClassVar[bool] = False
     """Whether θ counts from the channels' own zeros, so that nothing may be removed from data."""
@@ -90,7 +90,7 @@ class Structure(Dynamics):
         """The nearest known θ whose free run is bounded; θ itself where none is known."""
         return theta
 
-    def level_entries(self) -> Index:
+    def offset_entries(self) -> Index:
         """Entries of θ that are levels: coefficients of a constant input."""
         return np.zeros(0, dtype=np.intp)
 

@@ -1,4 +1,4 @@
-"""What a structure may say about its step in C, where that is not recorded from ``step``."""
+"""C code that a structure gives for its step, where it is not recorded from ``step``."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Dynamics: what runs. Parameters in, free runs, poles, time constants and equations out."""
+"""Dynamics: from parameters to free runs, poles, time constants and equations."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -104,9 +104,9 @@ class Dynamics(ABC):
         """
         radii = np.abs(self.poles(theta))
         growth = np.log(radii[radii > 0.0])
-        found = np.full(len(growth), np.inf)
-        np.divide(-1.0, growth, out=found, where=growth != 0.0)
-        return found
+        constants = np.full(len(growth), np.inf)
+        np.divide(-1.0, growth, out=constants, where=growth != 0.0)
+        return constants
 
     @abstractmethod
     def equations(

@@ -1,4 +1,4 @@
-"""The error that chooses: of the free run on samples that were held out."""
+"""Free-run error on held-out samples, which chooses orders and structures."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.structures.base import Structure
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 
 OUTLYING = 3.0
 """Errors beyond this many (robust) standard deviations are outliers to a robust score."""
@@ -32,7 +32,7 @@ def free_run_error(
     With ``robust`` errors beyond OUTLYING times the usual one count no more than that, because a
     handful of outliers would drown every difference between models.
     """
-    window = head_window(s, theta)
+    window = initial_state_window(s, theta)
     parts = []
     measured = []
     with np.errstate(over="ignore", invalid="ignore"):

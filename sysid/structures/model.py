@@ -1,4 +1,4 @@
-"""Model: a structure with parameters, what they are worth, and where they came from."""
+"""Model: a structure with parameters, their covariance, and provenance."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.files import write_atomic
-from sysid.data.level import Level, shifted
+from sysid.data.operating_point import OperatingPoint, shifted
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.data.same_kind import SAME_CLOCK, difference
@@ -18,7 +18,7 @@ from sysid.data.schema import STORED, checked
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.transfer import TransferMatrix
 from sysid.structures.outcome import StartReport
@@ -152,7 +152,7 @@ class Model:
         starts: every start tried.
         warnings: what a user should know about this fit.
         provenance: data, options, version.
-        level: how the offsets in ``detrend`` were found, and their standard errors.
+        operating_point: how the offsets in ``detrend`` were found, and their standard errors.
     """
 
     structure: Structure
@@ -174,7 +174,7 @@ class Model:
     starts: tuple[StartReport, ...] = ()
     warnings: tuple[str, ...] = ()
     provenance: Provenance = field(default_factory=Provenance)
-    level: Level = field(default_factory=Level)
+    operating_point: OperatingPoint = field(default_factory=OperatingPoint)
 
     @property
     def stable(self) -> bool:
@@ -206,9 +206,9 @@ class Model:
             shifted(self.outputs, self.detrend.y_offset.tolist()),
         )
 
-    def level_sentence(self) -> str:
+    def operating_point_sentence(self) -> str:
         """Where the model counts from, in one line; empty where that is zero without question."""
-        return self.level.sentence(self.detrend, self.inputs, self.outputs)
+        return self.operating_point.sentence(self.detrend, self.inputs, self.outputs)
 
     def check(self, record: Record) -> None:
         """Refuse a record this model cannot be run on.
@@ -242,7 +242,7 @@ class Model:
 
     def residuals(self, record: Record) -> Array:
         """``errors`` from an initial state fitted to the head of the record, (N, ny)."""
-        return self.errors(record, head_window(self.structure, self.theta))
+        return self.errors(record, initial_state_window(self.structure, self.theta))
 
     def predict(self, record: Record, horizon: int = 1, window: int | None = None) -> Array:
         """k-step-ahead predictions (N, ny), NaN where they need samples before the record.
@@ -261,7 +261,7 @@ class Model:
         self.check(record)
         plain = self.detrend.remove(record)
         if window is None:
-            window = head_window(self.structure, self.theta)
+            window = initial_state_window(self.structure, self.theta)
         run = self.structure.predict(self.theta, plain.u, plain.y, horizon, window)
         return self.detrend.restore_output(run, record.t)
 
@@ -379,7 +379,7 @@ class Model:
             "inputs": [asdict(c) for c in self.inputs],
             "outputs": [asdict(c) for c in self.outputs],
             "detrend": self.detrend.to_json(),
-            "level": self.level.to_json(),
+            "level": self.operating_point.to_json(),
             "noise_covariance": [[_number(c) for c in row] for row in self.noise_covariance],
             "n_estimated": self.n_estimated,
             "criteria": {k: _number(v) for k, v in self.criteria.items()},
@@ -436,8 +436,10 @@ class Model:
                 starts=file.starts,
                 warnings=file.warnings,
                 provenance=file.provenance,
-                level=(
-                    Level.of_detrend(detrend) if file.level is None else Level.from_json(file.level)
+                operating_point=(
+                    OperatingPoint.of_detrend(detrend)
+                    if file.level is None
+                    else OperatingPoint.from_json(file.level)
                 ),
             )
         except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:

@@ -1,4 +1,4 @@
-"""Orders of polynomial models: reading them, spreading scalars over channels, writing them."""
+"""Orders of polynomial models: read, spread over channels, write."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -87,14 +87,14 @@ def parse_orders(text: str) -> dict[str, int | list[list[int]]]:
     Raises:
         UsageError: the text is not of that form, or an order is negative or absurdly large.
     """
-    found: dict[str, int | list[list[int]]] = {}
+    orders: dict[str, int | list[list[int]]] = {}
     for item in text.split():
         name, sign, value = item.partition("=")
         if not sign or not name or not value:
             raise UsageError(
                 f'`orders`: cannot read {item!r}; write name=value pairs such as "na=2 nb=2 nk=1"'
             )
-        if name in found:
+        if name in orders:
             raise UsageError(f"`orders`: {name} is given twice; give each order once")
         try:
             rows = [[int(cell) for cell in row.split(",")] for row in value.split(";")]
@@ -107,10 +107,10 @@ def parse_orders(text: str) -> dict[str, int | list[list[int]]]:
         if any(not 0 <= cell <= MAX_ORDER for row in rows for cell in row):
             raise UsageError(f"`orders`: {item!r} must lie between 0 and {MAX_ORDER}")
         scalar = "," not in value and ";" not in value
-        found[name] = rows[0][0] if scalar else rows
-    if not found:
+        orders[name] = rows[0][0] if scalar else rows
+    if not orders:
         raise UsageError("`orders` is empty; write for example `orders='na=2 nb=2 nk=1'`")
-    return found
+    return orders
 
 
 def spread(raw: RawOrders, letters: str, nu: int, ny: int, structure: str) -> Orders:
@@ -201,8 +201,8 @@ def _shortest(name: str, cells: list[list[Any]]) -> str:
     flat = [c for row in cells for c in row]
     same = len(set(flat)) == 1
     if name == "na" and len(cells) > 1:
-        own = {row[i] for i, row in enumerate(cells)}
-        same = len(own) == 1 and sum(flat) == sum(row[i] for i, row in enumerate(cells))
+        own_values = {row[i] for i, row in enumerate(cells)}
+        same = len(own_values) == 1 and sum(flat) == sum(row[i] for i, row in enumerate(cells))
     if same:
         return str(cells[0][0])
     if all(len(row) == 1 for row in cells) and name in ("nc", "nd"):

@@ -1,4 +1,4 @@
-"""What a fit hands back, and the form that every way to fit a structure has."""
+"""FitOutcome: the result of a fit, and the signature of fit functions."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

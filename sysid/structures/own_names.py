@@ -1,4 +1,4 @@
-"""Expressions as a person writes them, in the log's own names, as the grammars read them: y2, u1.
+"""Expressions in the log's own channel names, translated to y2, u1 for the grammars.
 
 What a model prints, ``|pwm_l(t-1)|`` or ``omega_l(t−1)²·left motor [V](t−2)``, is read back.
 """

@@ -1,4 +1,4 @@
-"""Plant: the one thing that the mission simulator and every exported runtime run."""
+"""Plant: the model that the mission simulator and every exported runtime run."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

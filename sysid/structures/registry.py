@@ -1,4 +1,4 @@
-"""The registry of structures: every name users can type, and how a saved one is read again."""
+"""Registry of structures: their names, and how a saved one is read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -34,8 +34,8 @@ MADE = {"augmented": "augmented.structure:Augmented"}
 
 def _load(place: str) -> type[NamedStructure]:
     module, name = place.split(":")
-    found: type[NamedStructure] = getattr(import_module(f"sysid.structures.{module}"), name)
-    return found
+    structure: type[NamedStructure] = getattr(import_module(f"sysid.structures.{module}"), name)
+    return structure
 
 
 def structure_classes() -> dict[str, type[NamedStructure]]:
@@ -46,10 +46,10 @@ def structure_classes() -> dict[str, type[NamedStructure]]:
     classes = {name: _load(place) for name, place in BUILT_IN.items()}
     for name, point in points("sysid.structures").items():
         if name not in classes:
-            found = loaded(point, "structure")
-            if not (isinstance(found, type) and issubclass(found, NamedStructure)):
-                raise unusable(point, "structure", "is no class of NamedStructure")
-            classes[name] = found
+            structure = loaded(point, "structure")
+            if not (isinstance(structure, type) and issubclass(structure, NamedStructure)):
+                raise unusable(point, "structure", "is not a subclass of NamedStructure")
+            classes[name] = structure
     return classes
 
 

@@ -1,4 +1,4 @@
-"""The search of one fit: every start, problem after problem, initial states included."""
+"""Parameter search of one fit: every initial guess, problem after problem, with initial states."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -92,11 +92,11 @@ class Search:
         return tuple(weighted(p, self.records) for p in problems)
 
     def _admissible(self, theta: Array) -> Array:
-        held = ~np.isnan(self.fixed)
-        out = np.where(held, np.nan_to_num(self.fixed), theta)
+        is_fixed = ~np.isnan(self.fixed)
+        out = np.where(is_fixed, np.nan_to_num(self.fixed), theta)
         run_freely = self.options.stable or self.options.focus is Focus.SIMULATION
         if run_freely:
-            out = np.where(held, out, self.structure.stabilised(out))
+            out = np.where(is_fixed, out, self.structure.stabilised(out))
         return np.clip(out, self.lower, self.upper)
 
     @staticmethod
@@ -179,8 +179,8 @@ class Search:
         return self.records[0].output_names[i]
 
     def _free(self, problem: Problem, states: bool = True) -> Array:
-        held = ~np.isnan(self.fixed[problem.index])
-        return np.concatenate([~held, np.full(problem.n_initial, states)])
+        is_fixed = ~np.isnan(self.fixed[problem.index])
+        return np.concatenate([~is_fixed, np.full(problem.n_initial, states)])
 
     def _limits(self, problem: Problem) -> tuple[Array, Array]:
         free = np.full(problem.n_initial, np.inf)
@@ -246,7 +246,7 @@ class Search:
 
     def _levels(self, problem: Problem) -> Index:
         """Entries of p that are levels: coefficients of a constant input."""
-        return np.flatnonzero(np.isin(problem.index, self.structure.level_entries()))
+        return np.flatnonzero(np.isin(problem.index, self.structure.offset_entries()))
 
     @staticmethod
     def _state_columns(problem: Problem, p: Array, levels: Index) -> tuple[Array, Index]:
@@ -303,12 +303,12 @@ class Search:
         share = basis.T @ r
         # from the k x k Gram matrix: k is small and the record long
         gained = float(share @ np.linalg.lstsq(basis.T @ basis, share, rcond=1e-12)[0])
-        left = max(float(r @ r) - gained, 1e-300)
-        ratio = (gained / k) / (left / (len(r) - k - len(problem.index)))
+        unexplained = max(float(r @ r) - gained, 1e-300)
+        ratio = (gained / k) / (unexplained / (len(r) - k - len(problem.index)))
         return bool(ratio > fdtri(k, len(r) - k - len(problem.index), STATE_LEVEL))
 
     def _backcast(self, problem: Problem, solution: Solution, huber: Array | None) -> Solution:
-        """Alternate: states by least squares with θ held, θ with the states held."""
+        """Alternate: states by least squares with θ fixed, θ with the states fixed."""
         n = len(problem.index)
         p = solution.p
         for _ in range(3):
@@ -333,10 +333,10 @@ def by_search(
 ) -> FitOutcome:
     """A search from every known start, problem after problem."""
     theta, parts, starts = Search(structure, records, options, parameters).run(initial_guesses)
-    found = outcome_of(structure, parameters, theta, parts, starts)
+    outcome = outcome_of(structure, parameters, theta, parts, starts)
     more = structure.open_directions(records)
-    covariance, null = _with_open(more, found.covariance, found.null)
-    return replace(found, covariance=covariance, null=null)
+    covariance, null = _with_open(more, outcome.covariance, outcome.null)
+    return replace(outcome, covariance=covariance, null=null)
 
 
 def _with_open(more: Array, covariance: Array, null: Array) -> tuple[Array, Array]:

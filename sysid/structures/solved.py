@@ -1,4 +1,4 @@
-"""The one way from solved problems to the outcome of a fit: covariance, open directions, bounds."""
+"""From solved problems to the outcome of a fit: covariance, null directions, bounds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -221,7 +221,7 @@ CASES = (
     _log("still.csv", "time stands still"),
     _log("gap.csv", "line 13"),
     _log("irregular.csv", "irregular"),
-    Case("fit {epoch.csv} --unit t=rpm", 2, "t=rpm is no unit of time"),
+    Case("fit {epoch.csv} --unit t=rpm", 2, "t=rpm is not a unit of time"),
     _log("same_name.csv", "two columns named u"),
     _log("no_name.csv", "column 3"),
     _log("unclear.csv", "left, right"),

@@ -108,7 +108,7 @@ def test_parquet_with_dates_and_text(tmp_path: Path) -> None:
     assert record.dt == 0.05
     frame["y"] = "fast"
     frame.to_parquet(tmp_path / "bad.parquet")
-    with pytest.raises(DataError, match=r"row 1, column y: 'fast' is no number"):
+    with pytest.raises(DataError, match=r"row 1, column y: 'fast' is not a number"):
         read_log(tmp_path / "bad.parquet")
 
 
@@ -287,7 +287,7 @@ def test_missing_cells(tmp_path: Path) -> None:
 def test_two_logs_in_one_file(tmp_path: Path) -> None:
     twice = GOOD + "".join(line + "\n" for line in GOOD.splitlines()[1:])
     path = put(tmp_path, twice)
-    with pytest.raises(DataError, match=r"line 32.*several logs: `resample='split'`"):
+    with pytest.raises(DataError, match=r"line 32.*several logs; `resample='split'`"):
         read_log(path)
     assert [len(r) for r in read_logs([path], ReadOptions(resample="split"))] == [30, 30]
 

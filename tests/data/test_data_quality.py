@@ -151,13 +151,13 @@ FAULTS: dict[str, tuple[Callable[[], Record], str, Severity, str]] = {
         lambda: spoil(motor, y=lambda r: np.round(r.y / 0.5) * 0.5),
         "resolution",
         Severity.WARNING,
-        "in steps of about 0.5",
+        "resolution of about 0.5",
     ),
     "outliers": (
         lambda: spoil(motor, y=lambda r: spiked(r.y)),
         "outliers",
         Severity.WARNING,
-        "2 samples stand out of y, the first at t = 20 s",
+        "2 outliers in y, the first at t = 20 s",
     ),
     "weak input": (
         lambda: spoil(motor, u=lambda r: np.sin(0.3 * np.arange(len(r)))[:, None], y=lambda r: r.y),
@@ -169,7 +169,7 @@ FAULTS: dict[str, tuple[Callable[[], Record], str, Severity, str]] = {
         lambda: spoil(robot, u=lambda r: r.u[:, [0, 0]]),
         "collinear",
         Severity.WARNING,
-        "pwm_l and pwm_r always move together .correlation 1.000",
+        "pwm_l and pwm_r move together always .correlation 1.000",
     ),
     "feedback": (controlled, "feedback", Severity.WARNING, "recorded in closed loop"),
     "sampled too fast": (

@@ -181,12 +181,12 @@ def test_an_output_may_come_from_the_joined_file(files: tuple[Path, Path, Drive]
     other = write(log.parent / "extra.csv", names, d.t[::2] + 0.005, d.omega[::2, 0])
     read = read_file(log, ReadOptions(inputs=("u_l",), outputs=("lift",), join=(str(other),)))
     assert read.records[0].output_names == ("lift",)
-    assert any("its clock was taken for that of run.csv" in f.text for f in read.findings)
+    assert any("was read on the clock of run.csv" in f.text for f in read.findings)
 
 
 def test_what_cannot_be_joined_is_refused_in_a_sentence(files: tuple[Path, Path, Drive]) -> None:
     log, camera, _ = files
-    with pytest.raises(UsageError, match="there is no file"):
+    with pytest.raises(UsageError, match="file not found"):
         read_file(log, ReadOptions(join=("nowhere.csv",)))
     with pytest.raises(DataError, match="both cover 0 rows"):
         read_file(log, ReadOptions(join=(str(camera),), join_offset=900.0))

@@ -109,14 +109,14 @@ def test_too_short_logs_are_told_so() -> None:
     with pytest.raises(DataError, match="too few"):
         nonlinearity_tests([_linear(0, 80, "white", False)])
     (finding,) = check_nonlinearity(LogFacts((_linear(0, 80, "white", False),)).nonlinearity)
-    assert "too few" in finding.text
+    assert "Too few" in finding.text
 
 
 def test_the_finding_says_what_and_where() -> None:
     (found,) = check_nonlinearity(LogFacts((_bent(1, 600, "drag"),)).nonlinearity)
     assert found.severity is Severity.NOTE
     assert "p" in found.text
-    assert "nonlinearly" in found.text
+    assert "Nonlinear response" in found.text
     assert "Compare" in found.advice
     (fine,) = check_nonlinearity(LogFacts((_linear(1, 600, "white", False),)).nonlinearity)
     assert fine.severity is Severity.OK

@@ -102,8 +102,8 @@ def test_the_reader_knows_a_reference_by_its_name(
     columns = [log.u[:, 0], log.y[:, 0], log.references[:, 0]]
     path = write_log(tmp_path / "loop.csv", ["voltage", "speed_rpm", name], columns)
     said = " ".join(run(capsys, "inspect", path).out.split())
-    assert f"The input voltage answers to {name} - speed_rpm" in said
-    assert f"{name} only serves to see whether a controller was running" in said
+    assert f"The input voltage responds to {name} - speed_rpm" in said
+    assert f"{name} serves only to detect whether a controller was running" in said
     assert "not used" not in said
 
 

@@ -67,7 +67,7 @@ def test_a_log_does_not_judge_what_is_fitted_to_it(
     refused = run(capsys, "fit", "log.csv", "--val", same, *orders)
     assert refused.code == 2
     assert f"{same} " in refused.err
-    assert "cannot judge what is fitted to it" in refused.err
+    assert "is estimation data" in refused.err
     assert not Path(".sysid/models").exists()
     other = oven(Path("other.csv"), 200, seed=2)
     assert run(capsys, "fit", "log.csv", "--val", other, *orders).code == 0
@@ -88,5 +88,5 @@ def test_two_stretches_of_one_log_may_judge_each_other() -> None:
     first, last = whole.split(0.5)
     request = Request(structures=("arx",), orders="na=1 nb=1 nk=1")
     assert identify([first], [last], request).assessments[0].validation is not None
-    with pytest.raises(UsageError, match="cannot judge"):
+    with pytest.raises(UsageError, match="is estimation data"):
         identify([whole], [last], request)

@@ -169,7 +169,7 @@ def test_repeats_count_neither_as_readings_nor_as_dropouts() -> None:
     )
     found = inspect_samples([record])
     assert found.ids == ("held-telemetry",)
-    assert [h.output for h in found.held] == ["omega_l", "omega_r"]
+    assert [h.output for h in found.stale] == ["omega_l", "omega_r"]
     assert np.flatnonzero(found.weights[0][:, 0])[1:-1] == pytest.approx(at[:-1], abs=3)
     assert found.weights[0].mean() == pytest.approx(0.2, abs=0.01)
     # third differences of a wheel seen every 0.25 s hold some of its motion beside the noise
@@ -189,6 +189,6 @@ def test_a_real_robot_whose_drive_reports_every_fifth_row() -> None:
     kept = read_file(path, ReadOptions(**names, resample="fill", held="keep"))
     found = inspect_samples(kept.records)
     assert found.ids == ("held-telemetry",)
-    assert [h.period for h in found.held] == pytest.approx([5.0, 5.0], rel=0.01)
-    assert [h.share for h in found.held] == pytest.approx([0.8, 0.8], abs=0.01)
+    assert [h.period for h in found.stale] == pytest.approx([5.0, 5.0], rel=0.01)
+    assert [h.share for h in found.stale] == pytest.approx([0.8, 0.8], abs=0.01)
     assert read_file(path, ReadOptions(**names, resample="fill")).records[0].dt == 0.25

@@ -8,7 +8,7 @@ from polynomial_cases import System
 from sysid.data.record import Array, Record
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 
@@ -35,5 +35,5 @@ def of(system: System, record: Record, **options: object) -> Model:
 
 
 def free_run(model: Model, record: Record) -> Array:
-    x0 = model.fitted_state(record, head_window(model.structure, model.theta))
+    x0 = model.fitted_state(record, initial_state_window(model.structure, model.theta))
     return model.simulate(record.u, x0)

@@ -66,7 +66,7 @@ def test_a_linear_fit_to_a_bent_plant_says_that_it_is_bent(
     log = write_log(tmp_path / "oven.csv", ["u", "y"], [u, y])
     options = ("--structure", "arx", "--workspace", tmp_path / "ws")
     warnings = run(capsys, "fit", log, *options, "--json").document["warnings"]
-    assert any("answers nonlinearly" in w for w in warnings)
+    assert any("Nonlinear response" in w for w in warnings)
 
 
 def test_a_state_is_never_said_to_come_from_more_samples_than_there_are(

@@ -23,7 +23,7 @@ from sysid.estimation.pem import fit
 from sysid.fitting import normal_equations as ne
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.registry import structure_class
 
 MEASURED = Path(os.environ.get("SYSID_DATA", "../shared/data"))
@@ -212,7 +212,7 @@ def test_a_winding_process_of_five_inputs(
         assert np.all(fit_percent(test.y, free_run(model, test)) > np.array(least))
     else:
         # one step ahead is what was asked; the free run of these need not follow
-        e = model.errors(train, head_window(structure, model.theta))
+        e = model.errors(train, initial_state_window(structure, model.theta))
         assert np.all(fit_percent(train.y, train.y - e) > np.array((85.0, 60.0)))
 
 

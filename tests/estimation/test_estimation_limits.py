@@ -16,7 +16,7 @@ from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.output_error import pole_grid, reflected
 from sysid.structures.registry import structure_class
 
@@ -217,11 +217,11 @@ def test_the_head_of_a_slow_run_is_long_enough_for_its_state() -> None:
     slow = replace(SYSTEMS["oe"], theta=(0.01, 0.009, -1.985, 0.98505))
     record = slow.record(1500, 0.3, seed=3, skip=400)
     model = of(slow, record)
-    assert head_window(model.structure, model.theta) > 150
+    assert initial_state_window(model.structure, model.theta) > 150
     # as many skipped samples as states: the run starts from the measured outputs; else never less
-    assert head_window(model.structure, model.theta, skip=2) == 2
-    assert head_window(model.structure, model.theta, skip=20) > 150
-    assert head_window(model.structure, model.theta, skip=900) == 900
+    assert initial_state_window(model.structure, model.theta, skip=2) == 2
+    assert initial_state_window(model.structure, model.theta, skip=20) > 150
+    assert initial_state_window(model.structure, model.theta, skip=900) == 900
     run = free_run(model, record)
     assert rmse(record.y, run)[0] < 1.1 * 0.3
 

@@ -15,13 +15,13 @@ from sysid.data.record import Record
 from sysid.data.shortened import shortened
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.pem import fit
-from sysid.estimation.selection.contest import run_contest
 from sysid.estimation.selection.delays import chosen_delay
 from sysid.estimation.selection.orders import (
     Candidate,
     ranked,
     searching,
 )
+from sysid.estimation.selection.select_structure import select_structure
 from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import error_margin, hold_out, tie_margin
 from sysid.fitting.options import FitOptions
@@ -70,7 +70,7 @@ def test_every_sample_is_either_fitted_or_held_out(
     assert data.whole == tuple(records)
     for held in data.counted:
         assert np.mean(held) == pytest.approx(0.3, abs=0.01)
-    seen = np.concatenate([*(r.y for r in data.train), *(r.y for r in data.held)])
+    seen = np.concatenate([*(r.y for r in data.train), *(r.y for r in data.holdout)])
     assert sorted(seen[:, 0]) == sorted(np.concatenate([r.y for r in records])[:, 0])
     assert data.samples == sum(len(r) for r in data.train)
 
@@ -225,7 +225,9 @@ def test_a_search_ranks_as_full_fits_would() -> None:
 @pytest.mark.parametrize("criterion", ["fit", "aic", "bic"])
 def test_the_contest_says_by_what_it_was_decided(criterion: str) -> None:
     r = motor(400, 0.2)
-    found = run_contest(("arx", "oe"), [r], FitOptions(), Detrend.none(1, 1), criterion=criterion)
+    found = select_structure(
+        ("arx", "oe"), [r], FitOptions(), Detrend.none(1, 1), criterion=criterion
+    )
     first = found.entries[0].model
     assert first.structure.name == "oe"
     if criterion == "fit":  # AIC may take an order more

@@ -11,8 +11,8 @@ from sysid.data.facts import LogFacts
 from sysid.data.outliers import bridged, outlier_flags
 from sysid.data.record import Record
 from sysid.estimation.offsets.offsets import Offsets
-from sysid.estimation.selection.contest import run_contest
 from sysid.estimation.selection.delays import chosen_delay
+from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.options import FitOptions
 from sysid.structures.orders import MAX_ORDER
 
@@ -62,7 +62,7 @@ def test_the_delay_is_found_behind_outliers(delay: int) -> None:
     duty, rpm = fan(4, delay=delay)
     log = record(duty, misread(rpm, 4)[0])
     assert estimate_delays(bridged([log]).records)[0].delay == delay
-    found = run_contest(("oe",), [log], FitOptions())
+    found = select_structure(("oe",), [log], FitOptions())
     model = found.entries[0].model
     assert model.structure.order_values()["nk"] == delay
     assert any("stood out" in note for note in found.entries[0].notes)

@@ -13,7 +13,7 @@ from hand_made import hand_made
 from sysid.data.record import Array
 from sysid.fitting.compiled import jax_module
 from sysid.fitting.problem import Focus, Initial, Problem
-from sysid.structures.head import LONGEST_HEAD, head_window
+from sysid.structures.initial_state_window import LONGEST_HEAD, initial_state_window
 from sysid.structures.model import Model
 from sysid.structures.registry import MADE, structure_classes, structure_from_json
 
@@ -258,13 +258,13 @@ def test_time_constants_decide_how_long_a_head_is(name: str) -> None:
     s = case.structure
     if case.slow is None:
         assert s.n_states(case.theta) == 0
-        assert head_window(s, case.theta) == 0
+        assert initial_state_window(s, case.theta) == 0
         return
     if case.untold:
         pytest.skip(case.untold)
     slow = float(np.max(np.abs(s.time_constants(case.slow))))
-    assert head_window(s, case.slow) == int(min(2.0 * slow, LONGEST_HEAD))
-    assert head_window(s, case.slow) > 2 * head_window(s, case.theta)
+    assert initial_state_window(s, case.slow) == int(min(2.0 * slow, LONGEST_HEAD))
+    assert initial_state_window(s, case.slow) > 2 * initial_state_window(s, case.theta)
 
 
 @every

@@ -206,7 +206,7 @@ def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes, words: str) 
 
 
 def test_what_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="there is no file"):
+    with pytest.raises(DataError, match="file not found"):
         load_mission(tmp_path / "nowhere.yaml")
     with pytest.raises(DataError, match="is a folder"):
         load_mission(tmp_path)

@@ -80,7 +80,7 @@ def _spoken(
 
 def _winner(out: str, models: list[Path]) -> dict[str, Any]:
     """The stored model that the fit says it kept."""
-    kept = re.search(r"Kept as (\S+) in", out)
+    kept = re.search(r"Stored as (\S+) in", out)
     assert kept is not None, out
     path = next(m for m in models if m.stem == kept[1])
     found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))

@@ -24,7 +24,7 @@ from sysid.structures.grey_box.fit import _determined
 from sysid.structures.grey_box.starts import Setting
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.grey_box.tanks import Tanks
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 
@@ -466,4 +466,4 @@ def test_a_slow_motor_gets_a_longer_head(tracks: int) -> None:
         coupling = {"coupling": 0.4} if tracks == 2 else {}
         slowest = tau * (1.4 if tracks == 2 else 1.0)
         theta = made.pack({"gain": 2.0, "time_constant": tau} | coupling)
-        assert head_window(made, theta) == pytest.approx(2.0 * slowest / made.dt, abs=1)
+        assert initial_state_window(made, theta) == pytest.approx(2.0 * slowest / made.dt, abs=1)

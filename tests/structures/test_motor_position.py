@@ -9,7 +9,7 @@ from command_line import run, write_log
 from sysid.data.integrating import is_position
 from sysid.data.record import Array, Channel, Record
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
-from sysid.structures.head import LONGEST_HEAD, head_window
+from sysid.structures.initial_state_window import LONGEST_HEAD, initial_state_window
 
 GAIN, TAU, DRY, LOAD = 0.17, 0.45, 0.5, -0.09
 DT, N = 0.02, 1500
@@ -62,7 +62,7 @@ def test_a_position_never_forgets_what_its_first_speed_was_wrong_by() -> None:
     for output, least in (("position", LONGEST_HEAD), ("speed", 2.0 * TAU / 1e-3)):
         motor = DCMotor.from_orders({}, 1, 1, {"output": output}).sampled(1e-3)
         theta = motor.pack({"gain": GAIN, "time_constant": TAU})
-        assert head_window(motor, theta) == pytest.approx(least, abs=1)
+        assert initial_state_window(motor, theta) == pytest.approx(least, abs=1)
 
 
 @pytest.mark.slow

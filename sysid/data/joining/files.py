@@ -111,13 +111,13 @@ class _Brought:
     Attributes:
         columns: by name, one value a row that both cover.
         rows: which rows of the log those are, (N,).
-        held: names of the columns that are held between their measurements.
+        zero_order_hold: names of the columns that are held between their measurements.
         changes: rows of a second file that is written only at changes; 0 for any other.
     """
 
     columns: dict[str, Array]
     rows: NDArray[np.bool_]
-    held: tuple[str, ...]
+    zero_order_hold: tuple[str, ...]
     changes: int
 
     def text(self, where: str) -> str:
@@ -127,10 +127,10 @@ class _Brought:
         brought = "was" if len(self.columns) == 1 else "were"
         names = ", ".join(self.columns)
         text = f"{where}: {names} {brought} interpolated at the rows of the log{share}"
-        if self.held:
+        if self.zero_order_hold:
             why = f" (its {self.changes} rows are written at changes)" if self.changes else ""
-            are = "is" if len(self.held) == 1 else "are"
-            text += f"; {', '.join(self.held)} {are} held between them{why}"
+            are = "is" if len(self.zero_order_hold) == 1 else "are"
+            text += f"; {', '.join(self.zero_order_hold)} {are} held between them{why}"
         return f"{text}."
 
 

@@ -215,14 +215,14 @@ def _signals(
     input_names = (
         input_names
         or both_u
-        or _plainest(unassigned, ("command",))
+        or _clearest(unassigned, ("command",))
         or _one_drive(unassigned, output_names)
     )
     unassigned = {n: m for n, m in unassigned.items() if n not in input_names}
     output_names = (
         output_names
         or both_y
-        or _plainest(unassigned, ("speed", "measurement"))
+        or _clearest(unassigned, ("speed", "measurement"))
         or _sides(unassigned, "measurement")
     )
     unnamed = [n for n, m in unassigned.items() if m.quantity == "other" and n not in output_names]
@@ -270,7 +270,7 @@ def _is_output(name: str) -> bool:
 
 
 def _sides(meant: Mapping[str, Meaning], quantity: str) -> tuple[str, ...]:
-    """The left and the right column of a quantity, of the plainest words that have both."""
+    """The left and the right column of a quantity, of the clearest words that have both."""
     ranks = sorted({m.rank for m in meant.values() if m.quantity == quantity})
     for rank in ranks:
         of = {n: m for n, m in meant.items() if m.quantity == quantity and m.rank == rank}
@@ -280,8 +280,8 @@ def _sides(meant: Mapping[str, Meaning], quantity: str) -> tuple[str, ...]:
     return ()
 
 
-def _plainest(meant: Mapping[str, Meaning], quantities: Sequence[str]) -> tuple[str, ...]:
-    """The one column of the plainest words, or those that differ by a number only, or none."""
+def _clearest(meant: Mapping[str, Meaning], quantities: Sequence[str]) -> tuple[str, ...]:
+    """The one column of the clearest words, or those that differ by a number only, or none."""
     for quantity in quantities:
         of = {n: m.rank for n, m in meant.items() if m.quantity == quantity}
         if of:

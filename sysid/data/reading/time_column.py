@@ -184,7 +184,7 @@ def find_time(
     order = list(TIME_COLUMNS)
     named.sort(key=lambda n: order.index(n.lower()) if n.lower() in order else len(order))
     if read is not None and (len(named) > 1 or named == ["T"]):
-        # stable: among those that rise the plainest name stays first; T is mostly a temperature
+        # stable: among those that rise the clearest name stays first; T is mostly a temperature
         named.sort(key=lambda n: (not _rises(read(n)), n == "T"))
         named = [n for n in named if n != "T" or _rises(read(n))]
     if read is not None and not by_steps:
@@ -231,7 +231,7 @@ def _with_fraction(named: Sequence[str], read: Read | None) -> TimeColumn | None
 
 
 def _of_sender(named: Sequence[str], read: Read) -> TimeColumn | None:
-    """The stamp in a message's header where the plainest time is when the recorder received it.
+    """The stamp in a message's header where the clearest time is when the recorder received it.
 
     It is the moment of the measurement, without the jitter of the way; taken where it is complete
     and rises in every row.

@@ -1,1 +1,1 @@
-"""What a fitted model is worth and what it does: figures, step answer, findings, advice."""
+"""Assessment of a fitted model: figures, step response, findings, advice."""

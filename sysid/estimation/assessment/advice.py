@@ -1,4 +1,4 @@
-"""What a user should know about a fit, unasked: sentences that need a model to be written."""
+"""Automatic warnings about a fit, as sentences with advice."""
 
 from collections.abc import Sequence
 
@@ -41,7 +41,7 @@ def advice(
         validation: free-run figures on held-out data, if there are any.
         residuals: residual tests on the estimation data.
     """
-    found = [
+    sentences = [
         *_useless(free_run, validation),
         *_ending(model, residuals),
         *_stability(model),
@@ -51,12 +51,12 @@ def advice(
         *_cancellation(model),
         *_residuals(model, residuals),
     ]
-    return tuple(found[:MAX_SENTENCES])
+    return tuple(sentences[:MAX_SENTENCES])
 
 
 def _useless(free_run: Figures, validation: Figures | None) -> list[str]:
     """Outputs that a constant would foretell better than the model does."""
-    found = []
+    sentences = []
     for name, inside in free_run.fit_percent.items():
         outside = inside if validation is None else validation.fit_percent.get(name, inside)
         fit, where = min((inside, "its own data"), (outside, "the validation data"))
@@ -64,27 +64,27 @@ def _useless(free_run: Figures, validation: Figures | None) -> list[str]:
             continue
         times = 1.0 - fit / 100.0
         worse = f"errs {times:.3g} times as much as" if times >= WORSE else "does no better than"
-        found.append(
-            f"{name}: this model is useless for running freely: on {where} it {worse} the constant "
+        sentences.append(
+            f"{name}: this model is not usable in free run: on {where} it {worse} the constant "
             f"mean of {name} (fit {fit:.5g} %). Look for wrong columns, signs, units and jumps "
             "with `sysid inspect`, then for another structure."
         )
-    return found
+    return sentences
 
 
 def _ending(model: Model, residuals: ResidualReport) -> list[str]:
-    found = []
+    sentences = []
     if model.termination is Termination.MAX_ITERATIONS:
-        found.append(model.termination.value)
-    tested = {t.output: t for t in residuals.held}
+        sentences.append(model.termination.value)
+    tested = {t.output: t for t in residuals.fixed}
     for name in model.at_bound:
-        held = tested.pop(name, None)
-        found.append(
-            f"Parameter {name} ended on its bound: widen the bound or doubt the structure."
-            if held is None
-            else held.sentence
+        test = tested.pop(name, None)
+        sentences.append(
+            f"Parameter {name} ended at its bound: widen the bound or check the structure."
+            if test is None
+            else test.sentence
         )
-    return found + [t.sentence for t in tested.values() if not t.passed]
+    return sentences + [t.sentence for t in tested.values() if not t.passed]
 
 
 def _stability(model: Model) -> list[str]:
@@ -92,8 +92,8 @@ def _stability(model: Model) -> list[str]:
         longest = max((x.samples for x in model.provenance.data), default=0)
         slow = motion_doubts(model.structure, model.theta, longest, model.dt)
         return [
-            f"{clause[0].upper()}{clause[1:]}: over these data it cannot be told from a level or "
-            "a drift; lower the orders or record longer."
+            f"{clause[0].upper()}{clause[1:]}: over these data it cannot be distinguished from "
+            "an offset or a drift; lower the orders or record longer."
             for clause in slow
         ]
     worst = largest_radius(model.structure, model.theta)
@@ -110,14 +110,14 @@ def _stability(model: Model) -> list[str]:
 
 
 def _information(model: Model) -> list[str]:
-    found = []
+    sentences = []
     alone = [name for d in model.null_directions if (name := unvisited(d))]
     if alone:
         shown = ", ".join(alone[:6]) + (" …" if len(alone) > 6 else "")
-        why = "the input does not excite it" if model.structure.linear else "no sample goes there"
-        found.append(
-            f"The data hold no information about {shown}: {why}. Record data that do, or leave it "
-            "out of the model."
+        why = "the input does not excite it" if model.structure.linear else "no sample reaches it"
+        sentences.append(
+            f"The data hold no information about {shown}: {why}. Record such data, or remove it "
+            "from the model."
         )
     together = "their inputs move together" if len(model.inputs) > 1 else "only their sum counts"
     for direction in model.null_directions:
@@ -125,48 +125,48 @@ def _information(model: Model) -> list[str]:
             continue
         names = sorted(direction, key=lambda n: -round(abs(direction[n]), 6))  # ties by order
         shown = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
-        found.append(
+        sentences.append(
             f"The data hold no information about a combination of {shown}: {together}, or too "
             "little is excited. The smallest such values were taken; a richer input (sysid excite) "
-            "tells them apart."
+            "distinguishes them."
         )
     table = [p for p in model.parameter_table() if not p.fixed]
     vague = [p.name for p in table if np.isfinite(p.std_error) and p.std_error > abs(p.value)]
     if len(vague) > len(table) // 2 and table:
         shown = ", ".join(vague[:6]) + (" …" if len(vague) > 6 else "")
-        found.append(
+        sentences.append(
             f"{len(vague)} of {len(table)} parameters are smaller than their standard error "
             f"({shown}): lower the orders or record more."
         )
-    return found
+    return sentences
 
 
 def _simulation(free_run: Figures, one_step: Figures) -> list[str]:
-    found = []
+    sentences = []
     for name, predicted in one_step.fit_percent.items():
         simulated = free_run.fit_percent[name]
         if predicted >= GOOD_PREDICTION and not predicted - simulated <= FALL:
-            found.append(
+            sentences.append(
                 f"{name}: one step ahead the fit is {predicted:.1f} % but in free run only "
                 f"{simulated:.1f} %: a good predictor, not a good simulator. Try oe, "
                 "`focus='simulation'` or a nonlinear structure."
             )
-    return found
+    return sentences
 
 
 def _held_out(free_run: Figures, validation: Figures | None) -> list[str]:
     if validation is None:
         return []
-    found = []
+    sentences = []
     for name, inside in free_run.fit_percent.items():
         outside = validation.fit_percent.get(name, float("nan"))
         if np.isfinite(inside) and np.isfinite(outside) and inside - outside > FALL:
-            found.append(
+            sentences.append(
                 f"{name}: the free-run fit falls from {inside:.1f} % on the estimation data to "
                 f"{outside:.1f} % on the validation data: too many parameters, or the two logs "
                 "cover different operating ranges."
             )
-    return found
+    return sentences
 
 
 def _cancellation(model: Model) -> list[str]:
@@ -185,19 +185,19 @@ def _cancellation(model: Model) -> list[str]:
 
 def _residuals(model: Model, report: ResidualReport) -> list[str]:
     failed: Sequence[str] = [t.output for t in report.independence if not t.passed]
-    found = []
+    sentences = []
     if failed:
-        found.append(
-            f"The residuals of {', '.join(failed)} still depend on the input: dynamics, delay or "
-            "a nonlinearity is missing."
+        sentences.append(
+            f"The residuals of {', '.join(failed)} are correlated with the inputs: dynamics, "
+            "delay or a nonlinearity is missing."
         )
     white = [t.output for t in report.whiteness if t.judged and not t.passed]
     if white and model.structure.has_noise_model:
-        found.append(
+        sentences.append(
             f"The residuals of {', '.join(white)} are not white: the noise model is too simple "
             "(standard errors use the sandwich form)."
         )
-    return found + _nonlinear(report)
+    return sentences + _nonlinear(report)
 
 
 def _nonlinear(report: ResidualReport) -> list[str]:

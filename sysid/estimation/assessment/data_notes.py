@@ -1,4 +1,4 @@
-"""What is known about the data and matters to one kind of model: said again with its fit."""
+"""Findings about the data that matter to one kind of model, repeated with its fit."""
 
 from collections.abc import Sequence
 

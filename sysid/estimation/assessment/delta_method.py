@@ -1,4 +1,4 @@
-"""Standard errors of numbers that follow from the parameters: var g(θ̂) ≈ ∇gᵀ P ∇g."""
+"""Standard errors of functions of the parameters: var g(θ̂) ≈ ∇gᵀ P ∇g."""
 
 from collections.abc import Callable
 

@@ -16,11 +16,11 @@ from sysid.errors import UsageError, argument
 from sysid.estimation.assessment.robust_judging import judged
 from sysid.estimation.offsets.states import (
     estimated_columns,
-    held_tests,
-    level_column,
+    fixed_parameter_tests_of,
+    offset_column,
     uncertain_columns,
 )
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.model import Model
 
 JACOBIAN_NUMBERS = 20_000_000
@@ -45,7 +45,7 @@ class Figures:
         horizon: prediction horizon in samples, None for the free run.
         initial_state: the initial-state policy, in words.
         samples: samples that count.
-        left_out: samples that do not, because a reading or a disturbance stands out of a robust
+        left_out: samples that do not, because a measurement or a disturbance stands out of a robust
             fit there.
         fit_percent: 100(1 − ‖y−ŷ‖/‖y−ȳ‖) by output; NaN where y is constant.
         rmse: root mean squared error by output, in the output's unit.
@@ -174,7 +174,7 @@ def residual_tests(
         if room > 0:
             kept.append(r.rows(0, min(len(r), room)))
             room -= len(kept[-1])
-    window = head_window(model.structure, model.theta)
+    window = initial_state_window(model.structure, model.theta)
     errors = [
         # an outlier is no error of the model: it counts as none
         np.where(r.left_out, 0.0, model.structure.errors(model.theta, r.u, r.y, window))
@@ -188,7 +188,7 @@ def residual_tests(
     part = estimated_columns if fitted else uncertain_columns
     parts = [
         [
-            np.column_stack([part(model, c, i), level_column(model, r, i, fitted)])
+            np.column_stack([part(model, c, i), offset_column(model, r, i, fitted)])
             for r, c in zip(kept, columns, strict=True)
         ]
         for i, columns in enumerate(jacobians)
@@ -204,7 +204,9 @@ def residual_tests(
         uncertain=uncertain,
     )
     if fitted:
-        report = replace(report, held=held_tests(model, errors, jacobians, report.level))
+        report = replace(
+            report, fixed=fixed_parameter_tests_of(model, errors, jacobians, report.level)
+        )
     if model.structure.linear:
         return report
     further = [
@@ -229,7 +231,7 @@ def _window(model: Model, start: Start, skip: int) -> int:
         return 0
     if start is Start.MEASURED:
         return model.structure.n_states(model.theta)
-    return head_window(model.structure, model.theta, skip)
+    return initial_state_window(model.structure, model.theta, skip)
 
 
 def _sentence(model: Model, start: Start, skip: int, longest: int) -> str:

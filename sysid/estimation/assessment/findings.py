@@ -1,4 +1,4 @@
-"""Everything there is to say about a fitted model, as one JSON-able document."""
+"""Assessment of a fitted model as one JSON-able document."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -113,7 +113,9 @@ class Assessment:
             "step_response": [s.to_json() for s in self.steps],
             "equations": list(m.equations()),
             "sample_time": m.dt,
-            "offsets": m.detrend.to_json() | m.level.to_json() | {"text": m.level_sentence()},
+            "offsets": m.detrend.to_json()
+            | m.operating_point.to_json()
+            | {"text": m.operating_point_sentence()},
             "n_estimated": m.n_estimated,
             "starts": [asdict(s) for s in m.starts],
             "order_search": dict(self.chosen),
@@ -181,6 +183,6 @@ def _left_out(samples: int) -> tuple[str, ...]:
     """What the figures on validation data do not count."""
     if samples == 0:
         return ()
-    seen = "1 sample stands" if samples == 1 else f"{samples} samples stand"
+    seen = "1 outlier" if samples == 1 else f"{samples} outliers"
     was = "was" if samples == 1 else "were"
-    return (f"{seen} out of the validation data and {was} left out of the figures.",)
+    return (f"{seen} of the validation data {was} left out of the figures.",)

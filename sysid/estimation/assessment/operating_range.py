@@ -1,4 +1,4 @@
-"""Data beyond what a nonlinear model was fitted to: a warning before its figures are believed."""
+"""Warning for validation data outside the range that a nonlinear model was fitted to."""
 
 from collections.abc import Sequence
 
@@ -22,7 +22,7 @@ def beyond_range(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
     """
     if model.structure.linear or len(model.ranges) < len(model.inputs):
         return ()
-    found = []
+    warnings = []
     for k, channel in enumerate(model.inputs):
         low, high = model.ranges[k]
         values = np.concatenate([r.u[:, k] for r in records])
@@ -33,10 +33,10 @@ def beyond_range(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
         if least < low - slack or most > high + slack:
             share = 100.0 * float(np.mean((values < low) | (values > high)))
             unit = f" {channel.unit}" if channel.unit else ""
-            found.append(
+            warnings.append(
                 f"{channel.name} runs from {least:.4g} to {most:.4g}{unit} in the validation data "
                 f"but only from {low:.4g} to {high:.4g}{unit} in the estimation data "
-                f"({share:.0f} % of the samples lie outside): there a nonlinear model guesses; "
-                "fit to data of that amplitude."
+                f"({share:.0f} % of the samples lie outside): a nonlinear model extrapolates "
+                "there; fit to data of that amplitude."
             )
-    return tuple(found)
+    return tuple(warnings)

@@ -1,4 +1,4 @@
-"""How a signal without inputs moves by itself: what it swings at, and what it forgets."""
+"""Natural modes of a signal without inputs: frequencies and time constants."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -49,12 +49,12 @@ def own_modes(model: Model) -> tuple[OwnMode, ...]:
     kept.sort(key=lambda p: -abs(p))
 
     def numbers(theta: Array) -> Array:
-        found: list[float] = []
+        modes: list[float] = []
         now = poles(theta)
         for p in kept:
             s = np.log(complex(now[np.argmin(np.abs(now - p))])) / model.dt
-            found += [abs(s), -s.real / abs(s)] if p.imag else [-1.0 / s.real if s.real else np.inf]
-        return np.array(found)
+            modes += [abs(s), -s.real / abs(s)] if p.imag else [-1.0 / s.real if s.real else np.inf]
+        return np.array(modes)
 
     centre = numbers(model.theta)
     errors = delta_errors(model, numbers, centre)

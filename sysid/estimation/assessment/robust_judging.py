@@ -1,11 +1,11 @@
-"""Judging a model that was fitted robustly: what stands out of data is not held against it."""
+"""Figures of a robustly fitted model, with outliers of the data left out."""
 
 from collections.abc import Sequence
 
 from sysid.data.record import Array, Record
 from sysid.estimation.robust_fit import bounded_errors, outliers_of
 from sysid.fitting.outliers import Outliers
-from sysid.structures.head import head_window
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.model import Model
 
 
@@ -17,9 +17,9 @@ def is_robust(model: Model) -> bool:
 def judged(model: Model, records: Sequence[Record]) -> tuple[Record, ...]:
     """The records as a model is to be judged on them.
 
-    For a model that was fitted robustly bad readings are replaced by what it predicts there, since
-    predictions start from them, and they and the samples of disturbances have weight zero. All
-    other records come back as they are, and those whose outliers are known already.
+    For a model that was fitted robustly bad measurements are replaced by what it predicts there,
+    since predictions start from them, and they and the samples of disturbances have weight zero.
+    All other records come back as they are, and those whose outliers are known already.
     """
     if not is_robust(model):
         return tuple(records)
@@ -32,17 +32,17 @@ def judged_errors(model: Model, records: Sequence[Record]) -> list[Array]:
     Outliers of a robustly fitted model count with the size at which an error begins to stand out,
     so that all models are judged on the same samples.
     """
-    window = head_window(model.structure, model.theta)
+    window = initial_state_window(model.structure, model.theta)
     if not is_robust(model):
         return [model.errors(r, window) for r in records]
-    found = [_outliers(model, r) for r in records]
+    outliers = [_outliers(model, r) for r in records]
     return [
         bounded_errors(model.errors(f.marked(r), window), f)
-        for r, f in zip(records, found, strict=True)
+        for r, f in zip(records, outliers, strict=True)
     ]
 
 
 def _outliers(model: Model, record: Record) -> Outliers:
     model.check(record)
-    window = head_window(model.structure, model.theta)
+    window = initial_state_window(model.structure, model.theta)
     return outliers_of(model.structure, model.theta, model.detrend.remove(record), window)

@@ -1,4 +1,4 @@
-"""What a model does to a step of its input: gain, time constants, dead time, settling time.
+"""Step response of a model: gain, time constants, dead time, settling time.
 
 These are the numbers by which a person knows their machine. Each comes with a standard error by
 the delta method.
@@ -129,14 +129,14 @@ def step_responses(model: Model) -> tuple[StepResponse, ...]:
         inputs, and no pair whose input cannot reach the output.
     """
     linear = model.structure.linear
-    found = [
+    responses = [
         answer
         for j in range(len(model.inputs))
         for share in ((None,) if linear else LEVELS)
         for answer in _answers_to(model, j, share)
     ]
     names = [c.name for c in model.outputs]
-    return tuple(sorted(found, key=lambda r: names.index(r.output)))
+    return tuple(sorted(responses, key=lambda r: names.index(r.output)))
 
 
 @dataclass(frozen=True)
@@ -164,13 +164,13 @@ def _answers_to(model: Model, j: int, share: float | None) -> list[StepResponse]
     def numbers(theta: Array) -> Array:
         with np.errstate(all="ignore"):
             y = _response(model, theta, j, start, level, length)
-            found: list[float] = []
+            values: list[float] = []
             for i in reached:
                 run = _read(y[:, i], model.dt, level - start)
-                found += [run.gain, run.rise, run.settling]
+                values += [run.gain, run.rise, run.settling]
                 moved = _followed(model, theta, i, j, poles[i])
-                found += _mode_numbers(moved, poles[i], model.dt)
-        return np.array(found)
+                values += _mode_numbers(moved, poles[i], model.dt)
+        return np.array(values)
 
     centre = numbers(model.theta)
     errors = delta_errors(model, numbers, centre)
@@ -350,8 +350,8 @@ def _followed(
         return poles
     entry = _entry(model, theta, i, j)
     assert entry is not None
-    found = np.roots(np.trim_zeros(entry[1], "b"))
-    return np.array([found[np.argmin(np.abs(found - p))] for p in poles])
+    roots = np.roots(np.trim_zeros(entry[1], "b"))
+    return np.array([roots[np.argmin(np.abs(roots - p))] for p in poles])
 
 
 def _mode_numbers(
@@ -418,11 +418,11 @@ def _dead_time(model: Model, i: int, j: int, run: _Run) -> float:
 
 def _gain_units(u: Channel, y: Channel, integrates: bool) -> tuple[str, str]:
     """Unit of the gain in the model's units and, where something was converted, in the file's."""
-    own = _per(y.unit or y.name, u.unit or u.name, integrates)
+    gain_unit = _per(y.unit or y.name, u.unit or u.name, integrates)
     if u.scale == y.scale == 1.0:
-        return own, ""
+        return gain_unit, ""
     top, bottom = y.file_words or y.unit or y.name, u.file_words or u.unit or u.name
-    return own, _per(top, bottom, integrates)
+    return gain_unit, _per(top, bottom, integrates)
 
 
 def _per(top: str, bottom: str, integrates: bool) -> str:

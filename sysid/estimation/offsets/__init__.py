@@ -1,1 +1,1 @@
-"""What a log's offsets are: removed, known or estimated."""
+"""Offsets of a log: removed, known or estimated."""

@@ -1,4 +1,4 @@
-"""What a log's levels are: zero, the rest at its head, or to be estimated with the model."""
+"""Choose the offsets of a log: zero, the rest at its start, or estimated with the model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.facts import LogFacts
-from sysid.data.level import Origin
+from sysid.data.operating_point import Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.data.rest import Rest
@@ -40,7 +40,7 @@ SEEN_AT_REST = 2.0
 estimated without need costs next to nothing."""
 
 AGREES = 3.0
-"""Standard errors within which a level agrees with the rest at the head."""
+"""Standard errors within which an offset agrees with the rest at the head."""
 
 LONGEST = 12
 """Order of the regression in which an offset is looked for: enough to whiten what disturbs."""
@@ -50,11 +50,11 @@ PER_COEFFICIENT = 20
 
 
 def choose_offsets(data: Sequence[Record] | LogFacts, policy: str = "auto", nk: Any = 1) -> Offsets:
-    """How the levels of these records are dealt with.
+    """How the offsets of these records are dealt with.
 
     ``auto``: the zeros of a robot log that comes near them are physical. A robot log that does not,
     and a log that rests at zero at its head, or whose signals are all on both sides of zero, keeps
-    its zero unless an offset is seen; then both are tried on held-out data. Otherwise a level is
+    its zero unless an offset is seen; then both are tried on held-out data. Otherwise an offset is
     estimated with each model, counted from the rest at the head where there is one.
 
     Args:
@@ -80,7 +80,7 @@ def choose_offsets(data: Sequence[Record] | LogFacts, policy: str = "auto", nk: 
 
 
 def start_of(facts: LogFacts, policy: str) -> Offsets:
-    """Offsets before anything is known of the plant: a level about the rest or the means.
+    """Offsets before anything is known of the plant: an offset about the rest or the means.
 
     Raises:
         UsageError: the policy is unknown.
@@ -92,7 +92,7 @@ def start_of(facts: LogFacts, policy: str) -> Offsets:
     ny = first.ny
     if policy == "none" or (policy == "auto" and first.is_robot_log and _shows_zero(records)):
         return Offsets.none(first.nu, ny)
-    if policy == "mean" or not first.nu:  # nothing to count a level from but the signal itself
+    if policy == "mean" or not first.nu:  # nothing to count an offset from but the signal itself
         return Offsets(Detrend.means(records), Origin.MEANS)
     if policy == "linear":
         return Offsets(Detrend.linear(records), Origin.LINES)
@@ -106,7 +106,7 @@ def start_of(facts: LogFacts, policy: str) -> Offsets:
 
 
 def _zero(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets | None:
-    """Zero, where that is plausible and does as well as an estimated level."""
+    """Zero, where that is plausible and does as well as an estimated offset."""
     records = evidence.records
     nu, ny = records[0].nu, records[0].ny
     none = Offsets.none(nu, ny)
@@ -114,45 +114,45 @@ def _zero(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets |
     if at_rest:
         words, seen = "the log rests there before the first command", SEEN_AT_REST
     elif _both_sides(records):
-        words, seen = "the log is on both sides of it", SEEN_BALANCED
+        words, seen = "the log has both signs", SEEN_BALANCED
     elif records[0].is_robot_log:
-        words, seen = "a drive without command stands still", SEEN_BALANCED
+        words, seen = "a drive rests without command", SEEN_BALANCED
     else:
         return None
-    found = evidence.regression(none)
-    if found is None or np.all(np.abs(found.constant) < seen * found.constant_error):
+    regression = evidence.regression(none)
+    if regression is None or np.all(np.abs(regression.constant) < seen * regression.constant_error):
         return replace(none, why=words)
-    zero, level = evidence.held_out_error(none), evidence.held_out_error(start)
-    if zero <= level:
+    zero, free = evidence.held_out_error(none), evidence.held_out_error(start)
+    if zero <= free:
         return replace(
             none,
-            why=f"{words}, and held-out data are met no better with an offset "
-            f"({_share(level)} of their spread missed, {_share(zero)} without)",
+            why=f"{words}, and an offset does not lower the held-out error "
+            f"({_share(free)} with one, {_share(zero)} without)",
         )
     return None
 
 
 def _about(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets:
-    """A level that is estimated, or that of the rest where only that one can be right."""
-    found = evidence.regression(start)
-    if found is None:
+    """An offset that is estimated, or that of the rest where only that one can be right."""
+    regression = evidence.regression(start)
+    if regression is None:
         return start if rest is None else replace(start, origin=Origin.REST, estimated=())
     if rest is None:
-        return replace(start, detrend=found.balanced(start.detrend))
+        return replace(start, detrend=regression.balanced(start.detrend))
     as_is = replace(start, origin=Origin.REST, estimated=())
-    drift_unseen = np.abs(found.constant) < SEEN_BALANCED * found.constant_error
-    if np.all(found.integrates & drift_unseen):
+    drift_unseen = np.abs(regression.constant) < SEEN_BALANCED * regression.constant_error
+    if np.all(regression.integrates & drift_unseen):
         return as_is
-    level, error = found.level
+    offset, error = regression.offset
     limit = AGREES * np.hypot(error, rest.y_error)
-    if np.all(np.abs(level) <= limit):
+    if np.all(np.abs(offset) <= limit):
         return replace(start, why="the log rests there before the first command")
     fixed, free = evidence.held_out_error(as_is), evidence.held_out_error(start)
     if fixed <= free:
         return replace(
             as_is,
-            why=f"a fitted level would contradict it and meets held-out data no better "
-            f"({_share(free)} of their spread missed, {_share(fixed)} without)",
+            why=f"an estimated offset contradicts it and does not lower the held-out error "
+            f"({_share(free)} with one, {_share(fixed)} without)",
         )
     return start
 
@@ -197,12 +197,12 @@ class _Regression:
         return np.asarray(np.abs(np.diag(self.A)) < SEEN_BALANCED * self.own_error)
 
     @property
-    def level(self) -> tuple[Array, Array]:
+    def offset(self) -> tuple[Array, Array]:
         """A(1)⁻¹ c and its error, infinite where the output integrates."""
-        own = np.where(self.integrates, np.nan, np.diag(self.A))
-        level = np.nan_to_num(self.constant / own)
-        error = np.nan_to_num(self.constant_error / np.abs(own), nan=np.inf)
-        return level, error
+        diagonal = np.where(self.integrates, np.nan, np.diag(self.A))
+        offset = np.nan_to_num(self.constant / diagonal)
+        error = np.nan_to_num(self.constant_error / np.abs(diagonal), nan=np.inf)
+        return offset, error
 
     def balanced(self, detrend: Detrend) -> Detrend:
         """Offsets about which an integrating output does not drift.
@@ -217,7 +217,7 @@ class _Regression:
 
 
 class _Evidence:
-    """What ARX models of some records say about their levels."""
+    """What ARX models of some records say about their offsets."""
 
     def __init__(self, records: Sequence[Record], nk: Any) -> None:
         self.records, self._nk = tuple(records), nk

@@ -1,11 +1,11 @@
-"""Offsets of a fit: what is taken off the data first, and whether a level is estimated with θ."""
+"""Offsets of a fit: what is removed first, and whether an offset is estimated with θ."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.data.level import Level, Origin
+from sysid.data.operating_point import OperatingPoint, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.structures.base import Structure
@@ -13,14 +13,14 @@ from sysid.structures.base import Structure
 
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """How one fit deals with the levels of its data.
+    """How one fit deals with the offsets of its data.
 
     Attributes:
         detrend: what is removed before the fit.
         origin: what these numbers are.
         estimated: by output, whether a constant is estimated with the parameters of a linear
-            structure; the level it stands for is added to ``detrend`` afterwards.
-        y_error: standard errors of removed output levels, empty where they are no estimates.
+            structure; the offset it stands for is added to ``detrend`` afterwards.
+        y_error: standard errors of removed output offsets, empty where they are no estimates.
         at_rest: whether ``detrend`` is where the log rests at its head.
         why: why so, as the end of a sentence.
     """
@@ -40,25 +40,25 @@ class Offsets:
     @staticmethod
     def of_detrend(detrend: Detrend) -> "Offsets":
         """Offsets that are known: they are removed, and nothing is estimated."""
-        return Offsets(detrend, Level.of_detrend(detrend).origin)
+        return Offsets(detrend, OperatingPoint.of_detrend(detrend).origin)
 
     @staticmethod
-    def again(detrend: Detrend, level: Level, ny: int) -> "Offsets":
+    def refit(detrend: Detrend, point: OperatingPoint, ny: int) -> "Offsets":
         """The same treatment for another fit of the same structure, e.g. to part of the data."""
         return Offsets(
-            detrend, level.origin, (True,) * ny if level.estimated else (), level.y_error,
-            why=level.why,
+            detrend, point.origin, (True,) * ny if point.estimated else (), point.y_error,
+            why=point.why,
         )  # fmt: skip
 
     @property
-    def level(self) -> Level:
-        """The level of a model with which nothing was estimated."""
-        return Level(self.origin, (), self.y_error, 0, self.why)
+    def operating_point(self) -> OperatingPoint:
+        """The offset of a model with which nothing was estimated."""
+        return OperatingPoint(self.origin, (), self.y_error, 0, self.why)
 
     def for_structure(self, structure: Structure, records: Sequence[Record]) -> "Offsets":
         """What these offsets mean to one structure.
 
-        A physical structure counts from the channels' own zeros. Nonlinear ones with a level of
+        A physical structure counts from the channels' own zeros. Nonlinear ones with an offset of
         their own do, too, because what they describe (the edges of a dead zone, the terms of an
         equation) is about these zeros; those that begin a free run from past outputs are moved
         where zero is no place the data come near.

@@ -1,4 +1,4 @@
-"""Which directions of θ a fit really estimated: what residual tests may, and may not, project out.
+"""Directions of θ that a fit estimated, which residual tests project out.
 
 A parameter that was fixed, or that a bound stopped, absorbed nothing of the residuals; projecting
 its gradient out would hide a wrong value. Directions without information need no care: their
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.criteria.fit import Array
-from sysid.criteria.held_parameters import Held, held_parameter_tests
+from sysid.criteria.fixed_parameters import FixedParameter, fixed_parameter_tests
 from sysid.criteria.verdicts import ResidualTest
 from sysid.data.record import Index, Record
 from sysid.structures.linear.constant_input import (
@@ -23,7 +23,7 @@ from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model
 
 
-def held_entries(model: Model) -> Index:
+def fixed_entries(model: Model) -> Index:
     """Entries of θ that were fixed or ended on a bound."""
     stuck = set(model.at_bound)
     return np.array(
@@ -35,7 +35,7 @@ def held_entries(model: Model) -> Index:
 def estimated_columns(model: Model, columns: Array, output: int) -> Array:
     """The columns of one output's gradient that belong to estimated parameters, (N, k)."""
     index = model.structure.gradient_index(model.theta, output)
-    return columns[:, ~np.isin(index, held_entries(model))]
+    return columns[:, ~np.isin(index, fixed_entries(model))]
 
 
 def uncertain_columns(model: Model, columns: Array, output: int) -> Array:
@@ -46,7 +46,7 @@ def uncertain_columns(model: Model, columns: Array, output: int) -> Array:
     """
     index = model.structure.gradient_index(model.theta, output)
     variance = np.diag(model.covariance)[index]
-    sure = ~np.isin(index, held_entries(model)) & np.isfinite(variance) & (variance > 0.0)
+    sure = ~np.isin(index, fixed_entries(model)) & np.isfinite(variance) & (variance > 0.0)
     entries = index[sure]
     spread = np.sqrt(variance[sure])
     correlation = model.covariance[np.ix_(entries, entries)] / np.outer(spread, spread)
@@ -55,10 +55,10 @@ def uncertain_columns(model: Model, columns: Array, output: int) -> Array:
     return np.asarray((columns[:, sure] * spread) @ root)
 
 
-def level_column(model: Model, record: Record, output: int, fitted: bool) -> Array:
-    """∂ŷ/∂c of an estimated level, (N, 1), or no column.
+def offset_column(model: Model, record: Record, output: int, fitted: bool) -> Array:
+    """∂ŷ/∂c of an estimated offset, (N, 1), or no column.
 
-    On data not fitted to it is scaled by the level's standard error; that the level's error goes
+    On data not fitted to it is scaled by the offset's standard error; that the offset's error goes
     with those of other parameters is left out.
 
     Args:
@@ -68,8 +68,8 @@ def level_column(model: Model, record: Record, output: int, fitted: bool) -> Arr
         fitted: whether the model was fitted to these data.
     """
     s = model.structure
-    # a level is the coefficient of a constant input, which only polynomials have
-    if not model.level.estimated or not isinstance(s, PolynomialStructure):
+    # an offset is the coefficient of a constant input, which only polynomials have
+    if not model.operating_point.estimated or not isinstance(s, PolynomialStructure):
         return np.zeros((len(record), 0))
     wide = with_constant(s, tuple(k == output for k in range(s.ny)))
     r, theta = with_ones(record), widened_theta(wide, model.theta)
@@ -77,12 +77,12 @@ def level_column(model: Model, record: Record, output: int, fitted: bool) -> Arr
     place = int(constant_places(wide)[0][0] - wide.row_index(output)[0])
     scale = 1.0
     if not fitted:
-        error = model.level.y_error[output] if model.level.y_error else 0.0
+        error = model.operating_point.y_error[output] if model.operating_point.y_error else 0.0
         scale = float(s.polynomials(model.theta).A[output][output].sum()) * error
     return np.asarray(columns[:, [place]] * (scale if np.isfinite(scale) else 1.0))
 
 
-def held_tests(
+def fixed_parameter_tests_of(
     model: Model, errors: Sequence[Array], jacobians: Sequence[Sequence[Array]], level: float
 ) -> tuple[ResidualTest, ...]:
     """Whether the data agree with what the user fixed and with what a bound stopped.
@@ -96,13 +96,13 @@ def held_tests(
         jacobians: all its gradient columns, by output and record.
         level: confidence level over all of them.
     """
-    entries = held_entries(model)
-    own = model.structure.parameters(model.inputs, model.outputs)
-    estimated = np.array([k for k in entries if own[k].fixed is None], dtype=int)
+    entries = fixed_entries(model)
+    defaults = model.structure.parameters(model.inputs, model.outputs)
+    estimated = np.array([k for k in entries if defaults[k].fixed is None], dtype=int)
     if not len(estimated):
         return ()
-    held = [
-        Held(p.name, float(model.theta[k]), p.lower, p.upper, p.fixed is None)
+    fixed = [
+        FixedParameter(p.name, float(model.theta[k]), p.lower, p.upper, p.fixed is None)
         for k, p in enumerate(model.parameters)
         if k in estimated
     ]
@@ -114,11 +114,11 @@ def held_tests(
             columns[:, i, model.structure.gradient_index(model.theta, i)] = jacobians[i][r]
         whole.append(columns)
     kept = np.setdiff1d(np.arange(n), entries)
-    return held_parameter_tests(
+    return fixed_parameter_tests(
         errors,
         [w[:, :, kept] for w in whole],
         [w[:, :, estimated] for w in whole],
-        held,
+        fixed,
         noise_model=model.structure.has_noise_model,
         level=level,
     )

@@ -1,1 +1,1 @@
-"""Estimates that follow a log row by row."""
+"""Online (recursive) estimation of a log row by row."""

@@ -1,4 +1,4 @@
-"""ARX estimated row by row: the batch fit, but for rows that come one after the other."""
+"""ARX estimated recursively, with the results of the batch fit."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -108,9 +108,9 @@ class RecursiveARX:
             UsageError: forgetting or the false alarm rate cannot be.
         """
         if not 0.0 < forgetting <= 1.0:
-            raise UsageError(f"`forgetting` lies above 0 and at most at 1, got {forgetting:g}")
+            raise UsageError(f"`forgetting` must be above 0 and at most 1, got {forgetting:g}")
         if not 0.0 < false_alarms < 1.0:
-            raise UsageError(f"`false_alarms` is a chance between 0 and 1, got {false_alarms:g}")
+            raise UsageError(f"`false_alarms` must lie between 0 and 1, got {false_alarms:g}")
         self.structure, self.forgetting = structure, forgetting
         self._layouts = [structure.layout(i) for i in range(structure.ny)]
         self._terms = [lagged_terms(lay) for lay in self._layouts]
@@ -208,7 +208,9 @@ class RecursiveARX:
         if inputs is not None:
             rows[:, s.ny : s.ny + nu] = inputs
         if not np.isfinite(rows).all():
-            raise UsageError("a row holds a number that is not finite; leave it out, and interrupt")
+            raise UsageError(
+                "a row holds a number that is not finite; leave it out and call interrupt"
+            )
         return rows
 
     def _stacked(self) -> Array:
@@ -279,8 +281,8 @@ class RecursiveARX:
         earlier = [w.before(alarm.blocks) for w in self._watches]
         pieces = self._kept.pieces(self._history[:0], LOOKED_AT, alarm.blocks * self.block)
         before = self._estimate(earlier, pieces, self._kept.since - alarm.blocks * self.block)
-        found = Changed(max(after, 0), self.block, self.total, output, alarm, before)
-        self.changes = (*self.changes, found)
+        change = Changed(max(after, 0), self.block, self.total, output, alarm, before)
+        self.changes = (*self.changes, change)
         self._kept.only_last(back * self.block)
         factors = []
         for watch, f in zip(self._watches, self._factors, strict=True):
@@ -334,8 +336,8 @@ def regressors(rows: Array, output: int, terms: Sequence[tuple[int, int]], first
         first: first row with a whole past.
     """
     n = len(rows)
-    found = np.empty((max(n - first, 0), len(terms) + 1))
+    columns = np.empty((max(n - first, 0), len(terms) + 1))
     for c, (signal, lag) in enumerate(terms):
-        found[:, c] = rows[first - lag : n - lag, signal]
-    found[:, -1] = rows[first:, output]
-    return found
+        columns[:, c] = rows[first - lag : n - lag, signal]
+    columns[:, -1] = rows[first:, output]
+    return columns

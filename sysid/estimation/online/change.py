@@ -1,4 +1,4 @@
-"""Has the plant changed? Recent rows against all before them, with a false alarm rate that holds.
+"""Detection of changes of the plant: recent rows against all before, at a fixed false alarm rate.
 
 For the window of the last w blocks, with R_w θ = z_w its own information and θ_o, R_o those of what
 came before it, the difference d = z_w − R_w θ_o has, where nothing changed, the covariance
@@ -115,10 +115,10 @@ class ChangeWatch:
         return None
 
     def _look(self, w: int) -> Alarm | None:
-        found = self._difference(w)
-        if found is None:
+        difference = self._difference(w)
+        if difference is None:
             return None
-        statistic, n, share = found
+        statistic, n, share = difference
         yardstick, windows = self._yardstick(w)
         if windows >= YARDSTICKS:
             from scipy.special import fdtrc
@@ -155,9 +155,9 @@ class ChangeWatch:
         """How many blocks ago a split lowers the errors most."""
         gains = {}
         for w in range(1, len(self._past) + 1):
-            found = self._difference(w)
-            if found is not None:
-                gains[w] = found[0]
+            difference = self._difference(w)
+            if difference is not None:
+                gains[w] = difference[0]
         return max(gains, key=lambda w: gains[w])
 
     def _difference(self, w: int) -> tuple[float, int, float] | None:

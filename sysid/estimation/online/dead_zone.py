@@ -1,4 +1,4 @@
-"""The dead zone of a drive, from the newest rows of a stream.
+"""Dead zone of a drive, estimated from the newest rows of a stream.
 
 A dead zone shows in two ways, which agree while a drive turns the way it is commanded and differ
 when it coasts or is braked:
@@ -45,7 +45,7 @@ STILL = 0.02
 """Share of the largest output below which it stands. No equation of motion holds there, nor in a
 sample in which it starts, stops or turns round."""
 
-FEWEST = 8
+MIN_ROWS = 8
 """Moving rows for each coefficient at least."""
 
 SEEN = 3.0
@@ -107,13 +107,13 @@ class _Rows:
         self, delta: float, friction: bool
     ) -> list[tuple[Array, Array, NDArray[np.bool_]]]:
         """Φ, y (N,) and which rows move (N,), for each piece; friction's columns stand behind."""
-        found = []
+        equations = []
         for p in self.pieces:
             phi, y, moving = self._equation(p, delta)
             if friction:
                 phi = np.column_stack([phi, self.directions(p)])
-            found.append((phi, y, moving))
-        return found
+            equations.append((phi, y, moving))
+        return equations
 
     def _equation(self, rows: Array, delta: float) -> tuple[Array, Array, NDArray[np.bool_]]:
         n, first = len(rows), self.start
@@ -133,11 +133,11 @@ class _Rows:
         n, first = len(rows), self.start
         u = rows[:, self.signal]
         edge = -np.sign(u) * (np.abs(u) > delta)
-        found = np.zeros(n - first)
+        slopes = np.zeros(n - first)
         for c, (signal, lag) in enumerate(self.terms):
             if signal == self.signal:
-                found += theta[c] * edge[first - lag : n - lag]
-        return found
+                slopes += theta[c] * edge[first - lag : n - lag]
+        return slopes
 
     @property
     def own(self) -> NDArray[np.bool_]:
@@ -187,12 +187,12 @@ def dead_zone(
         return None
     best: tuple[DeadZone, float] | None = None
     for law in LAWS:
-        found = _law(rows, law, command)
-        if found is None or not found[1] > 0.0:
+        fitted = _law(rows, law, command)
+        if fitted is None or not fitted[1] > 0.0:
             continue
         price = NARROWER if law == LAWS[-1] else 0.0  # numbers more
-        if best is None or plain.rows * np.log(best[1] / found[1]) > price:
-            best = found
+        if best is None or plain.rows * np.log(best[1] / fitted[1]) > price:
+            best = fitted
     if best is None:
         return None
     zone, loss = best
@@ -226,8 +226,8 @@ def changed_beyond(
         _Rows([p for p in part if len(p) > start], *where, terms, start, STILL * largest)
         for part in (*parts, [*parts[0], *parts[1]])
     ]
-    found = [_solve(r, zone.edge, friction) if r.pieces else None for r in rows]
-    before, after, joint = found
+    solutions = [_solve(r, zone.edge, friction) if r.pieces else None for r in rows]
+    before, after, joint = solutions
     if before is None or after is None or joint is None:
         return False  # too little of either to tell a change from a dead zone
     n, loss = len(joint.theta), before.loss + after.loss
@@ -300,7 +300,7 @@ def _least_squares(equations: Sequence[tuple[Array, Array, NDArray[np.bool_]]]) 
     phis = [phi[moving] for phi, _, moving in equations]
     ys = [y[moving] for _, y, moving in equations]
     samples, n = sum(map(len, ys)), phis[0].shape[1]
-    if samples < FEWEST * n:
+    if samples < MIN_ROWS * n:
         return None
     T = ne.triangle(np.column_stack([np.concatenate(phis), np.concatenate(ys)]))
     solved = ne.solve_triangular_form(T[:-1, :-1], T[:-1, -1])

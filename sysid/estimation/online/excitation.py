@@ -1,4 +1,4 @@
-"""Has the plant been moved enough? The information of each parameter, and of the worst mixture.
+"""Excitation of a stream: the information of each parameter, and of the worst combination.
 
 With each regressor scaled to size 1 and the output by its own spread σ_y, the information about
 what a regressor does to the output is
@@ -6,7 +6,7 @@ what a regressor does to the output is
     Λ = (σ_y/σ)² D⁻¹ RᵀR D⁻¹,   D² = diag(RᵀR)/N
 
 so that 1/√λ_min(Λ) is the standard error, as a share of the output's spread, of the mixture of
-regressors that is known worst: a mean command or reading that only stands adds nothing to σ_y.
+regressors that is known worst: a mean command or measurement that only stands adds nothing to σ_y.
 """
 
 from collections.abc import Sequence
@@ -110,4 +110,5 @@ def _why(output: str, lacking: Sequence[str], inputs: Sequence[str], y: Array, u
     if pairs:
         a, b = pairs[0]
         return f"{a} and {b} move together: move one without the other."
-    return f"{' and '.join(lacking)} {'tells' if len(lacking) == 1 else 'tell'} too little so far."
+    have = "has" if len(lacking) == 1 else "have"
+    return f"{' and '.join(lacking)} {have} too little information so far."

@@ -1,4 +1,4 @@
-"""Least squares in information form: one triangular factor that takes rows in and lets them fade.
+"""Recursive least squares in information form: a triangular factor with forgetting.
 
 With the rows [φᵀ y] weighted by λ^(age/2), the factor T of their QR factorisation holds all that
 a fit needs,
@@ -125,10 +125,10 @@ class Factor:
 def triangle_of(rows: Array) -> Array:
     """R of the QR factorisation as a square matrix, however few rows there are."""
     n = rows.shape[1]
-    found = ne.triangle(rows)
-    if len(found) == n:
-        return found
-    return np.vstack([found, np.zeros((n - len(found), n))])
+    triangle = ne.triangle(rows)
+    if len(triangle) == n:
+        return triangle
+    return np.vstack([triangle, np.zeros((n - len(triangle), n))])
 
 
 def log_volume(R: Array) -> float:

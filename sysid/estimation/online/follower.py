@@ -1,4 +1,4 @@
-"""A log followed while it is written: lines in, estimates out, and the model at the end."""
+"""Follow a log while it is written: lines in, estimates out, and the model at the end."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,7 @@ import numpy as np
 from sysid.data.facts import LogFacts
 from sysid.data.following.lines import Lines
 from sysid.data.following.rows import Lost, RowReader, Rows
-from sysid.data.level import Level, Origin
+from sysid.data.operating_point import OperatingPoint, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Channel, Record
@@ -18,7 +18,7 @@ from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation import pem
 from sysid.estimation.assessment.findings import Policy, assess
 from sysid.estimation.identify import Identification
-from sysid.estimation.offsets.estimated_level import narrowed
+from sysid.estimation.offsets.estimated_offset import narrowed
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.online.change import FALSE_ALARMS
 from sysid.estimation.online.live_fit import LiveFit
@@ -32,13 +32,13 @@ from sysid.structures.linear.constant_input import (
 from sysid.structures.model import Model
 from sysid.structures.outcome import FitOutcome, StartReport
 
-LEVELS = ("auto", "none", "level")
+OFFSET_POLICIES = ("auto", "none", "level")
 """What may be done about levels while rows come: means and trends need the whole log."""
 
 APART = 5
 """Samples that a kept log leaves out between two stretches: more than a gap that is filled."""
 
-FEWEST_KEPT = 10
+MIN_KEPT_ROWS = 10
 """Rows of a stretch at least, to be kept in a log: a shorter piece is left out when it is read."""
 
 
@@ -50,8 +50,8 @@ class LiveOptions:
         orders: na, nb, nk; None to choose them from the rows.
         forgetting: λ, 1 weighs all rows alike.
         false_alarms: chance of ever saying that an unchanged plant has changed.
-        detrend: one of ``LEVELS``; auto gives each output a constant unless drives are commanded
-            and wheel speeds measured, whose zeros are physical.
+        detrend: one of ``OFFSET_POLICIES``; auto gives each output a constant unless drives are
+            commanded and wheel speeds measured, whose zeros are physical.
 
     Raises:
         UsageError: the policy is none of these.
@@ -63,9 +63,10 @@ class LiveOptions:
     detrend: str = "auto"
 
     def __post_init__(self) -> None:
-        if self.detrend not in LEVELS:
+        if self.detrend not in OFFSET_POLICIES:
             raise UsageError(
-                f"`detrend` is one of {', '.join(LEVELS)} while rows come, got {self.detrend!r}"
+                f"`detrend` is one of {', '.join(OFFSET_POLICIES)} while following, got "
+                f"{self.detrend!r}"
             )
 
 
@@ -188,13 +189,13 @@ class Follower:
         if self.live is None:
             self.live = self._begun(rows)
         live = self.live
-        told: list[LiveChange] = []
+        changes: list[LiveChange] = []
         edges = [0, *(k for k in np.flatnonzero(rows.gap).tolist() if k), len(rows.t)]
         for a, b in pairwise(edges):
             if rows.gap[a]:
                 live.interrupt()
-            told += live.update(rows.u[a:b], rows.y[a:b])
-        return len(rows.t), tuple(told)
+            changes += live.update(rows.u[a:b], rows.y[a:b])
+        return len(rows.t), tuple(changes)
 
     def _begun(self, rows: Rows) -> LiveFit:
         feed, options = self.feed, self.options
@@ -224,7 +225,7 @@ def kept_log(live: LiveFit) -> tuple[str, ReadOptions]:
     lines = [",".join(["t", *(_quoted(c.name) for c in channels)])]
     k, kept = 0, 0
     for piece in live.recursion.pieces():
-        if len(piece) < FEWEST_KEPT:
+        if len(piece) < MIN_KEPT_ROWS:
             continue
         for row in np.column_stack([piece[:, ny : ny + nu], piece[:, :ny]]).tolist():
             lines.append(f"{k * live.dt:.12g}," + ",".join(map(repr, row)))
@@ -233,7 +234,7 @@ def kept_log(live: LiveFit) -> tuple[str, ReadOptions]:
         k += APART
     if kept <= live.recursion.structure.first_sample() + len(live.model().theta) + 1:
         raise DataError(
-            f"{live.rows} rows have come, {kept} of them in a row since the plant last changed: "
+            f"{live.rows} rows so far, {kept} of them in a row since the last change: "
             "too few for a model; follow for longer"
         )
     options = ReadOptions(
@@ -274,7 +275,7 @@ def identification(
 
 def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Model:
     """The recursive estimate as a model like any other."""
-    found = live.recursion.estimate(whole=True)
+    estimate = live.recursion.estimate(whole=True)
     wide = live.recursion.structure
     plain = without_constant(wide)
     parameters = plain.parameters(live.inputs, live.outputs)
@@ -284,31 +285,38 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
     outcome = FitOutcome(
         wide,
         parameters,
-        found.theta,
-        found.covariance,
-        found.null,
+        estimate.theta,
+        estimate.covariance,
+        estimate.null,
         termination=Termination.CLOSED_FORM,
         starts=(StartReport("all", "recursive least squares", None, None, 1),),
     )
     none = Detrend.none(plain.nu, ny)
     if not wide.orders.constant:
-        return pem.model_of(outcome, records, records, options, none, Level())
+        return pem.model_of(outcome, records, records, options, none, OperatingPoint())
     places, _ = constant_places(wide)
-    if np.all(np.isfinite(np.diag(found.covariance)[places])):
+    if np.all(np.isfinite(np.diag(estimate.covariance)[places])):
         offsets = Offsets(none, Origin.ESTIMATED, (True,) * ny)
-        levelled = narrowed(wide, outcome, LogFacts.of(records), offsets)
-        without = [levelled.at_fit.remove(r) for r in records]
+        with_offset = narrowed(wide, outcome, LogFacts.of(records), offsets)
+        without = [with_offset.at_fit.remove(r) for r in records]
         return pem.model_of(
-            levelled.outcome, records, without, options, levelled.detrend, levelled.level
+            with_offset.outcome,
+            records,
+            without,
+            options,
+            with_offset.detrend,
+            with_offset.operating_point,
         )
-    kept = np.setdiff1d(np.arange(len(found.theta)), places)
+    kept = np.setdiff1d(np.arange(len(estimate.theta)), places)
     outcome = replace(
         outcome,
         structure=plain,
         parameters=plain.parameters(live.inputs, live.outputs),
-        theta=found.theta[kept],
-        covariance=found.covariance[np.ix_(kept, kept)],
-        null=found.null[kept],
-        warnings=("the level cannot be told from what the inputs do; it was taken as zero.",),
+        theta=estimate.theta[kept],
+        covariance=estimate.covariance[np.ix_(kept, kept)],
+        null=estimate.null[kept],
+        warnings=(
+            "the offset cannot be distinguished from the effect of the inputs; it was set to zero.",
+        ),
     )
-    return pem.model_of(outcome, records, records, options, none, Level())
+    return pem.model_of(outcome, records, records, options, none, OperatingPoint())

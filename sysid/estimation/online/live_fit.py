@@ -1,4 +1,4 @@
-"""A plant followed while it moves: gain, time constant, dead zone, excitation and changes."""
+"""LiveFit: gain, time constant, dead zone, excitation and changes of a plant while it runs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -168,12 +168,14 @@ class LiveFit:
             confirm=self._is_change,
         )
 
-    def _model_of(self, found: RecursiveEstimate) -> Model:
+    def _model_of(self, estimate: RecursiveEstimate) -> Model:
         wide = self.recursion.structure
         places = constant_places(wide)[0] if self._level else np.zeros(0, dtype=np.intp)
-        kept = np.setdiff1d(np.arange(len(found.theta)), places)
-        covariance = found.covariance[np.ix_(kept, kept)]
-        return self._model(found.theta[kept], covariance, found.null[kept], found.noise_variance)
+        kept = np.setdiff1d(np.arange(len(estimate.theta)), places)
+        covariance = estimate.covariance[np.ix_(kept, kept)]
+        return self._model(
+            estimate.theta[kept], covariance, estimate.null[kept], estimate.noise_variance
+        )
 
     def _model(self, theta: Array, covariance: Array, null: Array, noise: Array) -> Model:
         structure = without_constant(self.recursion.structure)
@@ -254,7 +256,7 @@ class LiveFit:
 
     def _excitations(self) -> tuple[Excitation, ...]:
         s = self.recursion.structure
-        names = [c.name for c in (*self.outputs, *self.inputs)] + ["the level"]
+        names = [c.name for c in (*self.outputs, *self.inputs)] + ["the offset"]
         pieces = self.recursion.pieces(SPREAD_ROWS)
         rows = np.concatenate(pieces) if pieces else np.zeros((0, s.ny + s.nu))
         u = rows[:, s.ny : s.ny + len(self.inputs)]
@@ -272,18 +274,18 @@ class LiveFit:
         """What every input does to every output, beyond its dead zone where one is seen."""
         pieces = self.recursion.pieces(DEAD_ZONE_ROWS)
         drives = _drives(linear, self.inputs, pieces, len(self.outputs))
-        found: list[LivePair] = []
+        pairs: list[LivePair] = []
         for i, out in enumerate(self.outputs):
-            own = [r for r in linear if r.output == out.name]
+            of_output = [r for r in linear if r.output == out.name]
             zone, signal = None, drives.get(out.name)
             if signal is not None:
                 j = [c.name for c in self.inputs].index(signal)
                 zone = self._dead_zone(pieces, i, j)
             if zone is not None and zone.seen:
                 beyond = step_responses(self._beyond(model, zone, i))
-                own = [r for r in beyond if r.output == out.name]
-            found += [pair_of(r, zone if r.input == signal else None) for r in own]
-        return tuple(found)
+                of_output = [r for r in beyond if r.output == out.name]
+            pairs += [pair_of(r, zone if r.input == signal else None) for r in of_output]
+        return tuple(pairs)
 
     def _dead_zone(self, pieces: Sequence[Array], i: int, j: int) -> DeadZone | None:
         s = self.recursion.structure
@@ -316,9 +318,9 @@ def _drives(
         return {}
     u = np.concatenate([p[:, ny:] for p in pieces])
     spread = {c.name: float(np.std(u[:, k])) for k, c in enumerate(inputs)}
-    found: dict[str, tuple[float, str]] = {}
+    drives: dict[str, tuple[float, str]] = {}
     for r in linear:
         size = abs(r.gain.value) * spread[r.input]
-        if size > found.get(r.output, (0.0, ""))[0]:
-            found[r.output] = (size, r.input)
-    return {output: name for output, (_, name) in found.items()}
+        if size > drives.get(r.output, (0.0, ""))[0]:
+            drives[r.output] = (size, r.input)
+    return {output: name for output, (_, name) in drives.items()}

@@ -1,4 +1,4 @@
-"""What a followed plant tells at one moment, and what a change of it was."""
+"""State of a followed plant at one moment, and its changes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -127,10 +127,10 @@ class LiveState:
 
     def to_json(self) -> dict[str, Any]:
         """All of it as a JSON object; numbers that are not finite are left to the writer."""
-        found = asdict(self)
-        for shown, e in zip(found["excitation"], self.excitation, strict=True):
+        document = asdict(self)
+        for shown, e in zip(document["excitation"], self.excitation, strict=True):
             shown["enough"] = e.enough
-        return {**found, "excitation_enough": self.enough}
+        return {**document, "excitation_enough": self.enough}
 
 
 def time_constant(response: StepResponse) -> Estimate:
@@ -157,18 +157,18 @@ def followed_by(change: LiveChange, now: Sequence[StepResponse]) -> LiveChange:
     numbers = []
     for n in change.numbers:
         r = after.get((n.input, n.output))
-        told = (None, None) if r is None else (r.gain, time_constant(r))
-        numbers.append(replace(n, gain_after=told[0], time_constant_after=told[1]))
+        before = (None, None) if r is None else (r.gain, time_constant(r))
+        numbers.append(replace(n, gain_after=before[0], time_constant_after=before[1]))
     return replace(change, numbers=tuple(numbers))
 
 
 def parameters_of(model: Model) -> tuple[LiveParameter, ...]:
     """The parameters of a model, with what is known of each."""
     unknown = {unvisited(d) for d in model.null_directions}
-    found = []
+    parameters = []
     for p in model.parameter_table():
         known = bool(np.isfinite(p.std_error)) and p.name not in unknown
         information = 1.0 / p.std_error**2 if known and p.std_error > 0.0 else 0.0
         error = p.std_error if known else None
-        found.append(LiveParameter(p.name, p.value, error, information, p.unit))
-    return tuple(found)
+        parameters.append(LiveParameter(p.name, p.value, error, information, p.unit))
+    return tuple(parameters)

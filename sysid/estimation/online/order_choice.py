@@ -1,4 +1,4 @@
-"""Orders and delays of an ARX by the rows that have come."""
+"""Orders and delays of an ARX, chosen from the rows so far."""
 
 from collections.abc import Sequence
 from typing import Any

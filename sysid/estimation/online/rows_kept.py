@@ -1,4 +1,4 @@
-"""The newest rows of a stream, for what a recursion cannot carry: coloured noise, figures."""
+"""The newest rows of a stream, kept for coloured noise and figures."""
 
 from collections import deque
 
@@ -63,7 +63,7 @@ class RowsKept:
                 block = block[: len(block) - passed]
             chosen.append((stretch, block))
             wanted -= len(block)
-        found: dict[int, list[Array]] = {}
+        by_piece: dict[int, list[Array]] = {}
         for stretch, block in reversed(chosen):
-            found.setdefault(stretch, []).append(block)
-        return [np.concatenate(b) for b in found.values()]
+            by_piece.setdefault(stretch, []).append(block)
+        return [np.concatenate(b) for b in by_piece.values()]

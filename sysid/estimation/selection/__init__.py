@@ -1,1 +1,1 @@
-"""Choosing orders, delays and structures, and comparing models."""
+"""Selection of orders, delays and structures, and comparison of models."""

@@ -1,4 +1,4 @@
-"""Ranking models on equal terms: the same data, the same samples, one initial-state policy."""
+"""Rank models on equal terms: same data, same samples, same initial-state policy."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,14 +28,14 @@ class Contender:
         model: the model.
         records: its estimation data read again, or None when they are gone or have changed.
         report: what was said about it when it was fitted.
-        held: what it was judged on then, read again; None where that is gone or unknown.
+        validation: what it was judged on then, read again; None where that is gone or unknown.
     """
 
     id: str
     model: Model
     records: tuple[Record, ...] | None
     report: Mapping[str, Any]
-    held: tuple[Record, ...] | None = None
+    validation: tuple[Record, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def compare(
     criterion, ranks = table.known_name(criterion), table.criterion(criterion)
     policy = policy or Policy()
     if not contenders:
-        raise ModelError("there is no model to compare; run `sysid fit` first")
+        raise ModelError("no model to compare; run `sysid fit` first")
     notes: list[str] = [] if validation is None else _seen_before(contenders, validation[0])
     excluded: dict[str, str] = {}
     figures = _all_figures(contenders, validation, policy, excluded)
@@ -203,9 +203,9 @@ def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranke
         lambda x: doubts[x.contender.id],
         lambda x: _gap(x, able[0], criterion) <= _margin(able[0]),
     )
-    first, said = lines[0].contender.id, doubts[lines[0].contender.id].words
+    first, doubt = lines[0].contender.id, doubts[lines[0].contender.id].words
     if best is not lines[0]:
-        notes.append(f"{first} is first by {criterion} but does not lead: {said}.")
+        notes.append(f"{first} is first by {criterion} but does not lead: {doubt}.")
     against = doubts[best.contender.id]
     if not against.settled:
         notes.append(
@@ -259,8 +259,8 @@ def _figures(
     if validation is not None:
         for r in validation[0]:
             c.model.check(r)
-        found: DataFigures = figures_on(c.model, validation[0], validation[1], policy)
-        return {**found.to_json(), "held_out": True}
+        figures: DataFigures = figures_on(c.model, validation[0], validation[1], policy)
+        return {**figures.to_json(), "held_out": True}
     return _figures_made(c, "validation" if c.report.get("validation") else "estimation", policy)
 
 
@@ -277,15 +277,15 @@ def _figures_made(c: Contender, role: str, policy: Policy) -> dict[str, Any]:
         raise ModelError(f"{c.id} holds no figures; fit it again")
     if c.report.get("policy") == policy.to_json():
         return {**part, "held_out": held_out}
-    records = c.held if held_out else c.records
+    records = c.validation if held_out else c.records
     if records is not None:
         made = figures_on(c.model, records, str(part["data"]), policy)
         return {**made.to_json(), "held_out": held_out}
     if "policy" not in c.report and policy == Policy():
         return {**part, "held_out": held_out}  # reports of other commands and versions
     raise ModelError(
-        f"{c.id} was judged in another way, and the log it was judged on is gone or has changed: "
-        "name a log to judge on (`validation=LOG`)"
+        f"{c.id} was validated in another way, and its validation log is missing or has changed; "
+        "give `validation=LOG`"
     )
 
 

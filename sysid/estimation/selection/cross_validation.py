@@ -1,4 +1,4 @@
-"""Block cross-validation: each model's structure fitted and judged on rotating blocks."""
+"""Block cross-validation: each structure fitted and validated on rotating blocks."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -63,9 +63,9 @@ def cross_validate(
             f"{records[0].name}: {folds} folds leave blocks under {SHORTEST_BLOCK} samples; use "
             "fewer folds or a longer log"
         )
-    again = (
-        Offsets.again(model.detrend, model.level, len(model.outputs))
-        if model.level.estimated
+    offsets = (
+        Offsets.refit(model.detrend, model.operating_point, len(model.outputs))
+        if model.operating_point.estimated
         else model.detrend
     )
     options = options or options_of(model)
@@ -75,17 +75,17 @@ def cross_validate(
     squares, counts, failed = [], [], 0
     total = np.zeros(len(model.outputs))
     for k in range(folds):
-        inside, held = _fold(records, folds, k)
+        inside, holdout = _fold(records, folds, k)
         try:
             refit = fit(
-                model.structure, inside, options, detrend=again, initial_guesses=initial_guesses
+                model.structure, inside, options, detrend=offsets, initial_guesses=initial_guesses
             )
         except SysidError:
             failed += 1
             continue
-        held = judged(refit, held)
-        runs = [outputs(refit, r, None, Start.ESTIMATED)[r.counted] for r in held]
-        measured = [r.y[r.counted] for r in held]
+        holdout = judged(refit, holdout)
+        runs = [outputs(refit, r, None, Start.ESTIMATED)[r.counted] for r in holdout]
+        measured = [r.y[r.counted] for r in holdout]
         square = np.sum([np.sum((m - y) ** 2, 0) for m, y in zip(measured, runs, strict=True)], 0)
         squares.append(square)
         counts.append(sum(len(m) for m in measured))
@@ -112,12 +112,12 @@ def options_of(model: Model) -> FitOptions:
     Bounds are those of its parameters that differ from its structure's own.
     """
     recorded = model.provenance.options
-    own = model.structure.parameters(model.inputs, model.outputs)
-    usual = {p.name: (p.lower, p.upper, p.fixed) for p in own}
+    defaults = model.structure.parameters(model.inputs, model.outputs)
+    default_limits = {p.name: (p.lower, p.upper, p.fixed) for p in defaults}
     fixed, bounds = {}, {}
     for p in model.parameters:
-        lower, upper, held = usual.get(p.name, (p.lower, p.upper, p.fixed))
-        if p.fixed is not None and held is None:
+        lower, upper, default_fixed = default_limits.get(p.name, (p.lower, p.upper, p.fixed))
+        if p.fixed is not None and default_fixed is None:
             fixed[p.name] = p.fixed
         elif (p.lower, p.upper) != (lower, upper):
             bounds[p.name] = (p.lower, p.upper)
@@ -135,12 +135,12 @@ def _fold(
     records: Sequence[Record], folds: int, k: int
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     inside: list[Record] = []
-    held: list[Record] = []
+    holdout: list[Record] = []
     for r in records:
         edges = [round(j * len(r) / folds) for j in range(folds + 1)]
-        held.append(r.rows(edges[k], edges[k + 1]))
+        holdout.append(r.rows(edges[k], edges[k + 1]))
         if edges[k] > 0:
             inside.append(r.rows(0, edges[k]))
         if edges[k + 1] < len(r):
             inside.append(r.rows(edges[k + 1], len(r)))
-    return tuple(inside), tuple(held)
+    return tuple(inside), tuple(holdout)

@@ -1,4 +1,4 @@
-"""Which input delay to search with: estimated from the data, confirmed by free runs."""
+"""Input delays for the order search: estimated from the data, confirmed by free runs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,8 +15,8 @@ from sysid.estimation.pem import fit_prepared
 from sysid.estimation.selection.orders import searching
 from sysid.fitting.holdout import HoldOut, allowing, hold_out, tie_margin
 from sysid.fitting.options import FitOptions
-from sysid.structures.head import head_window
 from sysid.structures.held_out_error import free_run_error
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.constant_input import with_constant, with_ones
 from sysid.structures.linear.oe import OE
 from sysid.structures.linear.polynomial import PolynomialStructure
@@ -72,20 +72,20 @@ def chosen_delay(facts: LogFacts, offsets: Offsets) -> ChosenDelay:
         facts: of the estimation data.
         offsets: what is removed before, and whether each model estimates a level of its own.
     """
-    found = facts.delays
-    if found is None:
+    delays = facts.delays
+    if delays is None:
         return ChosenDelay(PLAIN)
     data = hold_out([offsets.detrend.remove(r) for r in facts.sample])
     first, level = data.whole[0], any(offsets.estimated)
     notes = tuple(
-        f"{d.output} seems to answer to {d.input} after {d.delay} samples, more than the "
+        f"{d.output} seems to respond to {d.input} after {d.delay} samples, more than the "
         f"{MAX_ORDER} that orders allow; the search left this delay out. If it is real, decimate."
-        for d in found
+        for d in delays
         if d.delay is not None and d.delay > MAX_ORDER
     )
-    found = tuple(d if (d.delay or 0) <= MAX_ORDER else replace(d, delay=None) for d in found)
+    delays = tuple(d if (d.delay or 0) <= MAX_ORDER else replace(d, delay=None) for d in delays)
     rows = [
-        _confirmed(_only(data, output), [d for d in found if d.output == output], level)
+        _confirmed(_only(data, output), [d for d in delays if d.output == output], level)
         for output in first.output_names
     ]
     if (
@@ -99,18 +99,18 @@ def chosen_delay(facts: LogFacts, offsets: Offsets) -> ChosenDelay:
     return ChosenDelay(rows[0][0] if alike else [list(row) for row in rows], notes)
 
 
-def _confirmed(data: HoldOut, found: Sequence[Delay], level: bool) -> Row:
+def _confirmed(data: HoldOut, delays: Sequence[Delay], level: bool) -> Row:
     """The delays to one output."""
-    estimate = _estimate(found)
-    plain = (PLAIN,) * len(found)
+    estimate = _estimate(delays)
+    plain = (PLAIN,) * len(delays)
     if estimate == plain:
         return plain
     data = allowing(data, [estimate])
     tried = {
-        row: _errors(data, row, level) for row in (estimate, *_neighbours(found, estimate), plain)
+        row: _errors(data, row, level) for row in (estimate, *_neighbours(delays, estimate), plain)
     }
     best = min(min(errors) for errors in tried.values())
-    limit = (1.0 + tie_margin(data.held)) * best
+    limit = (1.0 + tie_margin(data.holdout)) * best
     if not np.isfinite(best):
         return estimate
     if tried[plain][0] <= limit:
@@ -159,26 +159,26 @@ def _squares(data: HoldOut, row: Row, level: bool) -> Array | None:
     if fitted is None:
         return None
     structure, theta, whole = fitted
-    window = head_window(structure, theta)
-    found = []
+    window = initial_state_window(structure, theta)
+    sums = []
     for r in whole:
         state = structure.fitted_state(theta, r.u, r.y, window)
-        found.append((r.y - structure.simulate(theta, r.u, state))[:, 0] ** 2)
-    squares = np.concatenate(found)
+        sums.append((r.y - structure.simulate(theta, r.u, state))[:, 0] ** 2)
+    squares = np.concatenate(sums)
     return squares if len(squares) >= BLOCKS and np.all(np.isfinite(squares)) else None
 
 
-def _estimate(found: Sequence[Delay]) -> Row:
-    main = max(found, key=lambda d: d.evidence)
+def _estimate(delays: Sequence[Delay]) -> Row:
+    main = max(delays, key=lambda d: d.evidence)
     common = PLAIN if main.delay is None else main.delay
     return tuple(
-        common if d.delay is None or d.evidence < WEAK * main.evidence else d.delay for d in found
+        common if d.delay is None or d.evidence < WEAK * main.evidence else d.delay for d in delays
     )
 
 
-def _neighbours(found: Sequence[Delay], estimate: Row) -> list[Row]:
+def _neighbours(delays: Sequence[Delay], estimate: Row) -> list[Row]:
     """The estimate moved by a sample either way, as far as the main input allows."""
-    main = max(found, key=lambda d: d.evidence)
+    main = max(delays, key=lambda d: d.evidence)
     steps = [
         s for s in (-1, 1) if main.delay is not None and main.low <= main.delay + s <= main.high
     ]
@@ -225,4 +225,4 @@ def _only(data: HoldOut, output: str) -> HoldOut:
     def part(records: Sequence[Record]) -> tuple[Record, ...]:
         return tuple(r.select(r.input_names, [output]) for r in records)
 
-    return HoldOut(part(data.train), part(data.held), part(data.whole), data.counted, data.words)
+    return HoldOut(part(data.train), part(data.holdout), part(data.whole), data.counted, data.words)

@@ -1,4 +1,4 @@
-"""Which orders to try: what a user writes, read. A structure knows its own candidates."""
+"""Read the orders to try, as users write them."""
 
 import re
 from collections.abc import Sequence
@@ -63,8 +63,8 @@ def parse_grids(text: str, names: Sequence[str]) -> dict[str, list[RawOrders]]:
         return _shared_grids(text, names)
     if text[: heads[0].start()].strip():
         raise UsageError(
-            f"`orders`: {text[: heads[0].start()].strip()!r} stands before the first structure; "
-            f'write each behind its own, such as "{names[0]}: …; {names[-1]}: …"'
+            f"`orders`: {text[: heads[0].start()].strip()!r} comes before the first structure; "
+            f'write orders behind their structure, such as "{names[0]}: …; {names[-1]}: …"'
         )
     ends = [*(h.start() for h in heads[1:]), len(text)]
     grids: dict[str, list[RawOrders]] = {}
@@ -93,8 +93,8 @@ def _shared_grids(text: str, names: Sequence[str]) -> dict[str, list[RawOrders]]
     for order in grid[0]:
         if not any(order in orders for orders in known.values()):
             raise UsageError(f"`orders`: none of {', '.join(names)} has an order {order}")
-    found = {}
+    grids = {}
     for name, orders in known.items():
-        own = [{k: v for k, v in raw.items() if k in orders} for raw in grid]
-        found[name] = [o for k, o in enumerate(own) if o not in own[:k]]
-    return found
+        grid_of_structure = [{k: v for k, v in raw.items() if k in orders} for raw in grid]
+        grids[name] = [o for k, o in enumerate(grid_of_structure) if o not in grid_of_structure[:k]]
+    return grids

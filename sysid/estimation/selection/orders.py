@@ -1,4 +1,4 @@
-"""Order and delay search, ranked on held-out data that are part of the estimation data."""
+"""Order and delay search, ranked on held-out estimation data."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,8 +18,8 @@ from sysid.fitting.holdout import HoldOut, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.structures.base import Structure
-from sysid.structures.head import head_window
 from sysid.structures.held_out_error import free_run_error
+from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.arx_at_once import promising, solved_at_once
 from sysid.structures.linear.constant_input import with_constant, with_ones, without_constant
@@ -124,32 +124,32 @@ def search_orders(
         ]
         data = data.of(with_ones)
     if cls.solved_at_once and options.focus is Focus.PREDICTION and _unconstrained(options):
-        found = _arx_at_once(structures, data, criterion)
+        candidates = _arx_at_once(structures, data, criterion)
         if progress:
             progress(len(grid), len(grid), f"{name}: {len(grid)} orders in one pass")
     else:
         others = [cls.from_orders(dict(o), nu, ny, options.structure_options) for o in rivals]
         common = max(s.first_sample() for s in (*structures, *others))
-        found = _one_after_another(structures, data, options, criterion, common, progress)
-    if not found:
+        candidates = _one_after_another(structures, data, options, criterion, common, progress)
+    if not candidates:
         raise DataError(
             f"{data.whole[0].name}: none of the {len(grid)} orders of {name} could be fitted; "
             "record more data or give `orders`"
         )
-    margin = tie_margin(data.held)
+    margin = tie_margin(data.holdout)
     equations = (sum(len(r) for r in data.train), ny)
-    order = ranked(found, criterion, margin, equations)
+    order = ranked(candidates, criterion, margin, equations)
     return OrderSearch(name, criterion, order, margin, equations)
 
 
 def ranked(
-    found: Sequence[Candidate], criterion: str, margin: float, equations: tuple[int, int]
+    candidates: Sequence[Candidate], criterion: str, margin: float, equations: tuple[int, int]
 ) -> tuple[Candidate, ...]:
     """Best first; a settled model goes before others whose errors are within ``margin`` of its own.
 
     On held-out error the smallest of those leads; an information criterion weighs size itself.
     """
-    ordered = sorted(found, key=lambda c: (not c.stable, c.score, c.n, orders_text(c.orders)))
+    ordered = sorted(candidates, key=lambda c: (not c.stable, c.score, c.n, orders_text(c.orders)))
     ranks, best = table.criterion(criterion), ordered[0]
 
     def exceeds(c: Candidate) -> float:
@@ -186,7 +186,7 @@ def _one_after_another(
     progress: Progress | None,
 ) -> list[Candidate]:
     """Fit each candidate, warm-started from the best smaller neighbours already fitted."""
-    found: list[Candidate] = []
+    candidates: list[Candidate] = []
     train, longest = data.train, max(len(r) for r in data.whole)
     options, ranks = searching(options), table.criterion(criterion)
     fitted: dict[int, tuple[float, dict[str, float]]] = {}
@@ -214,21 +214,21 @@ def _one_after_another(
             if np.isfinite(score):
                 stable = bounded_run(s, model.theta)
                 calm = not motion_doubts(s, model.theta, longest, train[0].dt)
-                found.append(Candidate(_orders(s), len(names), score, error, stable, calm))
+                candidates.append(Candidate(_orders(s), len(names), score, error, stable, calm))
                 fitted[k] = (score, dict(zip(names, model.theta.tolist(), strict=True)))
         if progress:
             progress(k + 1, len(structures), f"{s.name} {orders_text(_orders(s))}")
-    return found
+    return candidates
 
 
 def _loss(
     s: Structure, theta: Array, n: int, records: Sequence[Record], start: int, robust: bool
 ) -> Loss:
     """The loss of one-step errors from the sample ``start`` on."""
-    window = head_window(s, theta)
+    window = initial_state_window(s, theta)
     if robust:
-        found = [outliers_of(s, theta, r, window) for r in records]
-        pairs = zip(records, found, strict=True)
+        outliers = [outliers_of(s, theta, r, window) for r in records]
+        pairs = zip(records, outliers, strict=True)
         errors = [
             bounded_errors(s.errors(theta, r.u, f.marked(r).y, window), f)[start:] for r, f in pairs
         ]
@@ -241,7 +241,7 @@ def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str)
     """Every ARX candidate from two Gram matrices, free runs of the promising ones only."""
     solved = solved_at_once([s for s in structures if isinstance(s, ARX)], data)
     longest = max(len(r) for r in data.whole)
-    ranks, found = table.criterion(criterion), []
+    ranks, candidates = table.criterion(criterion), []
     for a in promising(solved) if ranks.of_free_run else solved:
         s, n = a.structure, len(a.theta)
         if ranks.of_free_run:
@@ -254,8 +254,8 @@ def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str)
         if np.isfinite(score):
             stable = bounded_run(s, a.theta)
             calm = not motion_doubts(s, a.theta, longest, data.whole[0].dt)
-            found.append(Candidate(_orders(s), n, score, error, stable, calm))
-    return found
+            candidates.append(Candidate(_orders(s), n, score, error, stable, calm))
+    return candidates
 
 
 def _orders(s: Structure) -> dict[str, Any]:

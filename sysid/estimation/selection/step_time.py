@@ -1,4 +1,4 @@
-"""What a model costs to run: seconds of one step, as a mission or a controller takes it."""
+"""Computing time of one step of a model."""
 
 import time
 

@@ -339,7 +339,7 @@ class Rounds:
         self.program._scopes.append([])
         return self.program.inputs(self.name, len(self.start))
 
-    def finished(self, after: Sequence[Cell]) -> list[Cell]:
+    def final_states(self, after: Sequence[Cell]) -> list[Cell]:
         """The states after the last round, from those after one."""
         program, name = self.program, self.name
         body, reads = program._needed(

@@ -408,7 +408,7 @@ def _repeated(times: int, advance: Callable[[Any], Any], x: Any) -> Any:
     shapes = [p.shape for p in _parts(after)]
     if shapes != [p.shape for p in parts]:
         raise ValueError(f"a round makes {shapes} of {[p.shape for p in parts]}")
-    return _like(x, iter(rounds.finished([c for p in _parts(after) for c in p.ravel()])))
+    return _like(x, iter(rounds.final_states([c for p in _parts(after) for c in p.ravel()])))
 
 
 def _parts(x: Any) -> list[Cells]:

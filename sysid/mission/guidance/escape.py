@@ -127,7 +127,7 @@ class Escaping:
         out, seen = self.out.step(state.out, trapped, state.watch, inputs, dt, xp)
         turn, references = self.field.step(state.turn, inputs._replace(scene=seen), dt, xp)
         references = self.out.lead(out, references, inputs, xp)
-        watch = chosen(trapped | turning, state.watch.again(pose, xp), state.watch, xp)
+        watch = chosen(trapped | turning, state.watch.restarted(pose, xp), state.watch, xp)
         watch = watch.after(pose, seen.to_goal(pose, xp), dt, self.field.rho0, xp)
         busy = references.detour | references.gives_up
         said = xp.where(references.hold != 0, references.hold, hold)

@@ -66,6 +66,6 @@ class Watch(NamedTuple):
         time = xp.maximum(self.time, 1e-9)
         return self.sum_x / time, self.sum_y / time
 
-    def again(self, pose: Pose, xp: Any) -> "Watch":
+    def restarted(self, pose: Pose, xp: Any) -> "Watch":
         """A watch that begins here and keeps what was best."""
         return Watch(self.best, pose.x, pose.y)

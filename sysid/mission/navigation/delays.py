@@ -86,7 +86,7 @@ def advanced(
             lambda all_, one: _replaced(all_, one, rows - 1, xp), beliefs, belief
         ), figures
 
-    def again() -> tuple[Any, Any]:
+    def replayed() -> tuple[Any, Any]:
         first = (
             1 if compiled(xp) else rows - 1 - max(d for d, c in zip(delays, came, strict=True) if c)
         )
@@ -102,7 +102,7 @@ def advanced(
 
     # Side by side, compiled, both would be computed for every run.
     late = compiled(xp) or any(c and d > 0 for c, d in zip(came, delays, strict=True))
-    beliefs, figures = again() if late else latest()
+    beliefs, figures = replayed() if late else latest()
     return History(samples, beliefs), figures
 
 

@@ -94,14 +94,14 @@ def impulse_response(records: Sequence[Record], output: int, lags: int) -> tuple
             factor = cho_factor(inside + shift * np.eye(nu * lags), lower=True)
             g = L @ cho_solve(factor, L.T @ right)
             # marginal likelihood with σ² profiled out
-            left = max(power - float(right @ g), 1e-300)
+            unexplained = max(power - float(right @ g), 1e-300)
             logdet = 2.0 * float(np.sum(np.log(np.diag(factor[0])))) - nu * lags * np.log(shift)
-            evidence = samples * np.log(left / samples) + logdet
+            evidence = samples * np.log(unexplained / samples) + logdet
             if evidence < best[0]:
                 best = (evidence, g)
     g = best[1]
-    left = power - 2.0 * float(right @ g) + float(g @ gram @ g)
-    return g.reshape(nu, lags), max(left / max(power, 1e-300), 0.0)
+    unexplained = power - 2.0 * float(right @ g) + float(g @ gram @ g)
+    return g.reshape(nu, lags), max(unexplained / max(power, 1e-300), 0.0)
 
 
 def realised_denominator(responses: Array, order: int) -> Array:
@@ -139,8 +139,8 @@ def numerator_for(
         power += float(y @ y)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     b = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
-    left = power - float(right @ b)
-    return b[:-1].reshape(nu, nb), max(left / max(power, 1e-300), 0.0)
+    unexplained = power - float(right @ b)
+    return b[:-1].reshape(nu, nb), max(unexplained / max(power, 1e-300), 0.0)
 
 
 def input_denominators(
@@ -156,11 +156,11 @@ def input_denominators(
     lags = max(lags, 2 * max(orders) + 4)
     responses = [impulse_response(records, i, lags)[0] for i in range(records[0].ny)]
     single = records[0].nu == records[0].ny == 1
-    found = []
+    denominators = []
     for j, order in enumerate(orders):
-        own = realised_denominator(np.array([g[j] for g in responses]), order)
-        found.append(_refined(records, own) if refine and single else own)
-    return found
+        denominator = realised_denominator(np.array([g[j] for g in responses]), order)
+        denominators.append(_refined(records, denominator) if refine and single else denominator)
+    return denominators
 
 
 def _refined(records: Sequence[Record], denominator: Array) -> Array:
@@ -170,5 +170,5 @@ def _refined(records: Sequence[Record], denominator: Array) -> Array:
     layer = LinearLayer(((order + 1,),), ((order,),), ((0,),))
     chain = BlockChain((layer, StaticLayer((IDENTITY,), last=True)), 1)
     theta = np.concatenate([b[0], denominator[1:], [0.0]])
-    found = descend(chain, theta, ChainData.of(centred(records)), evaluations=60, tolerance=1e-6)
-    return np.concatenate([[1.0], found.theta[order + 1 : 2 * order + 1]])
+    solution = descend(chain, theta, ChainData.of(centred(records)), evaluations=60, tolerance=1e-6)
+    return np.concatenate([[1.0], solution.theta[order + 1 : 2 * order + 1]])

@@ -1,4 +1,4 @@
-"""Candidates of a block-oriented fit: made from named values, refined, the best searched last."""
+"""Candidates of a block-oriented fit: started, refined, and the best chosen."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -48,15 +48,15 @@ def preferred(tried: Sequence[Candidate[Chained]], data: ChainData) -> Candidate
 
     Held-out data cannot tell them apart, so the fitted data decide, where a parameter costs ln N.
     """
-    ahead = min(tried, key=lambda c: c.found.held).found
-    limit = (1.0 + data.held_margin(ahead.chain, ahead.p)) * ahead.held
-    near = [c for c in tried if c.found.held <= limit] or list(tried)
+    ahead = min(tried, key=lambda c: c.found.holdout_error).found
+    limit = (1.0 + data.holdout_margin(ahead.chain, ahead.p)) * ahead.holdout_error
+    near = [c for c in tried if c.found.holdout_error <= limit] or list(tried)
     size = data.samples * len(data.scales)
 
     def bic(c: Candidate[Chained]) -> float:
         return float(size * np.log(max(c.found.cost, 1e-300)) + c.n * np.log(size))
 
-    return min(near, key=lambda c: (bic(c), c.found.held))
+    return min(near, key=lambda c: (bic(c), c.found.holdout_error))
 
 
 def by_names(
@@ -75,11 +75,11 @@ def best_start(
     evaluations: int,
 ) -> Fitted | None:
     """The best end of descents from values by name; None without any."""
-    found = [
+    candidates = [
         descend(structure.chain, by_names(structure, s, records), data, evaluations=evaluations)
         for s in starts
     ]
-    return min(found, key=lambda f: f.cost, default=None)
+    return min(candidates, key=lambda f: f.cost, default=None)
 
 
 def points_last(
@@ -87,26 +87,26 @@ def points_last(
 ) -> Fitted:
     """All parameters together, points of piecewise-linear statics last."""
     fixed = abscissae(start.chain)
-    found = descend(
+    solution = descend(
         start.chain,
         start.p,
         data,
         evaluations=evaluations,
-        held_entries=fixed,
+        fixed_entries=fixed,
         tolerance=tolerance,
     )
     if not fixed:
-        return found
+        return solution
     moved = descend(
-        found.chain,
-        found.p,
+        solution.chain,
+        solution.p,
         data,
         evaluations=evaluations,
-        held_entries=outer_abscissae(found.chain),
+        fixed_entries=outer_abscissae(solution.chain),
         tolerance=tolerance,
     )
     # points may wander after noise: keep them where that does not help on held-out samples
-    return found if moved.held > found.held else moved
+    return solution if moved.holdout_error > solution.holdout_error else moved
 
 
 def last_search(

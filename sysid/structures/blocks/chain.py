@@ -74,10 +74,10 @@ class BlockChain:
 
     def signals(self, theta: Array, u: Array, x0: Array | None = None) -> list[Array]:
         """What enters each layer, and the outputs, each (channels, N)."""
-        found = [np.ascontiguousarray(u.T)]
+        signals = [np.ascontiguousarray(u.T)]
         at = 0
         for k, layer in enumerate(self.layers):
-            p, s = theta[self.place(k)], found[-1]
+            p, s = theta[self.place(k)], signals[-1]
             if isinstance(layer, StaticLayer):
                 out = np.array(
                     [
@@ -91,8 +91,8 @@ class BlockChain:
                     zi = np.zeros(order) if x0 is None else x0[at : at + order]
                     out[i] += lfilter(B, F, s[j], zi=zi)[0]
                     at += order
-            found.append(out)
-        return found
+            signals.append(out)
+        return signals
 
     def run(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
         """Free run from x0 (rest when None), (N, ny)."""
@@ -218,25 +218,25 @@ class BlockChain:
 
     def admissible_each(self, thetas: Array) -> NDArray[np.bool_]:
         """``admissible`` of every row of thetas (K, n), (K,)."""
-        found: NDArray[np.bool_] = np.all(np.isfinite(thetas), axis=1)
+        admissible: NDArray[np.bool_] = np.all(np.isfinite(thetas), axis=1)
         for k, layer in enumerate(self.layers):
             p = thetas[:, self.place(k)]
             if isinstance(layer, LinearLayer):
                 for q, (i, j) in enumerate(layer.pairs):
                     tail = p[:, layer.edges[q] + layer.nb[i][j] : layer.edges[q + 1]]
-                    found &= all_roots_inside([np.ones(len(p)), *tail.T])
+                    admissible &= all_roots_inside([np.ones(len(p)), *tail.T])
                 continue
             for static, a in zip(layer.statics, layer.edges[:-1], strict=True):
-                found &= static.admissible_each(p[:, a : a + static.n])
-        return found
+                admissible &= static.admissible_each(p[:, a : a + static.n])
+        return admissible
 
-    def steady_state(self, theta: Array, level: Array) -> Array:
-        """State in which a constant input ``level`` (nu,) has held for ever.
+    def steady_state(self, theta: Array, input_value: Array) -> Array:
+        """State in which a constant input ``input_value`` (nu,) has held for ever.
 
         Entries with a pole at 1 are left at zero: they have no such state.
         """
-        signal = np.array(level, dtype=np.float64)
-        found = [np.zeros(0)]
+        signal = np.array(input_value, dtype=np.float64)
+        states = [np.zeros(0)]
         for k, layer in enumerate(self.layers):
             p = theta[self.place(k)]
             if isinstance(layer, StaticLayer):
@@ -251,12 +251,12 @@ class BlockChain:
             for i, j, order, _, B, F in layer.entries(p):
                 bottom = float(F.sum())
                 if abs(bottom) < 1e-9:
-                    found.append(np.zeros(order))
+                    states.append(np.zeros(order))
                     continue
                 out[i] += signal[j] * float(B.sum()) / bottom
-                found.append(lfilter_zi(B, F) * signal[j] if order else np.zeros(0))
+                states.append(lfilter_zi(B, F) * signal[j] if order else np.zeros(0))
             signal = out
-        return np.concatenate(found)
+        return np.concatenate(states)
 
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
         """State with which the first ``samples`` of y are met best in free run.
@@ -270,11 +270,11 @@ class BlockChain:
         u, y = u[:samples], y[:samples]
         starts = [self.steady_state(theta, u[0]), np.zeros(self.n_states)]
         with np.errstate(all="ignore"):
-            found = [self._descended(theta, u, y, x) for x in starts]
-            best = min(found, key=lambda item: item[0])
+            states = [self._descended(theta, u, y, x) for x in starts]
+            best = min(states, key=lambda item: item[0])
             if self.signless:
-                found = [best, self._descended(theta, u, y, -best[1])]
-        return min(found, key=lambda item: item[0])[1]
+                states = [best, self._descended(theta, u, y, -best[1])]
+        return min(states, key=lambda item: item[0])[1]
 
     @cached_property
     def signless(self) -> bool:

@@ -1,4 +1,4 @@
-"""Other statics in a fitted chain that do what the old ones did, as well as they can."""
+"""Replace statics in a fitted chain by others that match them as well as possible."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,10 +30,10 @@ def with_statics(fitted: Fitted, layer: int, statics: Sequence[Static], data: Ch
     new: list[Static] = []
     parts: list[Array] = []
     for c, static in enumerate(statics):
-        own = theta[place][old.edges[c] : old.edges[c + 1]]
+        parameters_of_static = theta[place][old.edges[c] : old.edges[c + 1]]
         if static.text == old.statics[c].text:
             new.append(old.statics[c])
-            parts.append(own)
+            parts.append(parameters_of_static)
             continue
         x = np.concatenate([s[layer][c] for s in signals])
         value = np.concatenate([s[layer + 1][c] for s in signals])

@@ -109,8 +109,8 @@ class ChainErrors(Problem):
                         for level in (u.min(axis=0), u.max(axis=0))
                     )
                     sizes.append(np.abs(high - low))
-        found = np.concatenate([np.zeros(0), *sizes])
-        return np.where(np.isfinite(found) & (found > 0.0), found, 1.0)
+        sizes_of_all = np.concatenate([np.zeros(0), *sizes])
+        return np.where(np.isfinite(sizes_of_all) & (sizes_of_all > 0.0), sizes_of_all, 1.0)
 
     def initial_guess(self, theta: Array) -> Array:
         """θ, and for each experiment the state in which its first input has held for ever."""

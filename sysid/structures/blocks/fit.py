@@ -1,4 +1,4 @@
-"""Fitting chains of blocks: descents on the part of the data that is not held out."""
+"""Fits of chains of blocks: descents on the samples that are not held out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,20 +34,24 @@ class ChainData:
     Attributes:
         data: (u, y) of each experiment.
         kept: samples to fit on.
-        held: samples to choose on.
+        holdout: samples to choose on.
         scales: standard deviation of each output.
     """
 
     data: tuple[tuple[Array, Array], ...]
     kept: tuple[Mask, ...]
-    held: tuple[Mask, ...]
+    holdout: tuple[Mask, ...]
     scales: Array
 
     @staticmethod
-    def of(records: Sequence[Record], held: Sequence[Mask] | None = None) -> "ChainData":
+    def of(records: Sequence[Record], holdout: Sequence[Mask] | None = None) -> "ChainData":
         """All samples of the records are fitted, except those held out and outliers."""
         data = tuple((np.asarray(r.u), np.asarray(r.y)) for r in records)
-        none = tuple(np.zeros(len(y), dtype=bool) for _, y in data) if held is None else tuple(held)
+        none = (
+            tuple(np.zeros(len(y), dtype=bool) for _, y in data)
+            if holdout is None
+            else tuple(holdout)
+        )
         kept = tuple(~m & r.counted for m, r in zip(none, records, strict=True))
         held_out = tuple(m & r.counted for m, r in zip(none, records, strict=True))
         return ChainData(data, kept, held_out, output_scales([y for _, y in data]))
@@ -56,20 +60,20 @@ class ChainData:
         """The free-run errors of a chain, initial states estimated."""
         return ChainErrors(chain, self.data, True, self.kept if kept is None else kept, self.scales)
 
-    def held_error(self, chain: BlockChain, p: Array) -> float:
+    def holdout_error(self, chain: BlockChain, p: Array) -> float:
         """Root mean square of the held-out errors relative to the outputs' spread."""
-        e = self.problem(chain, self.held).residual(p)
+        e = self.problem(chain, self.holdout).residual(p)
         size = float(np.sqrt(np.mean(e**2))) if len(e) else float("nan")
         return size if size < 1e6 else float("inf")
 
-    def held_margin(self, chain: BlockChain, p: Array) -> float:
+    def holdout_margin(self, chain: BlockChain, p: Array) -> float:
         """Fraction by which that error is uncertain: one standard error."""
-        problem = self.problem(chain, self.held)
+        problem = self.problem(chain, self.holdout)
         parts = np.split(problem.residual(p), np.cumsum(problem.lengths)[:-1])
-        masks = [held for held in self.held for _ in self.scales]
-        series = [np.zeros(len(held)) for held in masks]
-        for whole, held, part in zip(series, masks, parts, strict=True):
-            whole[held] = part
+        masks = [mask for mask in self.holdout for _ in self.scales]
+        series = [np.zeros(len(mask)) for mask in masks]
+        for whole, mask, part in zip(series, masks, parts, strict=True):
+            whole[mask] = part
         return error_margin(series)
 
     def with_states(self, chain: BlockChain, theta: Array) -> Array:
@@ -95,14 +99,14 @@ class Fitted:
         chain: the chain.
         p: θ and the initial states of each experiment.
         cost: ½ Σ (ε/scale)² of the fitted samples.
-        held: relative error of the held-out samples, NaN without any.
+        holdout_error: relative error of the held-out samples, NaN without any.
         evaluations: residual evaluations spent.
     """
 
     chain: BlockChain
     p: Array
     cost: float
-    held: float
+    holdout_error: float
     evaluations: int
 
     @property
@@ -117,7 +121,7 @@ def descend(
     data: ChainData,
     *,
     evaluations: int,
-    held_entries: Sequence[int] = (),
+    fixed_entries: Sequence[int] = (),
     tolerance: float = ROUGH_TOLERANCE,
     problem: ChainErrors | None = None,
 ) -> Fitted:
@@ -133,7 +137,7 @@ def descend(
     missing = len(p0) < chain.n + problem.n_initial
     p = data.with_states(chain, p0) if missing else p0.copy()
     free = np.ones(len(p), dtype=bool)
-    free[list(held_entries)] = False
+    free[list(fixed_entries)] = False
     sizes = np.concatenate([np.full(chain.n, np.inf), problem.state_sizes(p)])[free]
 
     def full(x: Array) -> Array:
@@ -148,13 +152,15 @@ def descend(
     conditions = Conditions(tolerance, evaluations, least_scale=FELT_STATE / sizes)
     x, spent, _ = marquardt(lambda x: problem.residual(full(x)), p[free], None, conditions, normal)
     p = full(x)
-    held = data.held_error(chain, p) if any(m.any() for m in data.held) else float("nan")
-    return Fitted(chain, p, loss(problem.residual(p)), held, spent)
+    holdout_error = (
+        data.holdout_error(chain, p) if any(m.any() for m in data.holdout) else float("nan")
+    )
+    return Fitted(chain, p, loss(problem.residual(p)), holdout_error, spent)
 
 
 def abscissae(chain: BlockChain) -> list[int]:
     """Entries of θ that are abscissae of piecewise-linear statics, all but none."""
-    found = []
+    points = []
     for k, layer in enumerate(chain.layers):
         if not isinstance(layer, StaticLayer):
             continue
@@ -162,8 +168,8 @@ def abscissae(chain: BlockChain) -> list[int]:
             for stage, part in zip(static.stages, static.slices(), strict=True):
                 if stage.kind == "piecewise":
                     first = chain.edges[k] + at + part.start
-                    found += list(range(first, first + stage.size))
-    return found
+                    points += list(range(first, first + stage.size))
+    return points
 
 
 def outer_abscissae(chain: BlockChain) -> list[int]:

@@ -36,7 +36,7 @@ def normalised(
     """
     theta = theta.copy()
     layers = list(chain.layers)
-    held: list[int] = []
+    fixed: list[int] = []
     runs = [chain.signals(theta, u) for u, _ in data]
     joined = [np.concatenate([run[k] for run in runs], axis=1) for k in range(len(layers))]
     targets = np.concatenate([y for _, y in data]).T
@@ -52,7 +52,7 @@ def normalised(
                 wanted = float((targets if layer.last else joined[0])[c].std())
                 spread = float(x.std())
                 factor = wanted / spread if spread > 0.0 and wanted > 0.0 else 1.0
-                held += scale_gain(chain, k - 1, theta, factor, row=c)
+                fixed += scale_gain(chain, k - 1, theta, factor, row=c)
                 statics[c], theta[place] = argument_scaled(static, theta[place], factor)
                 x = x * factor
                 if not static.has_gain:
@@ -61,9 +61,9 @@ def normalised(
                 factor, pins = _unit_gain(statics[c], theta[place], x)
                 theta[place] = value_scaled(statics[c], theta[place], factor)
                 scale_gain(chain, k + 1, theta, 1.0 / factor, column=c)
-                held += [first + q for q in pins]
+                fixed += [first + q for q in pins]
         layers[k] = replace(layer, statics=tuple(statics))
-    return BlockChain(tuple(layers), chain.nu), theta, sorted(held)
+    return BlockChain(tuple(layers), chain.nu), theta, sorted(fixed)
 
 
 def scale_gain(

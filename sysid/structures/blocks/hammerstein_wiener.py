@@ -160,13 +160,13 @@ class HammersteinWiener(BlockStructure):
     def from_json(cls, raw: Mapping[str, Any]) -> "HammersteinWiener":
         """Undo ``to_json``."""
         plain = cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
-        found = replace(
+        structure = replace(
             plain,
             inputs=statics_from_json(raw["settings"]["input"]),
             outputs=statics_from_json(raw["settings"]["output"]),
             requested=None,
             choose_orders=False,
         )
-        if (len(found.inputs), len(found.outputs)) != (plain.nu, plain.ny):
+        if (len(structure.inputs), len(structure.outputs)) != (plain.nu, plain.ny):
             raise ValueError("its statics do not fit its channels")
-        return found
+        return structure

@@ -98,18 +98,18 @@ class Chooser:
             base = self._linear(o)
             linear[o] = base
             for k, pair in enumerate(self._pairs(PROXY, PROXY)):
-                found = fitted_pair(base, *pair, self.data, ROUGH)
-                if k in before and found.found.cost > NESTED * before[k].found.cost:
+                pair_fit = fitted_pair(base, *pair, self.data, ROUGH)
+                if k in before and pair_fit.found.cost > NESTED * before[k].found.cost:
                     # a larger model that fits no better has missed its minimum
-                    again = grown(before[k], o, self.records, self.data)
-                    found = min(found, again, key=lambda c: c.found.cost)
-                before[k] = found
-                seen.append(found)
-                yield found
+                    refitted = grown(before[k], o, self.records, self.data)
+                    pair_fit = min(pair_fit, refitted, key=lambda c: c.found.cost)
+                before[k] = pair_fit
+                seen.append(pair_fit)
+                yield pair_fit
         best = preferred(seen, self.data)
         for pair in self._kinds(best):
             yield refined(reshaped(best, *pair, self.data), self.data, ROUGH)
-        if min(c.found.held for c in linear.values()) > POOR and self._open(1):
+        if min(c.found.holdout_error for c in linear.values()) > POOR and self._open(1):
             for o in orders:
                 yield from self._signless(o)
 

@@ -82,10 +82,10 @@ def fitted_pair(
     now = reshaped(base, *(stand_ins[0], stand_ins[1]), data)
     if (inputs, outputs) != (stand_ins[0], stand_ins[1]):
         fixed = abscissae(now.structure.chain)
-        found = descend(
-            now.structure.chain, now.found.p, data, evaluations=evaluations, held_entries=fixed
+        solution = descend(
+            now.structure.chain, now.found.p, data, evaluations=evaluations, fixed_entries=fixed
         )
-        now = reshaped(replace(now, found=found), inputs, outputs, data)
+        now = reshaped(replace(now, found=solution), inputs, outputs, data)
     return refined(now, data, evaluations)
 
 
@@ -111,18 +111,18 @@ def grown(
 
 def refined(start: Candidate, data: ChainData, evaluations: int) -> Candidate:
     """All parameters together, points of piecewise-linear statics last."""
-    found = candidates.points_last(start.found, data, evaluations)
-    return replace(start, found=found)
+    solution = candidates.points_last(start.found, data, evaluations)
+    return replace(start, found=solution)
 
 
 def reshaped(
     base: Candidate, inputs: tuple[Static, ...], outputs: tuple[Static, ...], data: ChainData
 ) -> Candidate:
     """Other statics that follow those of ``base`` as well as they can, before any descent."""
-    found = with_statics(base.found, 0, inputs, data)
-    found = with_statics(found, 2, outputs, data)
-    structure = base.structure.with_chain(found.chain)
-    return Candidate(structure, found, _label(structure))
+    chain_and_theta = with_statics(base.found, 0, inputs, data)
+    chain_and_theta = with_statics(chain_and_theta, 2, outputs, data)
+    structure = base.structure.with_chain(chain_and_theta.chain)
+    return Candidate(structure, chain_and_theta, _label(structure))
 
 
 def signless(

@@ -1,4 +1,4 @@
-"""The last search of a block-oriented fit: all data, the user's constraints, what it is worth."""
+"""Final fit of a block-oriented model: all data, the user's constraints, covariance."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -70,7 +70,7 @@ def final_fit(
     final = FinalFit(structure, data, options, table)
     _check_equations(records, final)
     runs = [(name, *final.approached(theta)) for name, theta in starts]
-    rough = min((run[2] for run in runs), key=lambda found: found.cost)
+    rough = min((run[2] for run in runs), key=lambda solution: solution.cost)
     theta = rough.theta
     if not final.constrained:
         # the same model with its gains pinned; the cost does not change, the covariance exists
@@ -84,13 +84,13 @@ def final_fit(
     best = final.from_start(theta)
     if best.termination is Termination.DIVERGED or not best.cost < HOPELESS:
         raise ModelError(f"{structure.name}: {Termination.DIVERGED.value}{_because(final)}")
-    said = [
-        StartReport("all", name, before, best.cost, found.evaluations + best.evaluations)
-        if found is rough
-        else StartReport("all", name, before, found.cost, found.evaluations)
-        for name, before, found in runs
+    notes = [
+        StartReport("all", name, before, best.cost, solution.evaluations + best.evaluations)
+        if solution is rough
+        else StartReport("all", name, before, solution.cost, solution.evaluations)
+        for name, before, solution in runs
     ]
-    return final.outcome(best, (*reports, *said), warnings)
+    return final.outcome(best, (*reports, *notes), warnings)
 
 
 def refit(
@@ -161,9 +161,9 @@ class FinalFit:
             problem, p = self.rest, theta
         before = loss(problem.residual(p))
         if self._bounded:
-            found = self._searched(problem, p)
+            solution = self._searched(problem, p)
             return before, Fitted(
-                problem.chain, found.p, found.cost, float("nan"), found.evaluations
+                problem.chain, solution.p, solution.cost, float("nan"), solution.evaluations
             )
         return before, self._descended(problem, p, APPROACH)
 
@@ -172,10 +172,10 @@ class FinalFit:
         theta = self._allowed(theta)
         if self.options.initial is Initial.ZERO:
             return self._searched(self.rest, theta)
-        found = self._searched(self.moving, self.data.with_states(self.structure.chain, theta))
+        solution = self._searched(self.moving, self.data.with_states(self.structure.chain, theta))
         if self.options.initial is Initial.AUTO:
-            return self._at_rest(found) or found
-        return found
+            return self._at_rest(solution) or solution
+        return solution
 
     def _allowed(self, theta: Array) -> Array:
         """θ with fixed values and within the bounds."""
@@ -193,7 +193,7 @@ class FinalFit:
             p,
             self.data,
             evaluations=min(EVALUATIONS, self.options.limit()),
-            held_entries=tuple(fixed),
+            fixed_entries=tuple(fixed),
             tolerance=tolerance,
             problem=problem,
         )
@@ -226,23 +226,23 @@ class FinalFit:
             ),
         )
 
-    def _at_rest(self, found: Solution) -> Solution | None:
+    def _at_rest(self, solution: Solution) -> Solution | None:
         """The search from rest, unless the F-test of the initial states says they matter (99 %)."""
         from scipy.stats import f
 
         k, n = self.moving.n_initial, self.structure.chain.n
         if k == 0 or self.options.robust:
             return None
-        r = self.rest.residual(found.p[:n])
+        r = self.rest.residual(solution.p[:n])
         dof = len(r) - k - n
-        if dof <= 0 or not np.isfinite(found.cost):
-            return self._searched(self.rest, found.p[:n])
+        if dof <= 0 or not np.isfinite(solution.cost):
+            return self._searched(self.rest, solution.p[:n])
         # at the same θ: a search from rest would find less
-        left = max(2.0 * found.cost, 1e-300)
-        if 2.0 * loss(r) > 4.0 * left:
+        limit = max(2.0 * solution.cost, 1e-300)
+        if 2.0 * loss(r) > 4.0 * limit:
             return None
-        rest = self._searched(self.rest, found.p[:n])
-        ratio = (2.0 * rest.cost - left) / k / (left / dof)
+        rest = self._searched(self.rest, solution.p[:n])
+        ratio = (2.0 * rest.cost - limit) / k / (limit / dof)
         return None if ratio > f.ppf(STATE_LEVEL, k, dof) else rest
 
     def outcome(

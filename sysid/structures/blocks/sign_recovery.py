@@ -42,25 +42,25 @@ def signed_starts(
     single = records[0].nu == 1 and records[0].ny == 1
     plain = dict(linear_starts(records, orders)[0][1]) if _some_signed(outputs) else {}
     for lag in LAGS:
-        found = dict(plain)
+        starts = dict(plain)
         for i, static in enumerate(outputs):
             if static.is_identity:
                 continue
-            # the lowest reading is the sensor's zero
+            # the lowest measurement is the sensor's zero
             zero = min(float(r.y[k, i].min()) for r, k in zip(records, kept, strict=True))
             A, B, offset = _recovered(records, kept, orders, i, zero, lag)
             out = records[0].output_names[i]
             for j, name in enumerate(records[0].input_names):
                 tag = "" if single else f"[{out},{name}]"
                 first = orders.nk[i][j]
-                found |= {f"b{first + k}{tag}": float(b) for k, b in enumerate(B[j])}
+                starts |= {f"b{first + k}{tag}": float(b) for k, b in enumerate(B[j])}
                 tail = np.zeros(orders.nf[i][j])
                 tail[: len(A) - 1] = A[1 : 1 + len(tail)]
-                found |= {f"f{k}{tag}": float(f) for k, f in enumerate(tail, 1)}
+                starts |= {f"f{k}{tag}": float(f) for k, f in enumerate(tail, 1)}
             tag = "" if single else f"[{out}]"
-            found[f"output.c{tag}"] = -offset / max(float(A.sum()), 1e-6)
-            found[f"y0{tag}"] = zero
-        yield found
+            starts[f"output.c{tag}"] = -offset / max(float(A.sum()), 1e-6)
+            starts[f"y0{tag}"] = zero
+        yield starts
 
 
 def _some_signed(outputs: Sequence[Static]) -> bool:
@@ -98,7 +98,7 @@ def recovered(
 
     Args:
         inputs: u of each record, (N, nu).
-        sizes: readings without sign, (N,).
+        sizes: measurements without sign, (N,).
         kept: samples that may be looked at, (N,).
         n: order of A.
         numerators: (delay, coefficients) of B of each input.

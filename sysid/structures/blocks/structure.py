@@ -1,4 +1,4 @@
-"""What Hammerstein–Wiener and Wiener–Hammerstein models have in common."""
+"""Base class of Hammerstein–Wiener and Wiener–Hammerstein models."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -81,22 +81,22 @@ class BlockStructure(NamedStructure):
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[Parameter, ...]:
         """Names (``input.d_high``, ``b1[omega_l,pwm_r]``, ``output.y3`` …) and units of θ."""
-        found: list[Parameter] = []
+        parameters: list[Parameter] = []
         single = self.nu == 1 and self.ny == 1
         for name, layer in zip(self.layer_names, self.chain.layers, strict=True):
             if isinstance(layer, LinearLayer):
-                found += self._linear_parameters(name, layer, inputs, outputs)
+                parameters += self._linear_parameters(name, layer, inputs, outputs)
                 continue
             channels = outputs if layer.last else inputs
             for k, (static, channel) in enumerate(zip(layer.statics, channels, strict=True)):
                 tag = "" if single else f"[{channel.name}]"
-                found += [
+                parameters += [
                     Parameter(f"{name}.{n}{tag}", self._unit(name, n, channel))
                     for n in static.names
                 ]
                 if layer.has_y0(k):
-                    found.append(Parameter(f"y0{tag}", channel.unit))
-        return tuple(found)
+                    parameters.append(Parameter(f"y0{tag}", channel.unit))
+        return tuple(parameters)
 
     def _linear_parameters(
         self,
@@ -107,14 +107,16 @@ class BlockStructure(NamedStructure):
     ) -> list[Parameter]:
         prefix = f"{name}." if name else ""
         rows = inputs if name else outputs
-        found = []
+        parameters = []
         for i, j in layer.pairs:
             tag = f"[{inputs[j].name}]" if name else f"[{rows[i].name},{inputs[j].name}]"
             tag = "" if self.nu == 1 and self.ny == 1 else tag
             first = layer.nk[i][j]
-            found += [Parameter(f"{prefix}b{k}{tag}") for k in range(first, first + layer.nb[i][j])]
-            found += [Parameter(f"{prefix}f{k}{tag}") for k in range(1, layer.nf[i][j] + 1)]
-        return found
+            parameters += [
+                Parameter(f"{prefix}b{k}{tag}") for k in range(first, first + layer.nb[i][j])
+            ]
+            parameters += [Parameter(f"{prefix}f{k}{tag}") for k in range(1, layer.nf[i][j] + 1)]
+        return parameters
 
     @staticmethod
     def _unit(layer: str, name: str, channel: Channel) -> str:

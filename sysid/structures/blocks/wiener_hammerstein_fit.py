@@ -81,8 +81,8 @@ def fit(
         )
     longer = [_moved(c, middle, 20) for c in _best_of_each(tried, EACH, RANKED, _cost)]
     fine = [parse_static(FINE)] * structure.nu
-    finer = [_with_static(c, fine, middle) for c in _best_of_each(longer, 1, FINER, _held)]
-    finer.sort(key=lambda c: c.found.held)
+    finer = [_with_static(c, fine, middle) for c in _best_of_each(longer, 1, FINER, _holdout_error)]
+    finer.sort(key=lambda c: c.found.holdout_error)
     models = [_moved(c, settled, 40) for c in finer[:CHOSEN]]
     best = preferred(models, settled.data)
     if open_static:
@@ -146,30 +146,30 @@ def _cost(c: Candidate) -> float:
     return c.found.cost
 
 
-def _held(c: Candidate) -> float:
-    return c.found.held
+def _holdout_error(c: Candidate) -> float:
+    return c.found.holdout_error
 
 
 def _moved(c: Candidate, part: Part, evaluations: int, tolerance: float = 1e-5) -> Candidate:
     """The same model fitted to other data."""
-    found = descend(
+    solution = descend(
         c.found.chain,
         c.found.theta,
         part.data,
         evaluations=evaluations,
-        held_entries=abscissae(c.found.chain),
+        fixed_entries=abscissae(c.found.chain),
         tolerance=tolerance,
     )
-    return replace(c, found=found)
+    return replace(c, found=solution)
 
 
 def _with_static(c: Candidate, statics: Sequence[Static], part: Part) -> Candidate:
     """Another static that follows the present one, then fitted; points move last."""
     changed = with_statics(c.found, 1, statics, part.data)
-    found = points_last(changed, part.data, 40, 1e-5)
+    solution = points_last(changed, part.data, 40, 1e-5)
     texts = ", ".join(dict.fromkeys(s.text for s in statics))
-    structure = c.structure.with_chain(found.chain)
-    return Candidate(structure, found, f"{_orders_text(structure)}, static {texts}")
+    structure = c.structure.with_chain(solution.chain)
+    return Candidate(structure, solution, f"{_orders_text(structure)}, static {texts}")
 
 
 def _grown(best: Candidate, part: Part) -> tuple[Candidate, list[Candidate]]:
@@ -183,7 +183,7 @@ def _grown(best: Candidate, part: Part) -> tuple[Candidate, list[Candidate]]:
     for size in GROWTH:
         finer = _with_static(best, [parse_static(f"spline:{size}")] * nu, part)
         tried.append(finer)
-        if finer.found.held > PAYS * best.found.held:
+        if finer.found.holdout_error > PAYS * best.found.holdout_error:
             break
         best = finer
     kinds = [_with_static(best, [parse_static(kind)] * nu, part) for kind in KINDS]
@@ -225,9 +225,9 @@ def _wider(
     wide = WienerHammerstein.from_orders(raw, s.nu, s.ny)
     wide = replace(wide, statics=s.statics, requested=None, choose_orders=False)
     theta = by_names(wide, best.values(records), records)
-    found = descend(wide.chain, theta, part.data, evaluations=40, tolerance=1e-5)
+    solution = descend(wide.chain, theta, part.data, evaluations=40, tolerance=1e-5)
     words = ", ".join(f"{name} {by:+d}" for name, by in more.items())
-    return Candidate(wide, found, f"{_orders_text(wide)}, {words}")
+    return Candidate(wide, solution, f"{_orders_text(wide)}, {words}")
 
 
 def _changed(order: Any, by: int) -> Any:

@@ -59,7 +59,7 @@ def ranked_starts(
                 if not any(_same(dealt, known) for known in deals[j]):
                     deals[j].append(dealt)
     count = max(len(d) for d in deals)
-    found = []
+    starts = []
     for k in range(count):
         # with several inputs the k-th deal of each: all combinations would be too many
         dealt_out = [d[k % len(d)] for d in deals]
@@ -70,8 +70,8 @@ def ranked_starts(
             label = f"{orders_text(structure.order_values())}, deal {k + 1}, numerator {zeros}"
             fitted = descend(start[0].chain, start[1], data, evaluations=8)
             if np.isfinite(fitted.cost) and fitted.cost < 1e50:
-                found.append(Candidate(start[0].with_chain(fitted.chain), fitted, label))
-    return found
+                starts.append(Candidate(start[0].with_chain(fitted.chain), fitted, label))
+    return starts
 
 
 def _deals(poles: Poles, first: int) -> list[tuple[Poles, Poles]]:
@@ -85,14 +85,14 @@ def _deals(poles: Poles, first: int) -> list[tuple[Poles, Poles]]:
             groups.append(np.array([z.real + 0j]))
         elif z.imag > 0:
             groups.append(np.array([z, np.conj(z)]))
-    found = []
+    deals = []
     for taken in product((True, False), repeat=len(groups)):
-        mine = [z for g, t in zip(groups, taken, strict=True) if t for z in g]
+        dealt_poles = [z for g, t in zip(groups, taken, strict=True) if t for z in g]
         rest = [z for g, t in zip(groups, taken, strict=True) if not t for z in g]
-        if len(mine) == first:
-            found.append((np.array(mine), np.array(rest)))
-    if found:
-        return found
+        if len(dealt_poles) == first:
+            deals.append((np.array(dealt_poles), np.array(rest)))
+    if deals:
+        return deals
     best_damped = max((g[0] for g in groups if len(g) == 2), key=lambda z: abs(np.angle(z)))
     paired = np.abs(poles - best_damped) < REAL
     paired |= np.abs(poles - np.conj(best_damped)) < REAL
@@ -118,13 +118,13 @@ def _started(
     firsts: list[Array] = []
     passed: list[list[Array]] = []
     statics: list[Static] = []
-    for j, (mine, _) in enumerate(dealt):
+    for j, (poles, _) in enumerate(dealt):
         nb, nf = structure.first.nb[j][j], structure.first.nf[j][j]
         B = np.zeros(nb)
         shape = np.atleast_1d(np.real(np.poly(-np.ones(min(zeros, nb - 1)))))
         B[: len(shape)] = shape
         F = np.zeros(nf + 1)
-        poly = np.real(np.poly(mine)) if len(mine) else np.ones(1)
+        poly = np.real(np.poly(poles)) if len(poles) else np.ones(1)
         F[: len(poly)] = poly
         v = [lfilter(B, F, u[:, j]) for u, _ in data.data]
         spread = float(np.concatenate(v).std())

@@ -47,14 +47,14 @@ class Chunks:
 
 def pieces(run: FreeRun, data: Data, length: int) -> list[Piece]:
     """Chunks of about ``length`` samples that cover the data; those of a record equally long."""
-    found = []
+    chunks = []
     for k, (_, y) in enumerate(data):
         free = len(y) - run.first
         if free > 0:
             count = max(1, round(free / length))
             edges = [run.first + round(j * free / count) for j in range(count + 1)]
-            found += [Piece(k, a, b) for a, b in pairwise(edges)]
-    return found
+            chunks += [Piece(k, a, b) for a, b in pairwise(edges)]
+    return chunks
 
 
 def side_by_side(
@@ -79,5 +79,5 @@ def side_by_side(
 
 def spreads(ys: Sequence[Array]) -> Array:
     """Standard deviation of each output over all records, 1 where it does not move, (ny,)."""
-    found = np.std(np.concatenate(ys), axis=0)
-    return np.where(found > 0.0, found, 1.0)
+    deviations = np.std(np.concatenate(ys), axis=0)
+    return np.where(deviations > 0.0, deviations, 1.0)

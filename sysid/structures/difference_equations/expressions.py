@@ -158,28 +158,28 @@ def written(e: Expression, name: Callable[[Signal | EveryLag], str] = _generic) 
 _LEVEL = {"+": 1, "-": 1, "*": 2, "/": 2, "minus": 3, "^": 4}
 
 
-def _written(e: Expression, name: Callable[[Signal | EveryLag], str], level: int) -> str:
+def _written(e: Expression, name: Callable[[Signal | EveryLag], str], binding: int) -> str:
     if isinstance(e, Number):
         return repr(e.value)
     if isinstance(e, EveryLag):
         return name(e)
     if isinstance(e, Signal):
         return f"{name(e)}(t)" if e.lag == 0 else f"{name(e)}(t-{e.lag})"
-    own = _LEVEL.get(e.name, 9)
+    binding_of_operator = _LEVEL.get(e.name, 9)
     if e.name == "abs":
         return f"|{_written(e.args[0], name, 0)}|"
     if e.name == "minus":
-        text = "-" + _written(e.args[0], name, own)
+        text = "-" + _written(e.args[0], name, binding_of_operator)
     elif e.name == "^":
         exponent = e.args[1]
         assert isinstance(exponent, Number)
-        text = f"{_written(e.args[0], name, own + 1)}^{int(exponent.value)}"
+        text = f"{_written(e.args[0], name, binding_of_operator + 1)}^{int(exponent.value)}"
     elif e.name in _OPERATORS:
-        left, right = (_written(a, name, own + k) for k, a in enumerate(e.args))
+        left, right = (_written(a, name, binding_of_operator + k) for k, a in enumerate(e.args))
         text = f"{left}{e.name}{right}"
     else:
         return f"{e.name}({', '.join(_written(a, name, 0) for a in e.args)})"
-    return f"({text})" if own < level else text
+    return f"({text})" if binding_of_operator < binding else text
 
 
 # ----------------------------------------------------------------------------- reading
@@ -222,12 +222,12 @@ def parse(
         )
     reader = _Reader(text, {"u": nu, "y": ny, "e": 0 if error_of is None else ny}, option)
     reader.first["e"] = error_of or 0
-    found = reader.sum(0)
+    expression = reader.sum(0)
     if reader.now is not None:
         raise reader.error(f"nothing can follow before {reader.now!r}")
-    if not any(True for _ in (*signals(found), *without_time(found))):
+    if not any(True for _ in (*signals(expression), *without_time(expression))):
         raise reader.error("it holds no signal; use y(t-1), u(t-1) …")
-    return found
+    return expression
 
 
 class _Reader:
@@ -269,20 +269,20 @@ class _Reader:
     def sum(self, depth: int) -> Expression:
         if depth > MAX_DEPTH:
             raise self.error(f"it is nested deeper than {MAX_DEPTH}")
-        found = self.product(depth + 1)
+        expression = self.product(depth + 1)
         while self.now in ("+", "-"):
-            found = Call(self.next(), (found, self.product(depth + 1)))
-        return found
+            expression = Call(self.next(), (expression, self.product(depth + 1)))
+        return expression
 
     def product(self, depth: int) -> Expression:
-        found = self.signed(depth)
+        expression = self.signed(depth)
         while self.now in ("*", "/"):
             operator = self.next()
             right = self.signed(depth)
             if operator == "/" and not (isinstance(right, Number) and right.value != 0.0):
                 raise self.error("only a number other than 0 may divide")
-            found = Call(operator, (found, right))
-        return found
+            expression = Call(operator, (expression, right))
+        return expression
 
     def signed(self, depth: int) -> Expression:
         if depth > MAX_DEPTH:
@@ -290,7 +290,7 @@ class _Reader:
         if self.now == "-":
             self.at += 1
             return Call("minus", (self.signed(depth + 1),))
-        found = self.atom(depth)
+        expression = self.atom(depth)
         if self.now == "^":
             self.at += 1
             exponent = self.next()
@@ -298,8 +298,8 @@ class _Reader:
                 raise self.error(
                     f"the exponent {exponent!r} is no whole number of at most {MAX_POWER}"
                 )
-            found = Call("^", (found, Number(float(exponent))))
-        return found
+            expression = Call("^", (expression, Number(float(exponent))))
+        return expression
 
     def atom(self, depth: int) -> Expression:
         token = self.next()
@@ -309,13 +309,13 @@ class _Reader:
                 raise self.error(f"{token} is too large")
             return Number(value)
         if token == "(":
-            found = self.sum(depth + 1)
+            expression = self.sum(depth + 1)
             self.take(")")
-            return found
+            return expression
         if token == "|":
-            found = self.sum(depth + 1)
+            expression = self.sum(depth + 1)
             self.take("|")
-            return Call("abs", (found,))
+            return Call("abs", (expression,))
         if token in FUNCTIONS:
             return self.call(token, depth)
         match = _SIGNAL.fullmatch(token)

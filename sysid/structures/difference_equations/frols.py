@@ -56,8 +56,8 @@ class TermGram:
         """Least-squares coefficients of some of the terms, (len(chosen),)."""
         where = np.asarray(chosen, dtype=int)
         block = self.gram[np.ix_(where, where)]
-        found = np.linalg.lstsq(block, self.right[where], rcond=1e-13)[0]
-        return np.asarray(found / self.norms[where])
+        coefficients = np.linalg.lstsq(block, self.right[where], rcond=1e-13)[0]
+        return np.asarray(coefficients / self.norms[where])
 
 
 def term_gram(
@@ -105,9 +105,9 @@ def gram_beyond(
     rest = target - Q @ (Q.T @ target)
     whole = values.T @ values if products is None else products
     part = whole - taken.T @ taken
-    left = np.maximum(np.diag(part), 0.0)
-    usable = left > NOTHING * np.diag(whole)
-    norms = np.sqrt(np.where(usable, left, 1.0))
+    unexplained = np.maximum(np.diag(part), 0.0)
+    usable = unexplained > NOTHING * np.diag(whole)
+    norms = np.sqrt(np.where(usable, unexplained, 1.0))
     part, right = part / np.outer(norms, norms), values.T @ rest / norms
     gram = TermGram((), norms, part, right, float(rest @ rest), len(target))
     return gram, np.flatnonzero(usable).tolist(), Q.shape[1]
@@ -137,13 +137,13 @@ def forward(g: TermGram, allowed: Sequence[int], most: int, given: Sequence[int]
     """
     where = np.asarray([*given, *(k for k in allowed if k not in set(given))], dtype=int)
     C, b = g.gram[np.ix_(where, where)], g.right[where].copy()
-    left = np.diag(C).copy()
+    unexplained = np.diag(C).copy()
     most = min(most, len(where), g.samples)
     factor = np.zeros((most, len(where)))
     order: list[int] = []
     err: list[float] = []
     for k in range(most):
-        open_ = left > DEPENDENT
+        open_ = unexplained > DEPENDENT
         open_[order] = False
         forced = k < len(given)
         if forced:
@@ -153,13 +153,13 @@ def forward(g: TermGram, allowed: Sequence[int], most: int, given: Sequence[int]
         else:
             if not open_.any():
                 break
-            pick = int(np.argmax(np.where(open_, b**2 / np.where(open_, left, 1.0), -1.0)))
-        root = float(np.sqrt(left[pick]))
+            pick = int(np.argmax(np.where(open_, b**2 / np.where(open_, unexplained, 1.0), -1.0)))
+        root = float(np.sqrt(unexplained[pick]))
         row = (C[pick] - factor[:k, pick] @ factor[:k]) / root
         factor[k] = row
         gain = b[pick] / root
         b = b - row * gain
-        left = left - row**2
+        unexplained = unexplained - row**2
         order.append(pick)
         err.append(gain**2 / g.power if g.power > 0 else 0.0)
     return Path(where[np.array(order, dtype=int)], np.array(err))
@@ -173,24 +173,27 @@ def eliminated(g: TermGram, chosen: Sequence[int]) -> list[tuple[list[int], floa
     leaves, the smallest set last.
     """
     kept = list(chosen)
-    found = []
+    sets = []
     while kept:
         where = np.array(kept)
         inverse = np.linalg.pinv(g.gram[np.ix_(where, where)], rcond=1e-13, hermitian=True)
         theta = inverse @ g.right[where]
         explained = float(theta @ g.right[where]) / g.power if g.power > 0 else 0.0
-        found.append((kept, max(1.0 - explained, 1e-15)))
+        sets.append((kept, max(1.0 - explained, 1e-15)))
         loss = theta**2 / np.maximum(np.diag(inverse), 1e-300)
         out = int(np.argmin(loss))
         kept = [k for i, k in enumerate(kept) if i != out]
-    return found
+    return sets
 
 
 def best_sizes(g: TermGram, allowed: Sequence[int], most: int) -> list[tuple[list[int], float]]:
     """For 1, 2, … terms the better of forward selection and of leaving out from more."""
     path = forward(g, allowed, most + EXTRA)
-    left = path.unexplained()
-    sets = [(path.order[: n + 1].tolist(), float(left[n])) for n in range(min(most, len(left)))]
+    unexplained = path.unexplained()
+    sets = [
+        (path.order[: n + 1].tolist(), float(unexplained[n]))
+        for n in range(min(most, len(unexplained)))
+    ]
     for kept, share in eliminated(g, path.order.tolist()):
         n = len(kept) - 1
         if n < len(sets) and share < sets[n][1] * (1.0 - 1e-9):
@@ -198,8 +201,9 @@ def best_sizes(g: TermGram, allowed: Sequence[int], most: int) -> list[tuple[lis
     return sets
 
 
-def bic_size(left: Sequence[float], samples: int) -> int:
-    """Number of terms of lowest BIC = N ln V + n ln N; ``left`` are V/‖y‖² of 1, 2, … terms."""
-    n = np.arange(1, len(left) + 1)
-    score = samples * np.log(np.asarray(left)) + n * np.log(max(samples, 2))
+def bic_size(unexplained: Sequence[float], samples: int) -> int:
+    """Number of terms of lowest BIC = N ln V + n ln N; ``unexplained`` are V/‖y‖² of 1, 2, … "
+    "terms."""
+    n = np.arange(1, len(unexplained) + 1)
+    score = samples * np.log(np.asarray(unexplained)) + n * np.log(max(samples, 2))
     return int(np.argmin(score)) + 1 if len(n) else 0

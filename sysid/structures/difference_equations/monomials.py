@@ -27,7 +27,7 @@ MAX_POOL = 2500
 
 
 MAX_DEGREE = 6
-"""Largest degree of a term: beyond it products of float64 readings span too many decades."""
+"""Largest degree of a term: beyond it products of float64 measurements span too many decades."""
 
 Term = tuple[Signal, ...]
 """A product of factors in ascending order; () is the constant."""
@@ -144,19 +144,19 @@ def parsed(text: str, nu: int, ny: int, output: int) -> Term:
     """
     if text.strip() == "constant":
         return ()
-    found = list(_factors(parse(text, nu, ny, "terms", output), text))
-    if len(found) > MAX_DEGREE:
+    factors_of_term = list(_factors(parse(text, nu, ny, "terms", output), text))
+    if len(factors_of_term) > MAX_DEGREE:
         raise UsageError(
-            f"`structure_options['terms']`: {text!r} has degree {len(found)}, at most "
+            f"`structure_options['terms']`: {text!r} has degree {len(factors_of_term)}, at most "
             f"{MAX_DEGREE} is kept"
         )
-    errors = [f for f in found if f.kind == "e"]
+    errors = [f for f in factors_of_term if f.kind == "e"]
     if len(errors) > 1 or any(f.channel != output for f in errors):
         raise UsageError(
             f"`structure_options['terms']`: {text!r} must hold at most one past error, "
             "the output's own"
         )
-    return term(found)
+    return term(factors_of_term)
 
 
 def _factors(e: Expression, text: str) -> Iterator[Signal]:
@@ -179,9 +179,9 @@ def to_json(t: Term) -> list[list[object]]:
 
 def from_json(raw: Sequence[Sequence[object]]) -> Term:
     """Undo ``to_json``."""
-    found = []
+    monomials = []
     for kind, channel, lag in raw:
         if kind not in ("y", "u", "e"):
             raise ValueError(f"unknown signal {kind!r} in a term")
-        found.append(Signal(str(kind), int(str(channel)), int(str(lag))))
-    return term(found)
+        monomials.append(Signal(str(kind), int(str(channel)), int(str(lag))))
+    return term(monomials)

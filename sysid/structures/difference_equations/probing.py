@@ -1,4 +1,4 @@
-"""Probing equations: do they stay near their data under inputs like those they have seen?"""
+"""Probe equations: do they stay near their data under similar inputs?"""
 
 from collections.abc import Sequence
 
@@ -31,9 +31,9 @@ def stays_near(
     u = probing_inputs(input_range, run.before + PROBE)
     if input_step is not None:
         _slow_down(u, input_range, np.asarray(input_step, dtype=np.float64))
-    found = run.driven(theta, u, np.zeros((run.depth, run.ny, u.shape[2])))
+    outputs = run.driven(theta, u, np.zeros((run.depth, run.ny, u.shape[2])))
     ends = np.array(run.limits)
-    return bool(np.all((found > ends[:, :1]) & (found < ends[:, 1:])))
+    return bool(np.all((outputs > ends[:, :1]) & (outputs < ends[:, 1:])))
 
 
 def probing_inputs(input_range: Sequence[tuple[float, float]], length: int) -> Array:

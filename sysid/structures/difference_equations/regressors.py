@@ -43,20 +43,21 @@ def custom(text: str, orders: Orders) -> tuple[Row, ...]:
     Raises:
         UsageError: an expression cannot be read, or the number of groups is not that of outputs.
     """
-    found = []
+    expressions = []
     for i, entries in enumerate(by_output(text, "regressors", orders.ny, one_for_all=True)):
         row: dict[Expression, None] = {}
         for entry in entries:
             row |= dict.fromkeys(_expanded(parse(entry, orders.nu, orders.ny), orders, i, entry))
         standard = lagged_signals(orders, i)
-        found.append(tuple(e for e in row if e not in standard))
-    return tuple(found)
+        expressions.append(tuple(e for e in row if e not in standard))
+    return tuple(expressions)
 
 
 def _expanded(e: Expression, orders: Orders, output: int, text: str) -> list[Expression]:
-    own = lagged_signals(orders, output)
+    lags_of_output = lagged_signals(orders, output)
     lags = {
-        s: [r for r in own if (r.kind, r.channel) == (s.kind, s.channel)] for s in without_time(e)
+        s: [r for r in lags_of_output if (r.kind, r.channel) == (s.kind, s.channel)]
+        for s in without_time(e)
     }
     if not lags:
         return [e]

@@ -28,8 +28,8 @@ def lagged_signals(orders: Orders, output: int) -> tuple[Signal, ...]:
 
 def largest_lags(signals: Iterable[Signal], kind: str, channels: int) -> list[int]:
     """The largest lag of each channel of one kind, 0 where it does not occur, (channels,)."""
-    found = [0] * channels
+    largest = [0] * channels
     for s in signals:
         if s.kind == kind:
-            found[s.channel] = max(found[s.channel], s.lag)
-    return found
+            largest[s.channel] = max(largest[s.channel], s.lag)
+    return largest

@@ -42,8 +42,8 @@ def fitted_state(
         moved = np.column_stack([z.T, z.T + STEP * np.eye(n)])
         pasts = [run.past(prior + scale * s) for s in moved.T]
         past, before = (np.stack(parts, axis=2) for parts in zip(*pasts, strict=True))
-        found = run.driven(theta, np.concatenate([before, head]), past)
-        e = ((y[:k, :, None] - found) / size[: run.ny, None]).reshape(k * run.ny, n + 1)
+        outputs = run.driven(theta, np.concatenate([before, head]), past)
+        e = ((y[:k, :, None] - outputs) / size[: run.ny, None]).reshape(k * run.ny, n + 1)
         e = np.concatenate([e, -PULL * moved])
         return OneTrial(e[:, 0], lambda: (e[:, :1] - e[:, 1:]) / STEP)
 

@@ -1,4 +1,4 @@
-"""What structures whose outputs feed back through a nonlinear equation have in common."""
+"""Base class of structures whose outputs feed back through a nonlinear equation."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -140,11 +140,11 @@ class RecursiveStructure(NamedStructure):
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
-        own, first = self.row_index(output), self.first_sample()
-        which = np.isin(own, self.gradient_index(theta, output))
+        entries, first = self.row_index(output), self.first_sample()
+        which = np.isin(entries, self.gradient_index(theta, output))
         out = np.zeros((len(y), int(which.sum())))
         if len(y) > first:
-            out[first:] = -self.one_step(output, [(u, y)]).jacobian(theta[own])[:, which]
+            out[first:] = -self.one_step(output, [(u, y)]).jacobian(theta[entries])[:, which]
         return out
 
     def gradient_index(self, theta: Array, output: int) -> Index:

@@ -1,1 +1,1 @@
-"""Physical models: the base class, its fit, and the models that come with the package."""
+"""Physical models: the base class, its fit, and bundled models."""

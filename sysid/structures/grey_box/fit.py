@@ -1,4 +1,4 @@
-"""Fitting grey boxes: many starts at once, the best of them polished, mechanisms that pay kept."""
+"""Fit of grey boxes: many initial guesses at once, the best refined, mechanisms added if useful."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -96,12 +96,12 @@ def by_multi_start(
         structure = replace(structure, substeps=_substeps(structure, [t for _, t in guesses]))
     coarse = replace(structure, substeps=-(-structure.substeps // COARSER))
     setting = Setting(coarse, tuple(records), table, options, tuple(constrained))
-    held = hold_out(records) if structure.ladder() else None
-    kept = None if held is None else [~m for m in held.counted]
+    cut = hold_out(records) if structure.ladder() else None
+    kept = None if cut is None else [~m for m in cut.counted]
     p, reports = started(setting, guesses, free, kept)
     notes: list[StartReport] = []
-    if held is not None:
-        p, free, notes = _climbed(setting, p, free, held.counted, tie_margin(held.held))
+    if cut is not None:
+        p, free, notes = _climbed(setting, p, free, cut.counted, tie_margin(cut.holdout))
     setting = replace(setting, structure=structure)
     huber = None
     if options.robust:
@@ -119,9 +119,9 @@ def _substeps(structure: GreyBox, guesses: Sequence[Array]) -> int:
 
 
 def _admissible(theta: Array, table: Sequence[Parameter], free: Mask) -> Array:
-    held = np.array([np.nan if p.fixed is None else p.fixed for p in table])
+    fixed = np.array([np.nan if p.fixed is None else p.fixed for p in table])
     lower, upper = np.array([p.lower for p in table]), np.array([p.upper for p in table])
-    return np.where(np.isnan(held), np.clip(theta, lower, upper), np.nan_to_num(held))
+    return np.where(np.isnan(fixed), np.clip(theta, lower, upper), np.nan_to_num(fixed))
 
 
 # --------------------------------------------------------------------- ladder
@@ -141,13 +141,13 @@ def _climbed(
     """
     kept = [~m for m in counted]
     output = ",".join(s.records[0].output_names)
-    held, cost = _held_error(s, p, counted), np.inf
-    reports = [StartReport(output, f"base: held-out error {held:.4g}", None, None, 0)]
+    base_error, cost = _holdout_error(s, p, counted), np.inf
+    reports = [StartReport(output, f"base: held-out error {base_error:.4g}", None, None, 0)]
     climbed: list[tuple[Rung, list[int]]] = []
 
-    def report(rung: Rung, verdict: str, error: float, found: Solution) -> None:
+    def report(rung: Rung, verdict: str, error: float, solution: Solution) -> None:
         words = f"{rung.words}: {verdict}, held-out error {error:.4g}"
-        reports.append(StartReport(output, words, None, found.cost, found.evaluations))
+        reports.append(StartReport(output, words, None, solution.cost, solution.evaluations))
 
     for rung in s.structure.ladder():
         entries = [k for k in _entries(s, rung) if not free[k]]
@@ -163,41 +163,41 @@ def _climbed(
         starts.sort(key=lambda q: cost_of(problem.residual(q)))
         runs = [s.descend(q, wider, kept, RUNG_EVALUATIONS) for q in starts[:RUNG_STARTS]]
         best = min(runs, key=lambda run: run.cost)
-        error = _held_error(s, best.p, counted)
-        pays = error < (1.0 - margin) * held
+        error = _holdout_error(s, best.p, counted)
+        pays = error < (1.0 - margin) * base_error
         known = _determined(s, best, wider, rung, kept)
         verdict = "not kept" if not pays else "kept" if known else "not determined"
         report(rung, verdict, error, best)
         pays = pays and known
         if pays:
-            p, free, held, cost = best.p, wider, error, best.cost
+            p, free, base_error, cost = best.p, wider, error, best.cost
             climbed.append((rung, entries))
     null = s.structure.pack({})
     for rung, entries in climbed[:-1]:
         narrower, without = free.copy(), p.copy()
         narrower[entries] = False
         without[entries] = null[entries]
-        found = s.descend(without, narrower, kept, RUNG_EVALUATIONS)
-        error = _held_error(s, found.p, counted)
-        if error < (1.0 + margin) * held and found.cost < (1.0 + 2.0 * margin) * cost:
-            report(rung, "taken away again", error, found)
-            p, free, held, cost = found.p, narrower, error, found.cost
+        solution = s.descend(without, narrower, kept, RUNG_EVALUATIONS)
+        error = _holdout_error(s, solution.p, counted)
+        if error < (1.0 + margin) * base_error and solution.cost < (1.0 + 2.0 * margin) * cost:
+            report(rung, "taken away again", error, solution)
+            p, free, base_error, cost = solution.p, narrower, error, solution.cost
     return p, free, reports
 
 
 def _entries(s: Setting, rung: Rung) -> list[int]:
     """Entries of a rung that neither the user nor an option has settled."""
-    found = [k for name in rung.names for k in s.structure.entries(name)]
-    return [k for k in found if not s.user_fixed[k]]
+    entries = [k for name in rung.names for k in s.structure.entries(name)]
+    return [k for k in entries if not s.user_fixed[k]]
 
 
-def _determined(s: Setting, found: Solution, free: Mask, rung: Rung, kept: Masks) -> bool:
+def _determined(s: Setting, solution: Solution, free: Mask, rung: Rung, kept: Masks) -> bool:
     """Whether the data tell each constant of a rung that has one sign, at one output at least."""
-    n, part = len(free), _part(s, found, free, kept)
+    n, part = len(free), _part(s, solution, free, kept)
     error = np.full(n, np.inf)
     inside = part.free < n
     error[part.free[inside]] = np.sqrt(np.diag(part.uncertainty.covariance))[inside]
-    known = error < DETERMINED * np.abs(found.p[:n])
+    known = error < DETERMINED * np.abs(solution.p[:n])
     lower = np.array([p.lower for p in s.parameters])
     return all(
         any(
@@ -209,7 +209,7 @@ def _determined(s: Setting, found: Solution, free: Mask, rung: Rung, kept: Masks
     )
 
 
-def _held_error(s: Setting, p: Array, counted: Masks) -> float:
+def _holdout_error(s: Setting, p: Array, counted: Masks) -> float:
     e = s.problem(counted).residual(p)
     size = float(np.sqrt(np.mean(e**2))) if len(e) else float("nan")
     return size if size < 1e6 else float("inf")
@@ -218,15 +218,17 @@ def _held_error(s: Setting, p: Array, counted: Masks) -> float:
 # ---------------------------------------------------------------- uncertainty
 
 
-def _part(s: Setting, found: Solution, free: Mask, kept: Masks | None = None) -> Part:
+def _part(s: Setting, solution: Solution, free: Mask, kept: Masks | None = None) -> Part:
     """The free entries and the states that matter, with their covariance and null space."""
     # a state nothing depends on (a track that stands) is no unknown
-    states = np.linalg.norm(found.jacobian[:, len(free) :], axis=0) > 0.0
-    return with_covariance(s.problem(kept), found, np.flatnonzero(np.concatenate([free, states])))
+    states = np.linalg.norm(solution.jacobian[:, len(free) :], axis=0) > 0.0
+    return with_covariance(
+        s.problem(kept), solution, np.flatnonzero(np.concatenate([free, states]))
+    )
 
 
 def _profiled(
-    s: Setting, found: Solution, free: Mask, huber: Array | None
+    s: Setting, solution: Solution, free: Mask, huber: Array | None
 ) -> tuple[Solution, dict[int, float]]:
     """The fit, moved where profiles met a better minimum, and errors of entries that jump.
 
@@ -234,12 +236,12 @@ def _profiled(
     residuals give: for white ones 2 Δ(½‖ε‖²)/σ².
     """
     jumps = s.structure.by_entry(lambda c: float(c.jumps)) > 0.0
-    entries = [int(k) for k in np.flatnonzero(jumps & free) if k not in found.at_bound]
+    entries = [int(k) for k in np.flatnonzero(jumps & free) if k not in solution.at_bound]
     errors: dict[int, float] = {}
     for _ in range(REPEATS if entries else 0):
-        if found.termination is Termination.DIVERGED:
+        if solution.termination is Termination.DIVERGED:
             break
-        part = _part(s, found, free)
+        part = _part(s, solution, free)
         value = part.uncertainty
         scaled = value.plain / np.diag(value.covariance)
         errors, better = {}, None
@@ -257,7 +259,7 @@ def _profiled(
                 k: int = k,
                 others: Mask = others,
                 unit: float = float(scaled[at]),
-                cost: float = found.cost,
+                cost: float = solution.cost,
             ) -> tuple[float, Array]:
                 p = start.copy()
                 p[k] = v
@@ -265,36 +267,36 @@ def _profiled(
                 return 2.0 * (run.cost - cost) * unit, run.p
 
             lower, upper = s.parameters[k].lower, s.parameters[k].upper
-            profile = profiled(rise, found.p, k, error, lower, upper)
+            profile = profiled(rise, solution.p, k, error, lower, upper)
             better = profile.better
             if better is not None:
                 break
             errors[k] = max(profile.error, error)
         if better is None:
             break
-        again = s.descend(better, free, None, s.options.limit(), huber)
-        if again.cost >= found.cost:
+        descended = s.descend(better, free, None, s.options.limit(), huber)
+        if descended.cost >= solution.cost:
             break
-        found = again
-    return found, errors
+        solution = descended
+    return solution, errors
 
 
 def _outcome(
     s: Setting,
-    found: Solution,
+    solution: Solution,
     free: Mask,
     errors: dict[int, float],
     reports: tuple[StartReport, ...],
 ) -> FitOutcome:
     n = len(free)
-    if found.termination is Termination.DIVERGED:
+    if solution.termination is Termination.DIVERGED:
         raise ModelError(f"{s.structure.name}: {Termination.DIVERGED.value}")
-    theta = found.p[:n]
+    theta = solution.p[:n]
     table = tuple(
         replace(p, fixed=None if f else float(v))
         for p, f, v in zip(s.parameters, free, theta, strict=True)
     )
-    outcome = outcome_of(s.structure, table, theta, [_part(s, found, free)], reports)
+    outcome = outcome_of(s.structure, table, theta, [_part(s, solution, free)], reports)
     covariance = outcome.covariance.copy()
     for k, error in errors.items():
         wider = error / np.sqrt(covariance[k, k])

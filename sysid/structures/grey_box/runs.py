@@ -188,15 +188,15 @@ def stays_bounded(
     p = structure.prepared(np, structure.unpack(np, np.asarray(theta, np.float64)), structure.h)
     inputs = probing_inputs(ranges, length)
     x = np.zeros((structure.n_states(theta), inputs.shape[2]))
-    found = np.zeros((length, structure.ny, inputs.shape[2]))
+    outputs = np.zeros((length, structure.ny, inputs.shape[2]))
     with np.errstate(all="ignore"):
         for k, u in enumerate(inputs):
-            found[k] = structure.reading(np, x, p)
-            if not np.all(np.isfinite(found[k])):
+            outputs[k] = structure.reading(np, x, p)
+            if not np.all(np.isfinite(outputs[k])):
                 return False
             x = np.asarray(structure.sample(np, x, u, p, structure.h, structure.steps))
     # all probes together: one by itself may begin near zero by chance
-    size = np.abs(found).max(axis=2)
+    size = np.abs(outputs).max(axis=2)
     before, after = size[: length // 2].max(axis=0), size[length // 2 :].max(axis=0)
     return bool(np.all(after <= RUNAWAY * before))
 
@@ -288,8 +288,8 @@ class GreyErrors(Problem):
         key = p.tobytes()
         if self._last[0] != key:
             inputs = [u for u, _ in self.data]
-            found = trajectory(self.structure, p[: self.n_theta], inputs, self.states(p))
-            self._last = (key, found)
+            outputs = trajectory(self.structure, p[: self.n_theta], inputs, self.states(p))
+            self._last = (key, outputs)
         return self._last[1]
 
     def residual(self, p: Array) -> Array:
@@ -309,7 +309,7 @@ class GreyErrors(Problem):
         n = self.n_theta
         states = np.full(len(self.structure.state_names), self.states_each > 0)
         moved = np.ones(n, dtype=bool) if self.wanted is None else self.wanted
-        found = tangents(
+        slopes = tangents(
             self.structure,
             p[:n],
             [u for u, _ in self.data],
@@ -319,7 +319,7 @@ class GreyErrors(Problem):
         )
         out = np.zeros((sum(self.lengths), len(p)))
         at = 0
-        for k, (D, kept) in enumerate(zip(found, self.kept, strict=True)):
+        for k, (D, kept) in enumerate(zip(slopes, self.kept, strict=True)):
             first = n + k * self.states_each
             for i, scale in enumerate(self.scales):
                 rows = slice(at, at + int(kept.sum()))
@@ -363,8 +363,8 @@ def fitted_state(structure: "GreyBox", theta: Array, u: Array, y: Array, samples
 
     # the pull counts in units in which one sample sees one state
     seen = np.linalg.norm(slopes(prior), axis=0) / np.sqrt(k)
-    usual = np.where(np.abs(prior) > 0, np.abs(prior), 1.0)
-    pull = PULL * np.where(seen > 0.0, seen, 1.0 / usual)
+    typical = np.where(np.abs(prior) > 0, np.abs(prior), 1.0)
+    pull = PULL * np.where(seen > 0.0, seen, 1.0 / typical)
 
     def tried(x: Array, _: Index) -> OneTrial:
         e = (y[:k] - free_run(structure, theta, [u[:k]], x[0][:, None])[0]) / scale

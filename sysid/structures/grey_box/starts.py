@@ -1,4 +1,4 @@
-"""Where fits of grey boxes begin: many starts at once, the best of them polished."""
+"""Initial guesses of grey boxes: many at once, the best refined."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -192,23 +192,23 @@ def started(
     order = sorted(range(len(ends)), key=lambda k: after[k])
     if not np.isfinite(after[order[0]]):
         raise ModelError(f"{structure.name}: {Termination.DIVERGED.value}")
-    found: dict[int, Solution] = {}
+    solutions: dict[int, Solution] = {}
     for k in _distinct(order, after)[:POLISHED]:
-        if found and after[k] > RIVAL * min(v.cost for v in found.values()):
+        if solutions and after[k] > RIVAL * min(v.cost for v in solutions.values()):
             break
-        found[k] = s.descend(ends[k], free, kept, EVALUATIONS)
-    best = min(found, key=lambda k: found[k].cost)
+        solutions[k] = s.descend(ends[k], free, kept, EVALUATIONS)
+    best = min(solutions, key=lambda k: solutions[k].cost)
     reports = [
         StartReport(
             output,
             names[k],
             costs[k] if np.isfinite(costs[k]) else None,
-            found[k].cost if k in found else (after[k] if np.isfinite(after[k]) else None),
-            endings[k][1] + (found[k].evaluations if k in found else 0),
+            solutions[k].cost if k in solutions else (after[k] if np.isfinite(after[k]) else None),
+            endings[k][1] + (solutions[k].evaluations if k in solutions else 0),
         )
-        for k in sorted(order, key=lambda k: found[k].cost if k in found else after[k])
+        for k in sorted(order, key=lambda k: solutions[k].cost if k in solutions else after[k])
     ]
-    return found[best].p, reports
+    return solutions[best].p, reports
 
 
 def _distinct(order: Sequence[int], costs: Sequence[float]) -> list[int]:
@@ -300,8 +300,8 @@ def _screened(structure: GreyBox, n: int) -> tuple[Callable[..., Any], Callable[
         from sysid.fitting.compiled import jax_module
 
         moves = xp.concatenate([xp.zeros((1, n)), DIFFERENCE * xp.eye(n)])
-        found = jax_module().vmap(lambda d: residual(xp, lax, z + d, start, shared))(moves)
-        kept = xp.clip(xp.nan_to_num(found, nan=LARGE), -LARGE, LARGE)
+        errors = jax_module().vmap(lambda d: residual(xp, lax, z + d, start, shared))(moves)
+        kept = xp.clip(xp.nan_to_num(errors, nan=LARGE), -LARGE, LARGE)
         return ((kept[1:] - kept[:1]) / DIFFERENCE).T
 
     return residual, slopes

@@ -72,7 +72,7 @@ class GreyBox(NamedStructure):
     faster: x and u are lists of floats then, constants floats or, one an output, lists."""
     options: ClassVar[Mapping[str, str]] = {
         "substeps": "integration steps in a sample; chosen from the time constants unless given",
-        "free": "constants to estimate although they are held by default, divided by commas",
+        "free": "constants to estimate that are fixed by default, separated by commas",
     }
 
     # ----------------------------------------------------------------- what a subclass gives
@@ -196,22 +196,22 @@ class GreyBox(NamedStructure):
 
     def by_entry(self, value: Callable[[Constant], float]) -> Array:
         """One number of each constant, for every entry of θ."""
-        found = [[value(c)] * (self.n_outputs if c.each else 1) for c in self.constants]
-        return np.array([v for row in found for v in row])
+        values = [[value(c)] * (self.n_outputs if c.each else 1) for c in self.constants]
+        return np.array([v for row in values for v in row])
 
     def parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[Parameter, ...]:
         """Names, units and bounds of the constants; those held by default are fixed."""
-        found = []
+        parameters = []
         unit_u, unit_y = inputs[0].unit or "u", outputs[0].unit or "y"
         for c in self.constants:
             unit = c.unit.replace("{u}", unit_u).replace("{y}", unit_y)
-            held = None if c.free or c.name in self.opened else c.value
+            fixed = None if c.free or c.name in self.opened else c.value
             for output in outputs if c.each else outputs[:1]:
                 tag = f"[{output.name}]" if c.each and len(outputs) > 1 else ""
-                found.append(Parameter(c.name + tag, unit, c.lower, c.upper, held))
-        return tuple(found)
+                parameters.append(Parameter(c.name + tag, unit, c.lower, c.upper, fixed))
+        return tuple(parameters)
 
     # ----------------------------------------------------------------- making one
 
@@ -227,7 +227,7 @@ class GreyBox(NamedStructure):
         refuse_options(cls.name, options, tuple(cls.options))
         if raw:
             raise UsageError(
-                f"`orders`: {cls.name} is a physical model and has no orders; leave `orders` out"
+                f"`orders`: {cls.name} is a physical model and has no orders; omit `orders`"
             )
         given = dict(options or {})
         substeps = _substeps(given.get("substeps", "auto"))
@@ -288,10 +288,10 @@ class GreyBox(NamedStructure):
 
     def settings(self) -> dict[str, Any]:
         """Every field besides the numbers of channels."""
-        found = {f.name: getattr(self, f.name) for f in fields(self)}
+        settings = {f.name: getattr(self, f.name) for f in fields(self)}
         return {
             k: list(v) if isinstance(v, tuple) else v
-            for k, v in found.items()
+            for k, v in settings.items()
             if k not in ("n_inputs", "n_outputs")
         }
 

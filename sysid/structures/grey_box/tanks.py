@@ -1,4 +1,4 @@
-"""Two tanks in cascade: the example of a grey box, as a user would write his own."""
+"""Two tanks in cascade: an example of a grey box."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -120,7 +120,7 @@ class Tanks(GreyBox):
         level = max(float(np.mean(np.concatenate([r.y for r in records]))), 1e-3)
         top = max(float(np.max(r.y)) for r in records)
         command = max(float(np.mean(np.concatenate([r.u for r in records]))), 1e-3)
-        found = []
+        guesses = []
         for samples in (5.0, 10.0, 20.0, 40.0):
             # linearised time constant 2 √h / k
             k = 2.0 * np.sqrt(level) / (samples * records[0].dt)
@@ -128,8 +128,8 @@ class Tanks(GreyBox):
             p = {"k1": k, "k2": k, "k3": flow / command}
             for limit in (0.7, 1.0):
                 words = f"time constants of {samples:g} samples, rim at {limit:g} of the range"
-                found.append((words, self.pack(p | {"limit1": limit * top})))
-        return tuple(found)
+                guesses.append((words, self.pack(p | {"limit1": limit * top})))
+        return tuple(guesses)
 
     def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
         """The lower tank at the first level read, the upper one where it keeps it there."""

@@ -1,4 +1,4 @@
-"""ARX of many orders at once: all of them from two Gram matrices of lagged signals."""
+"""ARX of many orders at once, from two Gram matrices of lagged signals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,14 +22,14 @@ class Solved:
         structure: with these orders.
         theta: estimates, (n,).
         log_det: log determinant of the one-step errors' covariance on the records to fit on.
-        held_log_det: the same on the held-out records.
+        holdout_log_det: the same on the held-out records.
         samples: equations on the records to fit on.
     """
 
     structure: ARX
     theta: Array
     log_det: float
-    held_log_det: float
+    holdout_log_det: float
     samples: int
 
 
@@ -45,10 +45,10 @@ def solved_at_once(structures: Sequence[ARX], data: HoldOut) -> list[Solved]:
     """
     layouts = [[s.layout(i) for i in range(s.ny)] for s in structures]
     lags = max(lay.start for rows in layouts for lay in rows)
-    inside, outside = ne.lag_gram(data.train, lags), ne.lag_gram(data.held, lags)
+    inside, outside = ne.lag_gram(data.train, lags), ne.lag_gram(data.holdout, lags)
     if inside.samples == 0 or outside.samples == 0:
         return []
-    found = []
+    solved = []
     for s, rows in zip(structures, layouts, strict=True):
         weights = np.zeros((s.ny, len(inside.matrix)))
         theta = []
@@ -62,16 +62,18 @@ def solved_at_once(structures: Sequence[ARX], data: HoldOut) -> list[Solved]:
             weights[i, columns] -= row
             theta.append(np.concatenate([-row[:split], row[split:]]))
         covariance = weights @ inside.matrix @ weights.T / inside.samples
-        held = weights @ outside.matrix @ weights.T / outside.samples
-        found.append(
-            Solved(s, np.concatenate(theta), _log_det(covariance), _log_det(held), inside.samples)
+        holdout = weights @ outside.matrix @ weights.T / outside.samples
+        solved.append(
+            Solved(
+                s, np.concatenate(theta), _log_det(covariance), _log_det(holdout), inside.samples
+            )
         )
-    return found
+    return solved
 
 
 def promising(solved: Sequence[Solved]) -> list[Solved]:
     """The best held-out one-step models, and the best of each size: a free run has other tastes."""
-    ordered = sorted(solved, key=lambda a: a.held_log_det)
+    ordered = sorted(solved, key=lambda a: a.holdout_log_det)
     sizes = {len(a.theta): k for k, a in reversed(list(enumerate(ordered)))}
     shown = sorted(set(range(min(SIMULATED, len(ordered)))) | set(sizes.values()))
     return [ordered[k] for k in shown]

@@ -1,4 +1,4 @@
-"""Inputs in fixed proportion to each other: which parameters no such log can tell apart."""
+"""Inputs in fixed proportion to each other: the parameters that such logs cannot distinguish."""
 
 from collections.abc import Sequence
 
@@ -20,7 +20,7 @@ def confounded(structure: PolynomialStructure, records: Sequence[Record]) -> Arr
     n = len(structure.parameters(records[0].inputs, records[0].outputs))
     if "f" not in structure.letters:
         return np.zeros((n, 0))
-    found = []
+    groups = []
     for weights in _proportions(records).T:
         alike = np.abs(weights) > PART
         for i in range(structure.ny):
@@ -32,8 +32,8 @@ def confounded(structure: PolynomialStructure, records: Sequence[Record]) -> Arr
             direction = np.zeros(n)
             for j in members:
                 direction[index[b[j]]] = direction[index[f[j]]] = weights[j]
-            found.append(direction / np.linalg.norm(direction))
-    return np.array(found).T if found else np.zeros((n, 0))
+            groups.append(direction / np.linalg.norm(direction))
+    return np.array(groups).T if groups else np.zeros((n, 0))
 
 
 def _proportions(records: Sequence[Record]) -> Array:

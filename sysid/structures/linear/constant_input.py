@@ -1,9 +1,9 @@
-"""A level as an ordinary parameter: the constant 1 as one more input of a linear structure.
+"""An offset as an ordinary parameter: the constant 1 as one more input of a linear structure.
 
     A y = Σ (B_j/F_j) u_j + c·1 + (C/D) e
 
 With it ARX stays linear, and starts, gradients, covariance and searches of orders need to know
-nothing of levels. The output's level where the inputs are zero is y₀ = A(1)⁻¹ c.
+nothing of offsets. The output's offset where the inputs are zero is y₀ = A(1)⁻¹ c.
 """
 
 from collections.abc import Sequence
@@ -66,18 +66,20 @@ def widened(
     wide: PolynomialStructure, parameters: Sequence[Parameter], outputs: Sequence[Channel]
 ) -> tuple[Parameter, ...]:
     """The parameters of the plain structure with the constants' at their places."""
-    found = list(parameters)
+    parameters_with_constant = list(parameters)
     for place, i in zip(*constant_places(wide), strict=True):
-        found.insert(int(place), Parameter(f"level[{outputs[i].name}]", outputs[i].unit))
-    return tuple(found)
+        parameters_with_constant.insert(
+            int(place), Parameter(f"offset[{outputs[i].name}]", outputs[i].unit)
+        )
+    return tuple(parameters_with_constant)
 
 
 def widened_theta(wide: PolynomialStructure, theta: Array) -> Array:
     """θ of the plain structure with a zero at the constants' places."""
-    found = theta.tolist()
+    theta_with_constant = theta.tolist()
     for place in constant_places(wide)[0]:
-        found.insert(int(place), 0.0)
-    return np.array(found, dtype=np.float64)
+        theta_with_constant.insert(int(place), 0.0)
+    return np.array(theta_with_constant, dtype=np.float64)
 
 
 def with_ones(record: Record) -> Record:

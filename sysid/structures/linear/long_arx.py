@@ -88,12 +88,12 @@ def settled(
     with_start = np.split(problem.residual(theta), np.cumsum(problem.lengths)[:-1])
     long = _long_layout(records, plain_row(lay))
     errors = [e[long.start - problem.skipped :] for e in with_start]
-    more, left = long.n - lay.n, sum(len(e) for e in errors) - long.n
-    if more < 1 or left < 1 or not portmanteau_white(errors):
+    more, free = long.n - lay.n, sum(len(e) for e in errors) - long.n
+    if more < 1 or free < 1 or not portmanteau_white(errors):
         return False
     floor = sum(float(e @ e) for e in long_errors)
     excess = sum(float(e @ e) for e in errors) - floor
-    return bool(excess / more <= fdtri(more, left, SETTLED) * floor / left)
+    return bool(excess / more <= fdtri(more, free, SETTLED) * floor / free)
 
 
 def _long_order(records: Sequence[Record], lay: RowLayout) -> int:

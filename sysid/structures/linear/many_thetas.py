@@ -60,11 +60,11 @@ def stable_each(structure: "PolynomialStructure", thetas: Array) -> NDArray[np.b
     The Schur-Cohn recursion, on the denominators of all rows at once.
     """
     _, denominators = _transfer(structure, np.moveaxis(thetas, -1, 0))
-    found: NDArray[np.bool_] = np.all(np.isfinite(thetas), axis=1)
+    stable: NDArray[np.bool_] = np.all(np.isfinite(thetas), axis=1)
     for row in denominators:
         for den in row:
-            found &= all_roots_inside([np.broadcast_to(c, found.shape) for c in den])
-    return found
+            stable &= all_roots_inside([np.broadcast_to(c, stable.shape) for c in den])
+    return stable
 
 
 def all_roots_inside(c: Coefficients) -> NDArray[np.bool_]:
@@ -111,11 +111,11 @@ def _polynomials(structure: "PolynomialStructure", theta: Any) -> Any:
 
 
 def _times(p: Coefficients, q: Coefficients) -> Coefficients:
-    found: Coefficients = [0.0] * max(len(p) + len(q) - 1, 0)
+    product: Coefficients = [0.0] * max(len(p) + len(q) - 1, 0)
     for i, a in enumerate(p):
         for j, b in enumerate(q):
-            found[i + j] = found[i + j] + a * b
-    return found if p and q else []
+            product[i + j] = product[i + j] + a * b
+    return product if p and q else []
 
 
 def _sum(terms: list[Coefficients]) -> Coefficients:

@@ -16,7 +16,7 @@ class OE(PolynomialStructure):
     title: ClassVar[str] = "OE: output error"
     equation: ClassVar[str] = "y(t) = B(q)/F(q) u(t) + e(t)"
     when: ClassVar[str] = (
-        "a model to simulate with: sensor noise only, e.g. encoders; no noise model to hide behind"
+        "a model to simulate with: sensor noise only, e.g. encoders; no noise model"
     )
     order_names: ClassVar[tuple[str, ...]] = ("nb", "nf", "nk")
     has_noise_model: ClassVar[bool] = False

@@ -111,12 +111,12 @@ def pole_grid(records: Sequence[Record], lay: RowLayout) -> Array:
     poles: NDArray[np.complex128] = np.zeros(0, dtype=np.complex128)
     best = np.zeros(lay.n)
     while len(poles) < total:
-        found: list[tuple[float, int, NDArray[np.complex128], Array]] = []
+        tried: list[tuple[float, int, NDArray[np.complex128], Array]] = []
         for trial in _more_poles(total - len(poles)):
             A = np.real(np.poly(np.concatenate([poles, trial])))
             b, gain = _zeros_for(records, lay, A)
-            found.append((gain, len(found), trial, np.concatenate([A[1:], b])))
-        _, _, added, theta = max(found, key=lambda item: (item[0], -item[1]))
+            tried.append((gain, len(tried), trial, np.concatenate([A[1:], b])))
+        _, _, added, theta = max(tried, key=lambda item: (item[0], -item[1]))
         poles = np.concatenate([poles, added])
         best = np.concatenate(
             [theta[: len(poles)], np.zeros(total - len(poles)), theta[len(poles) :]]

@@ -99,11 +99,11 @@ class PolynomialStructure(NamedStructure):
 
         return stabilised(self, theta)
 
-    def level_entries(self) -> Index:
+    def offset_entries(self) -> Index:
         """Coefficients of the constant input, where there is one."""
         from sysid.structures.linear.constant_input import constant_places
 
-        return constant_places(self)[0] if self.orders.constant else super().level_entries()
+        return constant_places(self)[0] if self.orders.constant else super().offset_entries()
 
     def open_directions(self, records: Sequence[Record]) -> Array:
         """What inputs in fixed proportion to each other leave open, (n, k)."""
@@ -126,25 +126,25 @@ class PolynomialStructure(NamedStructure):
     ) -> tuple[Parameter, ...]:
         """Names (``a1``, ``b1[omega_l,pwm_r]`` …) and units of θ."""
         single = self.nu <= 1 and self.ny == 1
-        found = []
+        parameters = []
         for i, out in enumerate(outputs):
             lay = self.layout(i)
             for j, n in enumerate(lay.na):
                 unit = "" if i == j else ratio(out.unit, outputs[j].unit)
                 tag = "" if single else f"[{out.name},{outputs[j].name}]"
-                found += [Parameter(f"a{k}{tag}", unit) for k in range(1, n + 1)]
+                parameters += [Parameter(f"a{k}{tag}", unit) for k in range(1, n + 1)]
             for j, n in enumerate(lay.nb):
                 unit = ratio(out.unit, inputs[j].unit)
                 tag = "" if single else f"[{out.name},{inputs[j].name}]"
                 first = lay.nk[j]
-                found += [Parameter(f"b{k}{tag}", unit) for k in range(first, first + n)]
+                parameters += [Parameter(f"b{k}{tag}", unit) for k in range(first, first + n)]
             tag = "" if single else f"[{out.name}]"
-            found += [Parameter(f"c{k}{tag}") for k in range(1, lay.nc + 1)]
-            found += [Parameter(f"d{k}{tag}") for k in range(1, lay.nd + 1)]
+            parameters += [Parameter(f"c{k}{tag}") for k in range(1, lay.nc + 1)]
+            parameters += [Parameter(f"d{k}{tag}") for k in range(1, lay.nd + 1)]
             for j, n in enumerate(lay.nf):
                 tag = "" if single else f"[{out.name},{inputs[j].name}]"
-                found += [Parameter(f"f{k}{tag}") for k in range(1, n + 1)]
-        return tuple(found)
+                parameters += [Parameter(f"f{k}{tag}") for k in range(1, n + 1)]
+        return tuple(parameters)
 
     def polynomials(self, theta: Array) -> Polynomials:
         """The coefficient arrays that θ stands for."""
@@ -198,16 +198,16 @@ class PolynomialStructure(NamedStructure):
             RowErrors(self.layout(i), self.row_index(i), data, estimate, search=True)
             for i in range(self.ny)
         ]
-        found: tuple[Problem, ...] = tuple(rows)
+        problems: tuple[Problem, ...] = tuple(rows)
         later: list[Problem] = []
         if focus is Focus.SIMULATION and self.has_noise_model:
-            found = self._free_run_problems(data, estimate)
+            problems = self._free_run_problems(data, estimate)
             known = self.deterministic_index()
             later = [Remaining(row, known) for row in rows if not np.all(np.isin(row.index, known))]
         if stable:
             n = sum(self.layout(i).n for i in range(self.ny))
-            found = (Stacked(found, self.stable, n),)
-        return (*found, *later)
+            problems = (Stacked(problems, self.stable, n),)
+        return (*problems, *later)
 
     def _free_run_problems(
         self, data: Sequence[tuple[Array, Array]], estimate: bool
@@ -413,13 +413,13 @@ class PolynomialStructure(NamedStructure):
 
 def _pole(z: complex, dt: float) -> dict[str, float]:
     """A pole with what it means in seconds: time constant, natural frequency, damping."""
-    found = {"re": z.real, "im": z.imag, "abs": abs(z)}
+    pole = {"re": z.real, "im": z.imag, "abs": abs(z)}
     if abs(z) > 0:
         s = np.log(z) / dt
-        found["time_constant_s"] = float(-1.0 / s.real) if s.real else float("inf")
-        found["frequency_rad_s"] = float(abs(s))
-        found["damping"] = float(-s.real / abs(s)) if abs(s) else 1.0
-    return found
+        pole["time_constant_s"] = float(-1.0 / s.real) if s.real else float("inf")
+        pole["frequency_rad_s"] = float(abs(s))
+        pole["damping"] = float(-s.real / abs(s)) if abs(s) else 1.0
+    return pole
 
 
 def _text(polynomial: Array) -> str:

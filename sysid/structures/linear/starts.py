@@ -92,10 +92,10 @@ def starts_of(structure: PolynomialStructure, records: Sequence[Record], focus: 
 def arx_starts(structure: PolynomialStructure, records: Sequence[Record], focus: Focus) -> Starts:
     """Least squares; with the simulation focus also output-error starts."""
     rows = [plain_row(structure.layout(i)) for i in range(structure.ny)]
-    found = [("least squares", np.concatenate([arx_row(records, lay) for lay in rows]))]
+    starts = [("least squares", np.concatenate([arx_row(records, lay) for lay in rows]))]
     if focus is Focus.SIMULATION:
-        found += _common_pole_starts(records, rows)
-    return found
+        starts += _common_pole_starts(records, rows)
+    return starts
 
 
 def _with_moving_average(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:
@@ -123,20 +123,20 @@ def _common_pole_starts(
         for lay in rows
     ]
     refined = [sriv(records, lay, arx_row(records, lay)) for lay in alone]
-    found = [("SRIV", refined)]
+    starts = [("SRIV", refined)]
     if any(_doubtful(records, lay, row) for lay, row in zip(alone, refined, strict=True)):
-        found.append(("pole grid", [pole_grid(records, lay) for lay in alone]))
+        starts.append(("pole grid", [pole_grid(records, lay) for lay in alone]))
     return [
         (kind, np.concatenate([_coupled(lay, row) for lay, row in zip(rows, thetas, strict=True)]))
-        for kind, thetas in found
+        for kind, thetas in starts
     ]
 
 
 def _coupled(lay: RowLayout, theta: Array) -> Array:
     """[a…, b…] with zeros for the other outputs, from [a, b…] of an uncoupled row."""
-    before, own = sum(lay.na[: lay.output]), lay.na[lay.output]
-    after = sum(lay.na) - before - own
-    return np.concatenate([np.zeros(before), theta[:own], np.zeros(after), theta[own:]])
+    before, lags = sum(lay.na[: lay.output]), lay.na[lay.output]
+    after = sum(lay.na) - before - lags
+    return np.concatenate([np.zeros(before), theta[:lags], np.zeros(after), theta[lags:]])
 
 
 def _doubtful(records: Sequence[Record], lay: RowLayout, theta: Array) -> bool:
@@ -156,11 +156,11 @@ def armax_starts(structure: PolynomialStructure, records: Sequence[Record], focu
     ]
     long = [long_arx_errors(records, plain_row(lay)) for lay in layouts]
     rows = [hannan_rissanen(records, lay, e) for lay, e in zip(layouts, long, strict=True)]
-    found = [("Hannan-Rissanen", np.concatenate(rows)), ("ARX", np.concatenate(plain))]
+    starts = [("Hannan-Rissanen", np.concatenate(rows)), ("ARX", np.concatenate(plain))]
     if focus is Focus.PREDICTION and all(
         settled(records, lay, row, e) for lay, row, e in zip(layouts, rows, long, strict=True)
     ):
-        return found
+        return starts
     if focus is Focus.SIMULATION or not structure.orders.coupled:
         # with a sensor's noise C is near A, and both regressions start far off
         ends = np.cumsum([lay.n - lay.nc for lay in layouts])[:-1]
@@ -169,8 +169,8 @@ def armax_starts(structure: PolynomialStructure, records: Sequence[Record], focu
                 _with_moving_average(records, lay, row)
                 for row, lay in zip(np.split(theta, ends), layouts, strict=True)
             ]
-            found.append((kind, np.concatenate(rows)))
-    return found
+            starts.append((kind, np.concatenate(rows)))
+    return starts
 
 
 def output_error_starts(

@@ -58,7 +58,7 @@ class MA(TimeSeries, ARMAX):
     name: ClassVar[str] = "ma"
     title: ClassVar[str] = "MA: a moving average of white noise"
     equation: ClassVar[str] = "y(t) = C(q) e(t)"
-    when: ClassVar[str] = "a log without inputs whose signal forgets within a few samples"
+    when: ClassVar[str] = "a log without inputs and with a memory of a few samples"
     order_names: ClassVar[tuple[str, ...]] = ("nc",)
     letters: ClassVar[str] = "c"
 
@@ -70,6 +70,6 @@ class ARMA(TimeSeries, ARMAX):
     name: ClassVar[str] = "arma"
     title: ClassVar[str] = "ARMA: AR with moving-average noise"
     equation: ClassVar[str] = "A(q) y(t) = C(q) e(t)"
-    when: ClassVar[str] = "a log without inputs, read through a noisy sensor"
+    when: ClassVar[str] = "a log without inputs, measured by a noisy sensor"
     order_names: ClassVar[tuple[str, ...]] = ("na", "nc")
     letters: ClassVar[str] = "ac"

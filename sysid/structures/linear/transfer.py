@@ -136,12 +136,12 @@ class TransferMatrix:
 
     def response(self, w: Array) -> NDArray[np.complex128]:
         """G(e^{jw}) at frequencies w [rad a sample], (len(w), ny, nu)."""
-        found = np.zeros((len(w), self.ny, self.nu), dtype=np.complex128)
+        response = np.zeros((len(w), self.ny, self.nu), dtype=np.complex128)
         for g in self.groups:
             powers = np.exp(-1j * np.outer(w, np.arange(len(g.den))))
             for j, num in zip(g.inputs, g.num, strict=True):
-                found[:, g.output, j] += (powers @ num) / (powers @ g.den)
-        return found
+                response[:, g.output, j] += (powers @ num) / (powers @ g.den)
+        return response
 
     def poles(self) -> NDArray[np.complex128]:
         """Poles, groups stacked; poles at the origin (pure delays) are left out."""
@@ -149,17 +149,17 @@ class TransferMatrix:
 
     @cached_property
     def _poles(self) -> NDArray[np.complex128]:
-        found = [np.roots(_trimmed(g.den)) for g in self.groups]
-        return np.concatenate([np.zeros(0), *found]).astype(np.complex128)
+        poles = [np.roots(_trimmed(g.den)) for g in self.groups]
+        return np.concatenate([np.zeros(0), *poles]).astype(np.complex128)
 
     def zeros(self, i: int, j: int) -> NDArray[np.complex128]:
         """Zeros of the entry from input ``j`` to output ``i`` as it was parametrised."""
-        found = [
+        zeros = [
             np.roots(np.trim_zeros(g.num[g.inputs.index(j)]))
             for g in self.groups
             if g.output == i and j in g.inputs
         ]
-        return np.concatenate([np.zeros(0), *found]).astype(np.complex128)
+        return np.concatenate([np.zeros(0), *zeros]).astype(np.complex128)
 
     def static_gain(self) -> Array:
         """G(1), shape (ny, nu); infinite with a pole at 1."""

@@ -92,12 +92,12 @@ class CandidateRuns:
 
 def _closed(run: PolynomialRun, wanted: Index) -> list[int]:
     """The products wanted and those they are made from, in the order of the plan."""
-    found: set[int] = set()
+    closed: set[int] = set()
     for m in wanted.tolist():
-        while m and m not in found:
-            found.add(m)
+        while m and m not in closed:
+            closed.add(m)
             m = run.plan[m - 1][0]
-    return sorted(found)
+    return sorted(closed)
 
 
 def select_by_simulation(
@@ -117,7 +117,7 @@ def select_by_simulation(
     size = len(gram.terms)
     chosen = list(start)
     error = float(runs.errors(_solutions(gram, [chosen], size))[0]) if chosen else np.inf
-    found = [(tuple(chosen), error)] if chosen else []
+    sets = [(tuple(chosen), error)] if chosen else []
     while len(chosen) < most:
         rest = [k for k in range(size) if k not in chosen]
         if not rest:
@@ -127,7 +127,7 @@ def select_by_simulation(
         if not errors[pick] < (1.0 - GAIN) * error:
             break
         chosen, error = [*chosen, rest[pick]], float(errors[pick])
-        found.append((tuple(chosen), error))
+        sets.append((tuple(chosen), error))
         while len(chosen) > 2:
             fewer = [[k for k in chosen if k != out] for out in chosen[:-1]]
             errors = runs.errors(_solutions(gram, fewer, size))
@@ -135,8 +135,8 @@ def select_by_simulation(
             if not errors[pick] < error:
                 break
             chosen, error = fewer[pick], float(errors[pick])
-            found.append((tuple(chosen), error))
-    return found
+            sets.append((tuple(chosen), error))
+    return sets
 
 
 def _solutions(gram: TermGram, sets: Sequence[Sequence[int]], size: int) -> Array:

@@ -70,10 +70,10 @@ class _Batch:
         where: list[Piece] = []
         group: list[int] = []
         for k, fit in enumerate(fits):
-            mine = pieces(run, fit.data, length)
-            where += [piece._replace(record=len(data) + piece.record) for piece in mine]
+            chunks_of_fit = pieces(run, fit.data, length)
+            where += [piece._replace(record=len(data) + piece.record) for piece in chunks_of_fit]
             data += fit.data
-            group += [k] * len(mine)
+            group += [k] * len(chunks_of_fit)
         self.group: Index = np.array(group, dtype=np.int64)
         chunks = side_by_side(run, data, where)
         self._past, self._y = chunks.past, chunks.y[:, 0]

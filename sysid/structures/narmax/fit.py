@@ -1,4 +1,4 @@
-"""Fitting polynomial NARMAX models: terms chosen on a hold-out, coefficients on all of the data."""
+"""Fit of polynomial NARMAX models: terms chosen on a hold-out, coefficients on all data."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -56,7 +56,7 @@ def fit_narmax(
     With ``selection=err`` and prediction focus only step 1 and least squares are used.
 
     Raises:
-        UsageError: parameters are held or bounded while the terms are still to be chosen.
+        UsageError: parameters are fixed or bounded while the terms are still to be chosen.
         DataError: too few samples.
     """
     if not isinstance(structure, NARMAX):
@@ -78,8 +78,8 @@ def fit_narmax(
         estimates += _in_free_run(
             structure, records, options, estimates[0], known, chunk, parameters
         )
-    found, more = _chosen(structure, records, estimates, options)
-    return _outcome(structure, records, parameters, found, (*starts, *more), notes)
+    trial, more = _chosen(structure, records, estimates, options)
+    return _outcome(structure, records, parameters, trial, (*starts, *more), notes)
 
 
 # ------------------------------------------------------------------------------- terms
@@ -88,7 +88,7 @@ def fit_narmax(
 def _check(s: NARMAX, parameters: Sequence[Parameter], options: FitOptions) -> None:
     if not s.terms and (options.fixed or options.bounds):
         raise UsageError(
-            "narmax chooses its terms from the data; to hold or bound a coefficient name the "
+            "narmax chooses its terms from the data; to fix or bound a coefficient, give the "
             f"terms, e.g. {argument(structure_options={'terms': 'y(t-1), u(t-1), u(t-1)*y(t-1)'})}"
         )
 
@@ -113,11 +113,11 @@ def _searched(
     limit = min(options.limit(), SEARCH_EVALUATIONS)
     for i, channel in enumerate(records[0].outputs):
         row = Row(s, i, small)
-        found, tried = search_terms(row, refine, limit)
-        rows.append(tuple(row.outward(t) for t in found.terms))
-        theta = np.mean(found.theta, axis=0).tolist()
+        trial, tried = search_terms(row, refine, limit)
+        rows.append(tuple(row.outward(t) for t in trial.terms))
+        theta = np.mean(trial.theta, axis=0).tolist()
         known.append(dict(zip(rows[-1], theta, strict=True)))
-        chunk = max(chunk, found.chunk)
+        chunk = max(chunk, trial.chunk)
         starts += [
             start_report(channel.name, t.how, t.error) for t in sorted(tried, key=lambda t: t.error)
         ]
@@ -190,22 +190,22 @@ def _one_step(
         p[process] = _linear(problem, p, process)
         p = np.clip(p, lower[index], upper[index])
         huber = huber_widths(problem, problem.residual(p)) if options.robust else None
-        found = levenberg_marquardt(
+        solution = levenberg_marquardt(
             problem,
             p,
             Descent(
                 free[index], lower[index], upper[index], huber, max_evaluations=options.limit()
             ),
         )
-        theta[index] = found.p
-        solved.append((problem, found, sum(problem.lengths)))
+        theta[index] = solution.p
+        solved.append((problem, solution, sum(problem.lengths)))
     return Estimate(theta, tuple(solved), "least squares")
 
 
 def _linear(problem: Problem, p: Array, free: Array) -> Array:
     """Least squares by QR of the columns scaled to unit norm, entries that are not free as in p."""
-    held = np.where(free, 0.0, p)
-    J, e = problem.jacobian(held)[:, free], problem.residual(held)
+    fixed_part = np.where(free, 0.0, p)
+    J, e = problem.jacobian(fixed_part)[:, free], problem.residual(fixed_part)
     norms = np.linalg.norm(J, axis=0)
     norms[norms == 0.0] = 1.0
     return np.asarray(np.linalg.lstsq(J / norms, -e, rcond=1e-12)[0] / norms)
@@ -228,10 +228,10 @@ def _in_free_run(
     small = shortened(records, RUN_SAMPLES)
     longest = max(len(r) for r in small)
     rungs = list(dict.fromkeys(min(c, longest) for c in (*LADDER, chunk) if c <= chunk))
-    theta, found = start.theta, []
+    theta, solutions = start.theta, []
     for rung in rungs:
         theta, estimate = _over_chunks(s, (records, small), options, theta, rung, parameters, "")
-        found.append(estimate)
+        solutions.append(estimate)
     guess = start.theta.copy()
     for i, row in enumerate(s.rows):
         for k, t in zip(s.row_index(i), row, strict=True):
@@ -240,8 +240,8 @@ def _in_free_run(
     if any(known):
         words = " from the search's values"
         last = _over_chunks(s, (records, small), options, guess, rungs[-1], parameters, words)
-        found.append(last[1])
-    return found
+        solutions.append(last[1])
+    return solutions
 
 
 def _over_chunks(
@@ -311,26 +311,26 @@ def _outcome(
     s: NARMAX,
     records: Sequence[Record],
     parameters: tuple[Parameter, ...],
-    found: Estimate,
+    estimate: Estimate,
     starts: Sequence[StartReport],
     notes: Sequence[str],
 ) -> FitOutcome:
     _, free, _, _ = _constraints(parameters)
     noise = np.array([is_noise(t) for row in s.rows for t in row])
-    alternate = any(isinstance(problem, ChunkedRuns) for problem, _, _ in found.solved)
+    alternate = any(isinstance(problem, ChunkedRuns) for problem, _, _ in estimate.solved)
     parts = []
-    for problem, solution, samples in found.solved:
-        mine = free[problem.index]
+    for problem, solution, samples in estimate.solved:
+        free_entries = free[problem.index]
         if alternate:  # free runs determine the process, one step ahead follow the noise terms
-            mine = mine & (noise[problem.index] != isinstance(problem, ChunkedRuns))
-        if mine.any():
-            parts.append(with_covariance(problem, solution, np.flatnonzero(mine), samples))
-    runs = s.free_run().measured(found.theta, records)
-    advice = "there the polynomial runs away; lower the degree or the number of terms"
+            free_entries = free_entries & (noise[problem.index] != isinstance(problem, ChunkedRuns))
+        if free_entries.any():
+            parts.append(with_covariance(problem, solution, np.flatnonzero(free_entries), samples))
+    runs = s.free_run().measured(estimate.theta, records)
+    advice = "there the polynomial diverges; lower the degree or the number of terms"
     notes = (*notes, *s.limit_warnings(runs, records[0].outputs, advice))
-    outcome = outcome_of(s, parameters, found.theta, parts, starts, notes)
-    ending = worst([solution.termination for _, solution, _ in found.solved])
-    linear = found.how == "least squares" and not noise.any() and not outcome.at_bound
+    outcome = outcome_of(s, parameters, estimate.theta, parts, starts, notes)
+    ending = worst([solution.termination for _, solution, _ in estimate.solved])
+    linear = estimate.how == "least squares" and not noise.any() and not outcome.at_bound
     return replace(
         outcome, termination=Termination.CLOSED_FORM if linear and ending.good else ending
     )

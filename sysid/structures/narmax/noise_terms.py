@@ -33,13 +33,13 @@ def with_noise_terms(s: NARMAX, records: Sequence[Record]) -> tuple[NARMAX, tupl
             rows.append(row)
             continue
         degree = max(len(t) for t in row)
-        found = _chosen(s, records, i, row, noise_pool(s.orders, i, s.noise_lags, degree))
-        if not found:
+        chosen = _chosen(s, records, i, row, noise_pool(s.orders, i, s.noise_lags, degree))
+        if not chosen:
             notes.append(
                 f"No past error improves the equation of {records[0].outputs[i].name}: its "
                 "errors are white already, or the noise is no part of the process."
             )
-        rows.append((*row, *found))
+        rows.append((*row, *chosen))
     err = s.err
     if err:
         err = tuple((*e, *[0.0] * (len(r) - len(e))) for e, r in zip(err, rows, strict=True))

@@ -18,7 +18,7 @@ def explicit_terms(text: str, orders: Orders) -> tuple[tuple[Term, ...], ...]:
     Raises:
         UsageError: a term cannot be read, stands twice, or has a lag that the orders do not have.
     """
-    found = []
+    equations = []
     for i, entries in enumerate(by_output(text, "terms", orders.ny, one_for_all=False)):
         terms = [parsed(entry, orders.nu, orders.ny, i) for entry in entries]
         if len(set(terms)) != len(terms) or not any(not is_noise(t) for t in terms):
@@ -27,9 +27,9 @@ def explicit_terms(text: str, orders: Orders) -> tuple[tuple[Term, ...], ...]:
                 "without e, each once"
             )
         # terms of the process first: they are what the noise terms are added to
-        found.append(tuple(sorted(terms, key=is_noise)))
-    require_inside(found, orders)
-    return tuple(found)
+        equations.append(tuple(sorted(terms, key=is_noise)))
+    require_inside(equations, orders)
+    return tuple(equations)
 
 
 def require_inside(rows: Sequence[Sequence[Term]], orders: Orders) -> None:

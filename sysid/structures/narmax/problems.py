@@ -70,15 +70,15 @@ class OneStep(Problem):
         return [(lag, g) for lag, g in sorted(gains.items()) if np.any(g)]
 
     def _errors(self, p: Array) -> list[Array]:
-        found = []
+        errors = []
         with np.errstate(over="ignore", invalid="ignore"):
             for values, y in zip(self._values, self._targets, strict=True):
                 e = y - values[:, self._plain] @ p[self._plain]
                 gains = self._gains(values, p)
                 if gains:
                     e = _fed_back(e, gains)
-                found.append(e)
-        return found
+                errors.append(e)
+        return errors
 
 
 def _error_lag(t: Term) -> int:

@@ -59,7 +59,7 @@ class NARMAX(RecursiveStructure):
     name: ClassVar[str] = "narmax"
     title: ClassVar[str] = "NARMAX: polynomial with selected terms"
     equation: ClassVar[str] = "y(t) = Σ θ_k Π y(t−·) Π u(t−·) Π e(t−·) + e(t)"
-    when: ClassVar[str] = "smooth nonlinearities; an equation one can read"
+    when: ClassVar[str] = "smooth nonlinearities; a readable equation"
     # a polynomial that has left its data by their own width does not come back
     runaway: ClassVar[float] = 1.0
     options: ClassVar[Mapping[str, str]] = {
@@ -76,7 +76,7 @@ class NARMAX(RecursiveStructure):
 
     @property
     def counts_from_zero(self) -> bool:
-        """Where the user gave the terms: they are products of the readings themselves."""
+        """Where the user gave the terms: they are products of the measurements themselves."""
         return bool(self.terms)
 
     @property
@@ -149,7 +149,7 @@ class NARMAX(RecursiveStructure):
         """Undo ``to_json``."""
         known = raw["settings"]
         plain = cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
-        found = cls(
+        structure = cls(
             plain.orders,
             degree=int(known["degree"]),
             size=int(known["size"]),
@@ -161,8 +161,8 @@ class NARMAX(RecursiveStructure):
             input_step=tuple(float(v) for v in known["input_step"]),
             **ranges_from(known),
         )
-        require_inside(found.terms, found.orders)
-        return found
+        require_inside(structure.terms, structure.orders)
+        return structure
 
     # ----------------------------------------------------------------- what θ stands for
 
@@ -194,13 +194,13 @@ class NARMAX(RecursiveStructure):
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[Parameter, ...]:
         """One coefficient a term, called like the term; its output in brackets where several."""
-        found = []
+        parameters = []
         for i, row in enumerate(self.rows):
             tag = "" if self.ny == 1 else f"[{outputs[i].name}]"
             for t in row:
                 unit = _unit(outputs[i].unit, t, inputs, outputs)
-                found.append(Parameter(typed_name(t, inputs, outputs) + tag, unit))
-        return tuple(found)
+                parameters.append(Parameter(typed_name(t, inputs, outputs) + tag, unit))
+        return tuple(parameters)
 
     def one_step(self, i: int, data: Data) -> OneStep:
         """The errors of output ``i`` one step ahead on (u, y) of each record."""
@@ -265,7 +265,7 @@ class NARMAX(RecursiveStructure):
         u = [Channel("u" if self.nu == 1 else f"u{j + 1}") for j in range(self.nu)]
         y = [Channel("y" if self.ny == 1 else f"y{j + 1}") for j in range(self.ny)]
         err = self.err or tuple((float("nan"),) * len(row) for row in self.rows)
-        found: dict[str, Any] = {
+        properties: dict[str, Any] = {
             "stable": self.stable(theta),
             "degree": max((len(t) for row in self.rows for t in row), default=0),
             "terms": [
@@ -284,13 +284,13 @@ class NARMAX(RecursiveStructure):
                 f"{low:.4g} … {high:.4g} ({c.name})"
                 for c, (low, high) in zip(y, self.limits, strict=True)
             )
-            found["free_run_limits"] = [list(pair) for pair in self.limits]
-            found["note"] = (
+            properties["free_run_limits"] = [list(pair) for pair in self.limits]
+            properties["note"] = (
                 f"In free run the output is kept inside {ends} about the operating point, its "
                 f"training range and {100 * self.margin:g} % on either side: beyond it a "
-                "polynomial means nothing."
+                "polynomial does not extrapolate."
             )
-        return found
+        return properties
 
 
 def _unit(top: str, t: Term, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> str:

@@ -34,7 +34,7 @@ TANGENT_SAMPLES = 4000
 
 def grown(row: Row, trial: Trial, pool: Sequence[Term], most: int, evaluations: int) -> list[Trial]:
     """The trial with one candidate after another added, as long as held-out data gain."""
-    found: list[Trial] = []
+    trials: list[Trial] = []
     while trial.chunk and len(trial.terms) < most:
         candidates = _promising(row, trial, pool)
         if not candidates:
@@ -44,9 +44,9 @@ def grown(row: Row, trial: Trial, pool: Sequence[Term], most: int, evaluations: 
         better = min(_trials(row, trial, sets, evaluations, ", grown"), key=lambda t: t.error)
         if not better.error <= (1.0 - GAIN) * trial.error:
             break
-        found.append(better)
+        trials.append(better)
         trial = better
-    return found
+    return trials
 
 
 def _trials(
@@ -100,7 +100,7 @@ def _promising(row: Row, trial: Trial, pool: Sequence[Term]) -> list[Term]:
 
 def pruned(row: Row, trial: Trial, evaluations: int) -> list[Trial]:
     """Terms left out one by one, the least certain first, while the held-out error allows it."""
-    found: list[Trial] = []
+    trials: list[Trial] = []
     while trial.chunk and len(trial.terms) > 2:
         sets = []
         for out in np.argsort(_certainty(row, trial))[:TRIED]:
@@ -110,9 +110,9 @@ def pruned(row: Row, trial: Trial, evaluations: int) -> list[Trial]:
         accepted = min(tried, key=lambda t: t.error)
         if not accepted.error <= (1.0 + KEEP) * trial.error:
             break
-        found.append(accepted)
+        trials.append(accepted)
         trial = accepted
-    return found
+    return trials
 
 
 def _certainty(row: Row, trial: Trial) -> Array:

@@ -1,4 +1,4 @@
-"""Which terms the equation of one output gets: pools, paths, and an inner hold-out that decides."""
+"""Term search for the equation of one output: pools, paths, and an inner hold-out."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -72,15 +72,15 @@ def pools(
     terms = [row.inward(t) for t in largest]
     most = max([f.lag for t in terms for f in t], default=0)
     caps = sorted({c for c in (1, 2, 3, 5, 8, 12, 20) if c < most} | {most})
-    found: list[tuple[int, int, list[int]]] = []
+    pools_of_row: list[tuple[int, int, list[int]]] = []
     for each in degrees:
         for cap in caps:
             inside = [
                 k for k, t in enumerate(terms) if len(t) <= each and all(f.lag <= cap for f in t)
             ]
-            if inside and (not found or inside != found[-1][2]):
-                found.append((each, cap, inside))
-    return tuple(terms), found
+            if inside and (not pools_of_row or inside != pools_of_row[-1][2]):
+                pools_of_row.append((each, cap, inside))
+    return tuple(terms), pools_of_row
 
 
 def capped(orders: Orders, lags: int) -> Orders:
@@ -106,14 +106,14 @@ def search_terms(row: Row, refine: bool, evaluations: int) -> tuple[Trial, list[
     s = row.structure
     if s.degree:
         return _search(row, (s.degree,), MAX_ORDER, refine, evaluations)
-    found, tried = _search(row, DEGREES, MAX_ORDER, refine, evaluations)
+    best, tried = _search(row, DEGREES, MAX_ORDER, refine, evaluations)
     count = len(lagged_signals(capped(s.orders, HIGH_LAGS), row.output))
-    if comb(count + HIGH, HIGH) <= HIGH_POOL and found.error > ENOUGH:
+    if comb(count + HIGH, HIGH) <= HIGH_POOL and best.error > ENOUGH:
         other, more = _search(row, (HIGH,), HIGH_LAGS, refine, evaluations)
         tried = tried + more
-        if other.error < CLEARLY * found.error:
-            found = other
-    return found, tried
+        if other.error < CLEARLY * best.error:
+            best = other
+    return best, tried
 
 
 def _search(
@@ -204,10 +204,10 @@ def _err_trials(
     s = row.structure
     most = s.size or min(MOST_TERMS, max(gram.samples // 8, 1))
     seen: set[frozenset[int]] = set()
-    found = []
+    trials = []
     for degree, cap, members in inside:
         sets = best_sizes(gram, members, most)
-        enough = bic_size([left for _, left in sets], gram.samples)
+        enough = bic_size([unexplained for _, unexplained in sets], gram.samples)
         sizes = [s.size] if s.size else [n for n in SIZES if n < enough] + [enough]
         for n in sizes:
             chosen = sets[min(n, len(sets)) - 1][0] if sets else []
@@ -215,8 +215,8 @@ def _err_trials(
                 continue
             seen.add(frozenset(chosen))
             how = f"error reduction, degree {degree}, lags to {cap}, {len(chosen)} terms"
-            found.append(_least_squares(row, grams, chosen, how))
-    return found
+            trials.append(_least_squares(row, grams, chosen, how))
+    return trials
 
 
 def _least_squares(row: Row, grams: Sequence[TermGram], chosen: Sequence[int], how: str) -> Trial:
@@ -245,7 +245,7 @@ def _simulation_trials(
     begin = [[short.index(place[x]) for x in ahead.terms]]
     begin.append([k for k in begin[0] if len(part.terms[k]) <= 1])
     most = s.size or min(MOST_TERMS, max(gram.samples // 8, 1))
-    found = []
+    trials = []
     seen: set[frozenset[int]] = set()
     for start in begin:
         if not start or frozenset(start) in seen or len(start) > most:
@@ -255,8 +255,8 @@ def _simulation_trials(
                 seen.add(frozenset(chosen))
                 how = f"simulation error, {len(chosen)} terms"
                 original = [short[k] for k in chosen]
-                found.append(_least_squares(row, grams, original, how))
-    return found
+                trials.append(_least_squares(row, grams, original, how))
+    return trials
 
 
 def subset(gram: TermGram, chosen: Sequence[int]) -> TermGram:
@@ -272,10 +272,10 @@ def subset(gram: TermGram, chosen: Sequence[int]) -> TermGram:
 
 
 def _distinct(trials: Sequence[Trial], count: int) -> list[Trial]:
-    found: list[Trial] = []
+    distinct: list[Trial] = []
     for t in trials:
-        if all(set(t.terms) != set(f.terms) for f in found):
-            found.append(t)
-        if len(found) == count:
+        if all(set(t.terms) != set(f.terms) for f in distinct):
+            distinct.append(t)
+        if len(distinct) == count:
             break
-    return found
+    return distinct

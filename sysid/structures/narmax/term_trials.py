@@ -90,13 +90,13 @@ class Row:
         self.levels = [
             _levels(np.concatenate([r.u[:, j] for r in records])) for j in range(structure.nu)
         ]
-        held = np.concatenate([
+        outputs = np.concatenate([
             y[counted, 0]
             for f in self.folds
             for (_, y), counted in zip(self.whole, f.counted, strict=True)
         ])  # fmt: skip
-        self.tie = max(TIE, 1.0 / float(np.sqrt(2.0 * max(len(held), 1))))
-        spread = float(np.sum((held - held.mean()) ** 2)) if len(held) else 0.0
+        self.tie = max(TIE, 1.0 / float(np.sqrt(2.0 * max(len(outputs), 1))))
+        spread = float(np.sum((outputs - outputs.mean()) ** 2)) if len(outputs) else 0.0
         self.spread = spread if spread > 0.0 else 1.0
         power = float(np.mean(np.concatenate([y for _, y in self.whole]) ** 2))
         self.scale = np.array([np.sqrt(power) if power > 0.0 else 1.0])
@@ -157,8 +157,8 @@ class Row:
                 stop = int(np.flatnonzero(counted)[-1]) + 1 if counted.any() else 0
                 if stop > first:
                     x0 = run.state(y[:first], u[:first])
-                    found = run.simulate(theta, u[first:stop], x0)
-                    total += float(np.sum((found - y[first:stop])[counted[first:stop]] ** 2))
+                    outputs = run.simulate(theta, u[first:stop], x0)
+                    total += float(np.sum((outputs - y[first:stop])[counted[first:stop]] ** 2))
         return float(np.sqrt(total / self.spread))
 
 
@@ -183,17 +183,17 @@ def refined(
 ) -> list[Trial]:
     """The same terms with coefficients fitted to free runs over longer and longer chunks."""
     thetas: tuple[Array, ...] = trial.theta
-    found: list[Trial] = []
+    refined_trials: list[Trial] = []
     longest = max(len(y) for fold in row.folds for _, y in fold.train)
     for rung in ladder:
         chunk = min(rung, longest)
         (thetas,) = fit_folds(row, [(trial.terms, thetas)], chunk, evaluations)
         error = row.held_out_error(trial.terms, thetas)
         words = f"{trial.how}, refined over {chunk} samples"
-        found.append(Trial(trial.terms, thetas, error, words, chunk))
+        refined_trials.append(Trial(trial.terms, thetas, error, words, chunk))
         if chunk == longest:
             break
-    return found
+    return refined_trials
 
 
 def fit_folds(
@@ -215,6 +215,6 @@ def fit_folds(
         for terms, thetas in sets
         for fold, theta in zip(row.folds, thetas, strict=True)
     ]
-    found = fit_together(fits, row.limits, chunk, evaluations)
+    solutions = fit_together(fits, row.limits, chunk, evaluations)
     n = len(row.folds)
-    return [tuple(found[k : k + n]) for k in range(0, len(found), n)]
+    return [tuple(solutions[k : k + n]) for k in range(0, len(solutions), n)]

@@ -114,9 +114,9 @@ class _Maps:
         self.shape, self.kind, self.ny = shape, KINDS[shape.kind], len(shape.rows)
         counts = [size(*s) for s in shape.sizes]
         self.ends = [sum(counts[:i]) for i in range(self.ny + 1)]
-        found = sorted({s for row in shape.rows for e in row for s in signals(e)})
-        self.inputs = [s for s in found if s.kind == "u"]
-        self.past_outputs = [s for s in found if s.kind == "y"]
+        all_signals = sorted({s for row in shape.rows for e in row for s in signals(e)})
+        self.inputs = [s for s in all_signals if s.kind == "u"]
+        self.past_outputs = [s for s in all_signals if s.kind == "y"]
 
     def weights(self, theta: Values) -> list[Weights]:
         """θ cut into the parts of each row."""
@@ -159,18 +159,18 @@ class _Maps:
             us, y_now, restart = now
             ys = jnp.where(restart, measured, ys)
             known = {s: ys[-s.lag, s.channel] for s in self.past_outputs}
-            found = [
+            outputs = [
                 value(jnp, self.kind, f, w, self.regressors(row, known, us))
                 for row, f, w in zip(self.shape.rows, frames, weights, strict=True)
             ]
-            y = jnp.clip(jnp.stack(found), data.limits[:, :1], data.limits[:, 1:])
+            y = jnp.clip(jnp.stack(outputs), data.limits[:, :1], data.limits[:, 1:])
             used = jnp.stack(list(known.values())) if known else y[:0]
             after = jnp.concatenate([ys[1:], y[None]])
             return (after, jnp.concatenate([measured[1:], y_now[None]])), (y, used)
 
         xs = (self.input_signals(data.u), data.y, data.restart)
-        found: tuple[Values, Values] = self.jax.lax.scan(sample, (data.past, data.past), xs)[1]
-        return found
+        outputs: tuple[Values, Values] = self.jax.lax.scan(sample, (data.past, data.past), xs)[1]
+        return outputs
 
     # ----------------------------------------------------------------- slopes
 

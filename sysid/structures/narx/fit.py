@@ -70,7 +70,7 @@ def fit_narx(
        together within bounds. The better free run wins.
 
     Raises:
-        UsageError: parameters are held or bounded, or an option cannot be served.
+        UsageError: parameters are fixed or bounded, or an option cannot be served.
         DataError: too few samples.
         ModelError: no map has a finite free run.
     """
@@ -110,7 +110,7 @@ def fit_narx(
 def _check(s: NarxWavelet, records: Sequence[Record], options: FitOptions) -> None:
     if options.fixed or options.bounds:
         raise UsageError(
-            "narx-wavelet places its units by the data; no parameter of it can be held or bounded"
+            "narx-wavelet places its units by the data; no parameter of it can be fixed or bounded"
         )
     needed = s.first_sample() + 20
     if max(len(r) for r in records) <= needed:
@@ -153,13 +153,13 @@ def _on_all_data(
     for i, theta in enumerate(plain):
         ahead = weighted(OneStepRow(run, i, [(r.u, r.y) for r in records]), records)
         solved.append((ahead, _evaluated(ahead, theta), sum(ahead.lengths)))
-    found = [Estimate(np.concatenate(plain), tuple(solved), "least squares")]
+    estimates = [Estimate(np.concatenate(plain), tuple(solved), "least squares")]
     if not any(t.chunk for t in winners):
-        return found
+        return estimates
     start = [t.theta if t.chunk else linear for t, linear in zip(winners, plain, strict=True)]
     chunk = max(t.chunk for t in winners)
-    found.append(_all_rows_refined(s, records, options, np.concatenate(start), chunk))
-    return found
+    estimates.append(_all_rows_refined(s, records, options, np.concatenate(start), chunk))
+    return estimates
 
 
 def all_data(records: Sequence[Record]) -> HoldOut:
@@ -184,12 +184,12 @@ def _prior(
     share, sizes, amplitude = [], [], []
     for row, design in rows:
         bounds = row.bounds(design)
-        mine = np.zeros(len(bounds.moving), dtype=bool)
+        drawn = np.zeros(len(bounds.moving), dtype=bool)
         d, T, K, _ = design.sizes
-        mine[1 + d : 1 + d + T + K] = True
-        share.append(np.where(bounds.moving, PULL, np.where(mine, SHRINK, FIRM)))
+        drawn[1 + d : 1 + d + T + K] = True
+        share.append(np.where(bounds.moving, PULL, np.where(drawn, SHRINK, FIRM)))
         sizes.append(row.sizes(design))
-        amplitude.append(mine)
+        amplitude.append(drawn)
     pull = np.sqrt(np.concatenate(share) * float(e @ e)) / np.concatenate(sizes)
     return pull, np.where(np.concatenate(amplitude), 0.0, start)
 
@@ -210,7 +210,7 @@ def _all_rows_refined(
     lower, upper, free = (
         np.concatenate([getattr(b, name) for b in bounds]) for name in ("lower", "upper", "free")
     )
-    found = levenberg_marquardt(
+    solution = levenberg_marquardt(
         problem,
         np.clip(theta, lower, upper),
         Descent(
@@ -224,7 +224,7 @@ def _all_rows_refined(
         ),
     )
     how = f"refined over {chunk} samples"
-    return Estimate(found.p, ((problem, found, bare.samples),), how)
+    return Estimate(solution.p, ((problem, solution, bare.samples),), how)
 
 
 def _evaluated(problem: Problem, theta: Array) -> Solution:
@@ -288,5 +288,5 @@ def _error(s: NarxWavelet, records: Sequence[Record], runs: Sequence[Array]) -> 
     with np.errstate(over="ignore", invalid="ignore"):
         e = (measured - np.concatenate(runs)) / spreads([measured])
         e = e[np.concatenate([r.counted[first:] for r in records])]
-        found = float(np.sqrt(np.mean(e**2)))
-    return found if np.isfinite(found) else float("inf")
+        rms = float(np.sqrt(np.mean(e**2)))
+    return rms if np.isfinite(rms) else float("inf")

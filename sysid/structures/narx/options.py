@@ -62,10 +62,10 @@ class NarxOptions:
         known = {f.name: raw[f.name] for f in fields(NarxOptions)}
         if known["estimator"] == "polynomial":  # of 0.1.0: no units, whatever kind they had been
             known["estimator"] = "wavelet"
-        found = NarxOptions(**known)
-        if found.estimator not in KINDS:
-            raise ValueError(f"unknown estimator {found.estimator!r}")
-        return found
+        options = NarxOptions(**known)
+        if options.estimator not in KINDS:
+            raise ValueError(f"unknown estimator {options.estimator!r}")
+        return options
 
 
 def read(given: Mapping[str, str]) -> NarxOptions:

@@ -90,8 +90,8 @@ class FreeRuns(Problem):
 
     def residual(self, p: Array) -> Array:
         """(y − ŷ)/spread: chunk after chunk, output after output; then what draws."""
-        found = np.asarray(self._functions.runs(p, self._frames, self._chunks))
-        e = (self._chunks.y - found) / self._scale[:, None]
+        errors = np.asarray(self._functions.runs(p, self._frames, self._chunks))
+        e = (self._chunks.y - errors) / self._scale[:, None]
         data = e.transpose(2, 1, 0)[self._inside]
         return np.concatenate([data, self._pull * (p[self._drawn] - self._centre)])
 

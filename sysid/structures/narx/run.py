@@ -92,12 +92,12 @@ class NarxRun(FreeRun):
         """Without past outputs the whole run is one evaluation."""
         driven = np.concatenate([self.past(x0)[1], u])
         blank = np.zeros((len(driven), self.ny))
-        found = []
+        values_of_rows = []
         for i, (row, index) in enumerate(zip(self.rows, self.theta_index, strict=True)):
             x = columns(row, driven, blank)[self.before :]
-            found.append(self.row_values(i, theta[index], x))
+            values_of_rows.append(self.row_values(i, theta[index], x))
         low, high = np.array(self.limits).T
-        return np.asarray(np.clip(np.stack(found, axis=1), low, high))
+        return np.asarray(np.clip(np.stack(values_of_rows, axis=1), low, high))
 
     def row_values(self, i: int, p: Array, x: Array) -> Array:
         """Map of one output with its parameters p for regressors (N, d), unlimited, (N,)."""
@@ -120,13 +120,15 @@ class NarxRun(FreeRun):
             xp: Any = x.__array_namespace__()
             known: Any = xp.concatenate([x, u])
             if point is None or xp is not np:
-                found = self._values_at(xp, theta, known)
+                row_values = self._values_at(xp, theta, known)
             elif simple:
-                found = point(known[places])
+                row_values = point(known[places])
             else:
                 values = known.tolist()
-                found = point(np.array([f(values) for f in each]))
-            limited = [kept_inside(xp, v, *ends) for v, ends in zip(found, limits, strict=True)]
+                row_values = point(np.array([f(values) for f in each]))
+            limited = [
+                kept_inside(xp, v, *ends) for v, ends in zip(row_values, limits, strict=True)
+            ]
             y = together(xp, limited)
             return xp.concatenate([x, y, u])[source], y
 
@@ -134,11 +136,11 @@ class NarxRun(FreeRun):
 
     def _values_at(self, xp: Any, theta: Array, known: Any) -> list[Any]:
         """The maps of all outputs where ``known`` holds the state and the inputs of now."""
-        found = []
+        values = []
         for row, d, index in zip(self.rows, self.designs, self.theta_index, strict=True):
             x = xp.stack([evaluate(e, lambda s: known[self.place(s)], xp) for e in row])
-            found.append(value(xp, self.kind, d.frame(), d.weights(theta[index]), x))
-        return found
+            values.append(value(xp, self.kind, d.frame(), d.weights(theta[index]), x))
+        return values
 
     # ----------------------------------------------------------------- many runs at once
 
@@ -177,8 +179,8 @@ class NarxRun(FreeRun):
                     x = np.empty((batch, len(row)))
                     for k, e in enumerate(row):
                         x[:, k] = evaluate(e, lookup, np)
-                    found = value(np, self.kind, frame, w, x)
-                    full[t + depth, i] = np.fmin(np.fmax(found, low), high)
+                    outputs = value(np, self.kind, frame, w, x)
+                    full[t + depth, i] = np.fmin(np.fmax(outputs, low), high)
         return full
 
     def _compiled(self, theta: Array, u: Array, x0: Array | None) -> Array:
@@ -190,8 +192,8 @@ class NarxRun(FreeRun):
         run = _long_run(self.rows, kinds, self.kind, self.depth, self.before)
         frames = [d.frame() for d in self.designs]
         weights = [d.weights(theta[i]) for d, i in zip(self.designs, self.theta_index, strict=True)]
-        found = run(frames, weights, np.array(self.limits), driven, past_y)
-        return np.asarray(found)[: len(u)]
+        outputs = run(frames, weights, np.array(self.limits), driven, past_y)
+        return np.asarray(outputs)[: len(u)]
 
 
 BLOCK = 8192
@@ -225,11 +227,11 @@ def _long_run(
             def lookup(s: Signal) -> Any:
                 return ys[-s.lag, s.channel] if s.kind == "y" else us[-1 - s.lag, s.channel]
 
-            found = [
+            values = [
                 value(jnp, kind, f, w, jnp.stack([evaluate(e, lookup, jnp) for e in row]))
                 for row, f, w in zip(rows, frames, weights, strict=True)
             ]
-            y = jnp.clip(jnp.stack(found), limits[:, 0], limits[:, 1])
+            y = jnp.clip(jnp.stack(values), limits[:, 0], limits[:, 1])
             return (jnp.concatenate([ys[1:], y[None]]), us), y
 
         known = jnp.concatenate([jnp.zeros((1, u.shape[1])), u[:before]])
@@ -310,5 +312,5 @@ class Point:
             if self._units:
                 t = (self._slope @ z + self._offset).reshape(self._shape)
                 out += self._amplitude @ self._value(np, t, self._flag, self._dim)
-        found: list[float] = out.tolist()
-        return found
+        outputs: list[float] = out.tolist()
+        return outputs

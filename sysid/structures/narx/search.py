@@ -1,4 +1,4 @@
-"""Which products and units the map of one output gets: a grid of starts, judged and refined."""
+"""Search for the products and units of one output's map: a grid of starts, judged and refined."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -100,28 +100,28 @@ def one_step_trials(row: RowRuns) -> list[Trial]:
     given = row.structure.options_given
     plain = scaled_design(row.x, given.margin)
     degrees = (given.degree,) if given.degree else range(1, DEGREE + 1)
-    found: list[Trial] = []
+    trials: list[Trial] = []
     dictionaries = _dictionaries(row, plain) if given.units != 0 else {}
     for degree in degrees:
         terms: tuple[tuple[int, ...], ...] = ()
         if degree == 1:
             if not given.units:
-                found.append(_trial(row, plain, None, "linear"))
+                trials.append(_trial(row, plain, None, "linear"))
         else:
             pool = select_products(plain, row.x, row.y, degree, max(PRODUCTS))
             sizes = sorted({n for n in PRODUCTS if n < pool.most} | {min(pool.most, max(PRODUCTS))})
             for n in sizes if not given.units else ():
                 if n:
                     design = replace(plain, terms=pool.terms[:n])
-                    found.append(_trial(row, design, None, f"degree {degree}, {n} products"))
+                    trials.append(_trial(row, design, None, f"degree {degree}, {n} products"))
             terms = pool.terms[: min(pool.most, BELOW)]
             if not terms:
                 continue
         if given.units != 0:
-            found += _networks(row, terms, degree, dictionaries)
-    if not found:
-        found.append(_trial(row, plain, None, "linear"))
-    return found
+            trials += _networks(row, terms, degree, dictionaries)
+    if not trials:
+        trials.append(_trial(row, plain, None, "linear"))
+    return trials
 
 
 Dictionaries = Mapping[str, tuple[RowDesign, Dictionary]]
@@ -154,7 +154,7 @@ def _networks(
 ) -> list[Trial]:
     given = row.structure.options_given
     most = given.units or max(UNITS)
-    found = []
+    networks = []
     for name, (plain, candidates) in dictionaries.items():
         design = replace(plain, terms=terms)
         s = select_units(design, row.x, row.y, candidates, most)
@@ -166,8 +166,8 @@ def _networks(
             if n:
                 full, units = s.leading(design, n)
                 words = f"degree {degree}, {n} units over {name}"
-                found.append(_trial(row, full, units, words))
-    return found
+                networks.append(_trial(row, full, units, words))
+    return networks
 
 
 def seen(row: RowRuns, name: str) -> list[int]:
@@ -175,13 +175,13 @@ def seen(row: RowRuns, name: str) -> list[int]:
     every_regressor = list(range(len(row.row)))
     if name in ("each", "all") or (name == "pairs" and len(every_regressor) <= PAIRED):
         return every_regressor
-    own = [k for k, e in enumerate(row.row) if isinstance(e, Signal) and e.kind == "y"]
+    past_outputs = [k for k, e in enumerate(row.row) if isinstance(e, Signal) and e.kind == "y"]
     newest: dict[int, int] = {}
     for k, e in enumerate(row.row):
         if isinstance(e, Signal) and e.kind == "u" and e.channel < row.structure.nu:
             newest.setdefault(e.channel, k)
-    found = sorted([*own, *newest.values()])
-    return found[:PAIRED] if name == "pairs" else found
+    columns = sorted([*past_outputs, *newest.values()])
+    return columns[:PAIRED] if name == "pairs" else columns
 
 
 def groups(regressors: Sequence[int], size: int) -> list[tuple[int, ...]]:

@@ -133,13 +133,15 @@ class RowRuns:
             m & ~r.left_out[:, output] for m, r in zip(data.counted, data.whole, strict=True)
         ]
         self.scale = spreads([y for _, y in self.train])
-        held = np.concatenate([y[m, 0] for (_, y), m in zip(self.whole, self.counted, strict=True)])
-        spread = float(np.std(held)) if len(held) else 0.0
+        outputs = np.concatenate(
+            [y[m, 0] for (_, y), m in zip(self.whole, self.counted, strict=True)]
+        )
+        spread = float(np.std(outputs)) if len(outputs) else 0.0
         self.spread = spread if spread > 0.0 else 1.0
         first = self.run(RowDesign.plain(len(self.row))).first
         self.first = first
         self.fitted = [
-            (~m if data.held else m | True) & ~r.left_out[:, output]
+            (~m if data.holdout else m | True) & ~r.left_out[:, output]
             for m, r in zip(data.counted, data.whole, strict=True)
         ]
         used = [r.fitted[first:, output] for r in data.train]
@@ -187,7 +189,7 @@ class RowRuns:
         for k, (record, a, b) in enumerate(where):
             weight[: b - a, 0, k] = self.counted[record][a:b]
         count = max(float(weight.sum()), 1.0)
-        found = []
+        judged = []
         for at in range(0, len(trials), LANES):
             some = trials[at : at + LANES]
             # every call has as many lanes: one compilation
@@ -195,11 +197,11 @@ class RowRuns:
             runs = _batch_runs(padded.shape(self))(padded.theta, padded.frames, data)
             square = np.sum(((np.asarray(runs) - chunks.y) * weight) ** 2, axis=(1, 2, 3))
             errors = np.sqrt(square / count) / self.spread
-            found += [
+            judged += [
                 replace(t, error=float(e) if np.isfinite(e) else np.inf)
                 for t, e in zip(some, errors, strict=False)
             ]
-        return found
+        return judged
 
     # ----------------------------------------------------------------- refining
 
@@ -221,14 +223,14 @@ class RowRuns:
         each = (padded.frames, scale, padded.free, z, aim, pull, lower, upper)
         data = thinned(chunks)
         ends = many_starts(functions[0], z, each, data, iterations, 1e-9, functions[1])
-        found = []
+        refined = []
         for k, (t, end) in enumerate(zip(trials, ends, strict=False)):
             theta = t.theta
             if end.cost is not None:
                 moved = np.clip(end.z, lower[k], upper[k])
                 theta = padded.cut(k, np.where(padded.free[k], moved, z[k]) * scale[k])
             words = t.how.split(", refined")[0]
-            found.append(
+            refined.append(
                 replace(
                     t,
                     theta=theta,
@@ -238,7 +240,7 @@ class RowRuns:
                     termination=end.termination,
                 )
             )
-        return self.judged(found)
+        return self.judged(refined)
 
     def compact(self, trials: Sequence[Trial]) -> tuple[int, int, int]:
         """``largest`` without what none of these maps needs, in few steps: each is compiled."""

@@ -1,4 +1,4 @@
-"""NARX with a nonlinearity estimator: the thesis's accepted structure, and its relatives."""
+"""NARX with a nonlinearity estimator, such as a wavelet network."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -95,8 +95,8 @@ class NarxWavelet(RecursiveStructure):
         """
         largest = max(1, min(4 if nu * ny == 1 else 2, samples // (60 * (nu + ny))))
         if ny > 1:
-            own = {"na": largest, "nb": largest, "nk": delay}
-            return (own, {"na": [[1] * ny] * ny, "nb": 1, "nk": delay})
+            largest_orders = {"na": largest, "nb": largest, "nk": delay}
+            return (largest_orders, {"na": [[1] * ny] * ny, "nb": 1, "nk": delay})
         return tuple({"na": n, "nb": n, "nk": delay} for n in range(min(2, largest), largest + 1))
 
     def settings(self) -> dict[str, Any]:
@@ -113,15 +113,15 @@ class NarxWavelet(RecursiveStructure):
         """Undo ``to_json``."""
         known, nu, ny = raw["settings"], int(raw["nu"]), int(raw["ny"])
         customs = tuple(tuple(parse(e, nu, ny) for e in row) for row in known["regressors"])
-        found = cls(
+        structure = cls(
             spread(raw["orders"], "ab", nu, ny, cls.name),
             options_given=NarxOptions.from_json(known["options"]),
             customs=customs,
             designs=tuple(narx_options.design_from_json(d) for d in known["designs"]),
             **ranges_from(known),
         )
-        narx_options.check_designs(found.rows, found.designs)
-        return found
+        narx_options.check_designs(structure.rows, structure.designs)
+        return structure
 
     # ----------------------------------------------------------------- what θ stands for
 
@@ -189,7 +189,7 @@ class NarxWavelet(RecursiveStructure):
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
         """Sizes of the network, its regressors, and where the free run is held."""
-        found: dict[str, Any] = {
+        properties: dict[str, Any] = {
             "stable": self.stable(theta),
             "estimator": self.options_given.estimator,
             "outputs": [
@@ -206,10 +206,10 @@ class NarxWavelet(RecursiveStructure):
         }
         if self.output_range:
             margin = 100.0 * self.options_given.margin
-            found["free_run_limits"] = [list(pair) for pair in self.limits]
-            found["note"] = (
+            properties["free_run_limits"] = [list(pair) for pair in self.limits]
+            properties["note"] = (
                 "In free run every output is kept inside its training range and "
                 f"{margin:g} % on either side, and so is what the nonlinear part sees of every "
-                "regressor: beyond it the model says nothing."
+                "regressor: the model does not extrapolate."
             )
-        return found
+        return properties

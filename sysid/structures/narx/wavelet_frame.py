@@ -124,8 +124,8 @@ def _cells(v: Array, width: float, rng: np.random.Generator) -> Array:
     # one number a cell, in the same order: numpy finds unique rows far more slowly
     flat = np.ravel_multi_index(tuple((codes - low).T), tuple(spans.tolist()))
     cells, count = np.unique(flat, return_counts=True)
-    found = np.stack(np.unravel_index(cells, tuple(spans.tolist())), axis=1) + low
-    enough = found[count >= max(3, len(v) // 1000)]
+    indices = np.stack(np.unravel_index(cells, tuple(spans.tolist())), axis=1) + low
+    enough = indices[count >= max(3, len(v) // 1000)]
     if len(enough) > CELLS:
         enough = enough[np.sort(rng.choice(len(enough), CELLS, replace=False))]
     return np.asarray(enough * width)
@@ -193,11 +193,11 @@ def product_pool(d: int, degree: int) -> list[tuple[int, ...]]:
     """Products of degree 2 … ``degree`` of the first regressors, as many as the pool can hold."""
     most = d
     while True:
-        found = [
+        pool = [
             t for k in range(2, degree + 1) for t in combinations_with_replacement(range(most), k)
         ]
-        if len(found) <= POOL or most <= 2:
-            return found
+        if len(pool) <= POOL or most <= 2:
+            return pool
         most -= 1
 
 
@@ -269,7 +269,7 @@ def dictionary(
     """
     z = scaled(design, x[_rows(len(x))])
     v, kind = z @ np.array(design.projection), KINDS[estimator]
-    found: list[Units] = []
+    units_of_dictionary: list[Units] = []
     values: list[Array] = []
     owners: list[tuple[int, ...]] = []
     rng = np.random.default_rng(seed)
@@ -278,9 +278,9 @@ def dictionary(
         units = _thinned(DICTIONARIES[estimator](part, rng), max(len(views), 1), rng)
         t = kind.argument(np, part[:, None, :], units[0], units[1])
         values.append(kind.value(np, t, units[2], np.full(len(units[0]), float(len(view)))))
-        found.append(units)
+        units_of_dictionary.append(units)
         owners += [view] * len(units[0])
-    shape, place, flag = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    shape, place, flag = (np.concatenate(parts) for parts in zip(*units_of_dictionary, strict=True))
     columns = Candidates.of(np.concatenate(values, axis=1))
     return Dictionary(shape, place, flag, tuple(owners), columns, bool(views))
 
@@ -336,8 +336,8 @@ def _ordered(
 def cross_validated_size(path: Path, given: int, samples: int) -> int:
     """Number of added columns at which N V/(N − p)² is smallest."""
     count = np.arange(len(path.order) + 1)
-    left = np.concatenate([[1.0], path.unexplained()])
-    return int(np.argmin(left / np.maximum(1.0 - (given + count) / samples, 1e-3) ** 2))
+    unexplained = np.concatenate([[1.0], path.unexplained()])
+    return int(np.argmin(unexplained / np.maximum(1.0 - (given + count) / samples, 1e-3) ** 2))
 
 
 def least_squares(design: RowDesign, estimator: str, x: Array, y: Array, units: Units) -> Array:

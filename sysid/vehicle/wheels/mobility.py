@@ -54,7 +54,7 @@ class Degrees:
 class IcrKind(Enum):
     """What is known of the instantaneous centre of rotation; the value says what the body does."""
 
-    POINT = "turns about one point, or stands"
+    POINT = "rotates about a fixed centre, or rests"
     LINE = "turns about any point of a line, as wheel speeds choose"
     INFINITY = "axles are parallel: drives straight, or stands"
     ANYWHERE = "turns about any point of the plane, as wheel speeds choose"

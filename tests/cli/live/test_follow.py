@@ -136,8 +136,8 @@ def test_a_change_is_said_when_it_is_seen(tmp_path: Path, capsys: Capsys) -> Non
         (("--follow", "--stamps", "header", "--for", "0.1"), "needs the whole log", 2),
         (("--follow", "--latency", "remove", "--for", "0.1"), "needs the whole log", 2),
         (("--follow", "--map", "u=/wheel.data", "--for", "0.1"), "is a file", 2),
-        (("--stamps", "received"), "is no bag", 2),
-        (("--latency", "remove"), "is no bag", 2),
+        (("--stamps", "received"), "is not a bag", 2),
+        (("--latency", "remove"), "is not a bag", 2),
         (("--follow", "--for", "0.1"), "too few", 1),
     ],
 )

@@ -123,7 +123,7 @@ def test_the_command_records_a_mission(
     refused = run(capsys, *line, "--bag", "m.mcap", "--runs", "2")
     assert refused.code == 2
     (tmp_path / "there").mkdir()
-    assert "there already" in run(capsys, *line, "--bag", "there").err
+    assert "exists already" in run(capsys, *line, "--bag", "there").err
 
 
 def test_inspect_lists_a_bag_and_its_line_reads_it(
@@ -170,12 +170,12 @@ def test_disorder_and_doubled_messages_are_mended_and_said(tmp_path: Path) -> No
     log = read_file(path, ReadOptions(map={"u": "/u", "y": "/y.point.x"}))
     assert log.records[0].y[:, 0] == pytest.approx(0.5 * np.arange(60.0))
     said = " ".join(log.notes)
-    assert "6 messages stand out of order" in said
-    assert "1 message stands at the stamp of the next one" in said
+    assert "6 messages were out of order" in said
+    assert "1 message was stamped like the next one" in said
     assert "by header.stamp (10 ms before receipt)" in said
     by_receipt = read_log(path, ReadOptions(map={"u": "/u", "y": "/y.point.x"}, stamps="received"))
     assert not np.array_equal(by_receipt.y, log.records[0].y)
-    with pytest.raises(DataError, match="/u: its messages have no stamp"):
+    with pytest.raises(DataError, match="/u: the messages have no stamp"):
         read_file(path, ReadOptions(map={"u": "/u", "y": "/y.point.x"}, stamps="header"))
 
 
@@ -243,12 +243,12 @@ def test_frames_that_are_not_those_of_ros_are_said(tmp_path: Path) -> None:
     mapping = {"pose": "/odom", "v": "/odom.twist.twist.linear.x"}
     options = ReadOptions(map=mapping, inputs=("none",), outputs=("v",))
     for sense, world, words in (
-        (1.0, False, ""), (-1.0, False, "counts clockwise"), (1.0, True, "is told in odom"),
+        (1.0, False, ""), (-1.0, False, "counts clockwise"), (1.0, True, "is expressed in odom"),
     ):  # fmt: skip
         path = write_bag(tmp_path / f"{sense}{world}.mcap",
                          lambda make, s=sense, w=world: circle(make, s, w))  # fmt: skip
         said = [f.text for f in read_file(path, options).findings if f.code == "bag"]
-        warned = [t for t in said if "by the way driven" in t]
+        warned = [t for t in said if "by the path driven" in t]
         assert bool(warned) == bool(words)
         assert all(words in t for t in warned)
 

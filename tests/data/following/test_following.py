@@ -87,12 +87,12 @@ def test_a_pipe_ends_when_its_writer_goes(tmp_path: Path) -> None:
 def test_no_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="is a folder"):
         lines_of(str(tmp_path))
-    with pytest.raises(UsageError, match="no folder"):
+    with pytest.raises(UsageError, match="folder not found"):
         lines_of(str(tmp_path / "none" / "run.csv"))
     picture = tmp_path / "run.png"
     picture.write_bytes(b"\x89PNG\0\0\n")
     source = lines_of(str(picture))
-    with pytest.raises(DataError, match="no text"):
+    with pytest.raises(DataError, match="is not text"):
         source.new()
     source.close()
 

@@ -44,8 +44,8 @@ def test_a_plain_log_is_cut(separator: str, end: str, tmp_path: Path) -> None:
         ("\n", ""),
         ("119.5,1.0\n", f"line {ROWS - 3} has 2 cells"),
         ("119.5,1.0,2.0,3.0\n", f"line {ROWS - 3} has 4 cells"),
-        ("119.5,1.0,fault\n", "'fault' is no number"),
-        ("119.5,1e,2.0\n", "'1e' is no number"),
+        ("119.5,1.0,fault\n", "'fault' is not a number"),
+        ("119.5,1e,2.0\n", "'1e' is not a number"),
     ],
 )
 def test_what_is_odd_behind_the_head_is_still_met(line: str, said: str, tmp_path: Path) -> None:

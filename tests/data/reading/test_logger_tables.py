@@ -122,7 +122,7 @@ def test_durations_with_a_unit_behind_the_number(
     log = read_file(put(tmp_path, "\n".join(rows) + "\n"))
     assert log.records[0].dt == pytest.approx(dt, rel=1e-6)
     if ":" not in cell:
-        assert "units stand behind the numbers: Time in" in " ".join(log.notes)
+        assert "units from behind the numbers: Time in" in " ".join(log.notes)
 
 
 def test_units_behind_the_numbers_of_any_column(tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_the_senders_stamp_goes_before_the_recorders(tmp_path: Path, stamp: str)
     log = read_file(path)
     assert not [f for f in log.findings if f.code == "jitter"]
     assert log.records[0].dt == pytest.approx(0.01, rel=1e-6)
-    assert f"the time is {stamp}, the sender's own stamp; time," in " ".join(log.notes)
+    assert f"the time is {stamp}, the sender's stamp; time," in " ".join(log.notes)
     asked = read_file(path, ReadOptions(time="time"))
     assert [f for f in asked.findings if f.code == "jitter"]
 

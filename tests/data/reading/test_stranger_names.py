@@ -279,7 +279,7 @@ POSES: dict[str, tuple[tuple[str, str, str], tuple[np.ndarray, ...], dict[str, s
         ("x", "y", "heading [deg]"),
         (X, Y, (90.0 - np.degrees(PSI)) % 360),
         {},
-        "as a compass does",
+        "like a compass",
     ),
 }
 
@@ -301,7 +301,7 @@ def test_the_pose_however_it_is_written(tmp_path: Path, case: str) -> None:
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (("x", "y", "speedup"), "x, y look like a pose but were not used: there is no angle"),
+        (("x", "y", "speedup"), "x, y look like a pose but were not used: the angle"),
         (("x_px", "y_px", "psi"), ""),
         (("x [px]", "y [px]", "psi"), "the unit of x is px"),
     ],
@@ -321,5 +321,5 @@ def test_a_wrong_unit_of_the_pose_is_refused(tmp_path: Path) -> None:
     path = pose_log(tmp_path, ("x", "y", "psi"), (X, Y, PSI))
     with pytest.raises(UsageError, match=r"unit of psi is V.*`units={'psi': 'rad'}`"):
         read_file(path, ReadOptions(units={"psi": "V"}))
-    with pytest.raises(UsageError, match=r"units={'t': 'rpm'}` is no unit of time.*s, ms, us"):
+    with pytest.raises(UsageError, match=r"units={'t': 'rpm'}` is not a unit of time.*s, ms, us"):
         read_file(path, ReadOptions(units={"t": "rpm"}))

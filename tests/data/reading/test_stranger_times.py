@@ -105,7 +105,7 @@ def test_a_restart_is_no_rollover(tmp_path: Path) -> None:
     k, u, y = motor(100)
     body = lines([whole(20 * k), whole(u), point(y)])
     path = put(tmp_path, "millis,u,y\n" + body + body)
-    with pytest.raises(DataError, match="several logs: `resample='split'`"):
+    with pytest.raises(DataError, match="several logs; `resample='split'`"):
         read_file(path)
     assert len(read_file(path, ReadOptions(resample="split")).records) == 2
 
@@ -186,7 +186,7 @@ def test_a_current_named_like_a_counter_is_no_counter(tmp_path: Path) -> None:
 def test_a_clock_too_coarse_is_left_where_the_sample_time_is_given(tmp_path: Path) -> None:
     k, u, y = motor(200)
     path = put(tmp_path, "Zeit,u,y\n" + lines([whole(k // 50), whole(u), point(y)]))
-    with pytest.raises(DataError, match=r"time stands still.*`ts`"):
+    with pytest.raises(DataError, match=r"time stays at.*`ts`"):
         read_file(path)
     assert read_file(path, ReadOptions(ts=0.02)).records[0].dt == 0.02
 

@@ -78,8 +78,8 @@ class Static:
         slope = np.ones_like(x)
         partials: list[Array] = []
         for stage, part in zip(self.stages, self.slices(), strict=True):
-            x, inner, own = stage.evaluated(x, p[part])
-            partials = [*(d * inner for d in partials), own]
+            x, inner, slopes = stage.evaluated(x, p[part])
+            partials = [*(d * inner for d in partials), slopes]
             slope = slope * inner
         return x, slope, np.concatenate(partials) if partials else np.zeros((0, *x.shape))
 
@@ -89,15 +89,15 @@ class Static:
 
     def admissible_each(self, p: Array) -> NDArray[np.bool_]:
         """The same for every row of p (K, n), (K,)."""
-        found = np.ones(len(p), dtype=bool)
+        admissible = np.ones(len(p), dtype=bool)
         for stage, part in zip(self.stages, self.slices(), strict=True):
             rising = p[:, part][:, : KINDS[stage.kind].ordered(stage.size)]
             if rising.shape[1] < 2:
                 continue
             share = CLOSEST if stage.size > 2 else 0.0
             least = np.maximum(share * (rising[:, -1:] - rising[:, :1]), 0.0)
-            found &= ~np.any(np.diff(rising, axis=1) <= least, axis=1)
-        return found
+            admissible &= ~np.any(np.diff(rising, axis=1) <= least, axis=1)
+        return admissible
 
     def to_json(self) -> dict[str, Any]:
         """{text, knots}: what ``from_json`` needs."""

@@ -1,4 +1,4 @@
-"""Statics as users ask for them: one for all channels, or ``input[pwm_l]=dead-zone``."""
+"""Statics as users specify them: one for all channels, or ``input[pwm_l]=dead-zone``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

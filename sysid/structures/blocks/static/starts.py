@@ -123,15 +123,15 @@ def _followed(
     now = p[linear] if len(linear) else np.ones(1)
     now = now if static.has_offset else np.append(now, 0.0)
     rest = target - now @ columns
-    found = now + np.linalg.lstsq((columns / scale[:, None]).T, rest, rcond=1e-6)[0] / scale
-    e = target - found @ columns
+    followed = now + np.linalg.lstsq((columns / scale[:, None]).T, rest, rcond=1e-6)[0] / scale
+    e = target - followed @ columns
     cost = float(e @ e)
-    offset = 0.0 if static.has_offset else float(found[-1])
+    offset = 0.0 if static.has_offset else float(followed[-1])
     if len(linear):
         out = p.copy()
-        out[linear] = found[: len(linear)]
+        out[linear] = followed[: len(linear)]
         return cost, Shape(static, out, 1.0, offset)
-    gain = float(found[0])
+    gain = float(followed[0])
     if gain == 0.0 or (upright and gain < 0.0):
         return np.inf, Shape(static, p, 1.0, offset)
     return cost, Shape(static, p, gain, offset)

@@ -1,4 +1,4 @@
-"""The constants of the DC motor: lumped ones, those of the bench, and the shape of friction."""
+"""Constants of the DC motor: lumped, or those of the bench, and the shape of friction."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -58,7 +58,7 @@ def lumped(m: "DCMotor") -> tuple[Constant, ...]:
             "{u}",
             0.0,
             0.0,
-            free=not m.held(["coulomb"]),
+            free=not m.lacks(["coulomb"]),
             each=True,
             words="sliding friction as the command it takes away",
         ),
@@ -77,7 +77,7 @@ def shape(m: "DCMotor") -> tuple[Constant, ...]:
             1.0,
             1.0,
             10.0,
-            not m.held(["breakaway"]),
+            not m.lacks(["breakaway"]),
             1.5,
             each["breakaway"],
             "friction at standstill over sliding friction",
@@ -89,7 +89,7 @@ def shape(m: "DCMotor") -> tuple[Constant, ...]:
             1.0,
             0.0,
             np.inf,
-            not m.held(["stribeck"]),
+            not m.lacks(["stribeck"]),
             3.0,
             each["stribeck"],
             "speed at which half of the extra friction is gone",
@@ -110,7 +110,7 @@ def shape(m: "DCMotor") -> tuple[Constant, ...]:
             "offset",
             "{u}",
             0.0,
-            free=m.output == "position" or not m.held(["offset"]),
+            free=m.output == "position" or not m.lacks(["offset"]),
             spread=0.5,
             each=each["offset"],
             words="constant load as the command it takes away",
@@ -121,7 +121,7 @@ def shape(m: "DCMotor") -> tuple[Constant, ...]:
             "1/({y})" if m.output != "position" else "s/{y}",
             0.0,
             0.0,
-            free=not m.held(["drag"]),
+            free=not m.lacks(["drag"]),
             each=each["drag"],
             words="resistance that grows with the square of speed",
         ),
@@ -137,7 +137,7 @@ def _backward(m: "DCMotor") -> tuple[Constant, ...]:
             1.0,
             0.0,
             10.0,
-            not m.held(["coulomb_back"]),
+            not m.lacks(["coulomb_back"]),
             1.5,
             True,
             "dry friction backward over forward",
@@ -148,7 +148,7 @@ def _backward(m: "DCMotor") -> tuple[Constant, ...]:
             1.0,
             0.1,
             10.0,
-            not m.held(["viscous_back"]),
+            not m.lacks(["viscous_back"]),
             1.5,
             True,
             "damping backward over forward",
@@ -158,30 +158,30 @@ def _backward(m: "DCMotor") -> tuple[Constant, ...]:
 
 def bench(m: "DCMotor") -> tuple[Constant, ...]:
     """Constants of the bench (thesis §5.2) and of the Devastator; m: on the motor side."""
-    held: dict[str, Any] = {"free": False, "lower": 0.0}
+    fixed: dict[str, Any] = {"free": False, "lower": 0.0}
     body: tuple[Constant, ...] = (
         (
             Constant("mass", "kg", 1.5, 0.0, words="body"),
             Constant("yaw_inertia", "kg m²", 0.065, 0.0, words="body about the vertical"),
-            Constant("sprocket_radius", "m", 0.0215, **held, words="r"),
-            Constant("track_distance", "m", 0.186, **held, words="B"),
+            Constant("sprocket_radius", "m", 0.0215, **fixed, words="r"),
+            Constant("track_distance", "m", 0.186, **fixed, words="B"),
         )
         if m.ny == 2
         else (Constant("load_inertia", "kg m²", 1e-3, 0.0, words="behind the gear"),)
     )
     return (
         *(
-            (Constant("supply", "V", 7.5, **held, words="at the bridge"),)
+            (Constant("supply", "V", 7.5, **fixed, words="at the bridge"),)
             if m.input != "voltage"
             else ()
         ),
-        Constant("resistance", "Ω", 3.1, **held, words="R, armature"),
-        Constant("back_emf", "V/(rad/s)", 0.0023, **held, words="Kem, m"),
-        Constant("torque_constant", "Nm/A", 8.6626e-4, **held, words="Kc, m"),
-        Constant("motor_viscous", "Nm/(rad/s)", 1.0651e-7, **held, words="ftot, m"),
-        Constant("motor_inertia", "kg m²", 1e-7, **held, words="Jtot, m"),
-        Constant("motor_friction", "Nm", 0.0, **held, words="C0, m, beside friction_torque"),
-        Constant("gear", "", 120.0, **held, words="turns of the motor for one of the sprocket"),
+        Constant("resistance", "Ω", 3.1, **fixed, words="R, armature"),
+        Constant("back_emf", "V/(rad/s)", 0.0023, **fixed, words="Kem, m"),
+        Constant("torque_constant", "Nm/A", 8.6626e-4, **fixed, words="Kc, m"),
+        Constant("motor_viscous", "Nm/(rad/s)", 1.0651e-7, **fixed, words="ftot, m"),
+        Constant("motor_inertia", "kg m²", 1e-7, **fixed, words="Jtot, m"),
+        Constant("motor_friction", "Nm", 0.0, **fixed, words="C0, m, beside friction_torque"),
+        Constant("gear", "", 120.0, **fixed, words="turns of the motor for one of the sprocket"),
         *body,
         Constant(
             "bridge_gain",
@@ -197,7 +197,7 @@ def bench(m: "DCMotor") -> tuple[Constant, ...]:
             "Nm",
             0.02,
             0.0,
-            free=not m.held(["coulomb"]),
+            free=not m.lacks(["coulomb"]),
             each=True,
             words="sliding friction at the sprocket, gear and track together",
         ),
@@ -214,12 +214,12 @@ def from_bench(m: "DCMotor", xp: Any, p: Mapping[str, Signal]) -> dict[str, Sign
     if m.ny == 2:
         forward = p["mass"] * p["sprocket_radius"] ** 2 / 4.0
         turning = p["yaw_inertia"] * (p["sprocket_radius"] / p["track_distance"]) ** 2
-        own, cross = rotor + forward + turning, (forward - turning) / damping
+        inertia, cross = rotor + forward + turning, (forward - turning) / damping
     else:
-        own, cross = rotor + p["load_inertia"], 0.0
+        inertia, cross = rotor + p["load_inertia"], 0.0
     return {
         "gain": per_volt * volts * p["bridge_gain"] / damping,
-        "inertia": (xp.zeros((m.ny, 1)) + own / damping, cross),
+        "inertia": (xp.zeros((m.ny, 1)) + inertia / damping, cross),
         "coulomb": (p["friction_torque"] + n * p["motor_friction"]) / damping,
     }
 

@@ -1,4 +1,4 @@
-"""Gain, time constant and Coulomb level of motors, read off their records by least squares."""
+"""Initial guesses of gain, time constant and Coulomb friction of motors, by least squares."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ def central_guesses(
     τ = −m dt / ln a, K = b/(1 − a), level = c/b, load = −d/b, both in
     units of the command.
     """
-    found = []
+    guesses = []
     for span in SPANS:
         rows = sum(max(len(r) // span - 2, 0) for r in records)
         if rows < LEAST_ROWS:
@@ -30,8 +30,8 @@ def central_guesses(
         if any(g is None for g in guess):
             continue
         table = np.array(guess, dtype=np.float64)
-        found.append((f"differences over {span} samples", *table.T))
-    return tuple(found) or (_steady(records, position),)
+        guesses.append((f"differences over {span} samples", *table.T))
+    return tuple(guesses) or (_steady(records, position),)
 
 
 def _speeds(r: Record, position: bool, span: int, i: int) -> tuple[Array, Array]:

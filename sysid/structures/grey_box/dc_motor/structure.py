@@ -57,7 +57,7 @@ class DCMotor(GreyBox):
     Attributes:
         input: ``pwm`` [µs], ``voltage`` or ``auto``: by the input's name.
         output: ``speed``, ``position`` or ``auto``: by the output's unit, else by whether its
-            readings integrate the input.
+            measurements integrate the input.
         integrator: ``exact`` (linear part by matrix exponential, friction implicit, stops found
             inside a step), ``rk4``, or ``implicit`` (as exact, but stops at the end of a step).
         friction: ``auto`` adds mechanisms as held-out data pay for them; ``none``, ``coulomb``,
@@ -80,18 +80,18 @@ class DCMotor(GreyBox):
     title: ClassVar[str] = "DC motor: a grey box with friction, one motor or two tracks on a body"
     equation: ClassVar[str] = "T dω/dt = K (sat(u) - o) - ω - f(ω), f: Coulomb and Stribeck, sticks"
     when: ClassVar[str] = (
-        "motors driven by PWM or voltage whose speed or position is read; numbers with a meaning"
+        "motors driven by PWM or voltage whose speed or position is measured; physical parameters"
     )
     options: ClassVar[Mapping[str, str]] = MappingProxyType(
         {
             "input": "pwm (µs, limited at full drive), voltage, or auto (default): pwm for columns "
             "called pwm…",
-            "output": "what is read: speed, position, or auto (default): by the output's unit, or "
-            "by whether its readings integrate the input",
+            "output": "measured output: speed, position, or auto (default): by the output's "
+            "unit, or by whether it integrates the input",
             "friction": "none, coulomb, stribeck, full (with offset, asymmetry and drag), or auto "
             "(default): each mechanism only where held-out data pay for it",
             "parameters": "lumped (default: gain, time constant, Coulomb level …) or bench (R, "
-            "Kem, Kc, gear, inertia held at the bench's values; masses and friction estimated)",
+            "Kem, Kc, gear, inertia fixed at the bench's values; masses and friction estimated)",
             "shared": "constants with one value for both tracks, divided by commas; "
             "breakaway,stribeck,limit unless given, or none",
             "torque_constant": "stall torque or force per unit of input, if known: the equations "
@@ -110,13 +110,13 @@ class DCMotor(GreyBox):
                 f"dc-motor needs one motor (1 input, 1 output) or two tracks (2 and 2), got {nu} "
                 f"inputs and {ny} outputs; choose columns with `inputs` and `outputs`"
             )
-        found: dict[str, Any] = {}
+        settings: dict[str, Any] = {}
         for option, choices in _CHOICES.items():
             value = given.get(option, choices[0])
             if value not in choices:
                 asked = argument(structure_options={option: value})
                 raise UsageError(f"{asked}: choose one of {', '.join(choices)}")
-            found["parametrisation" if option == "parameters" else option] = value
+            settings["parametrisation" if option == "parameters" else option] = value
         shared = given.get("shared")
         if shared is not None:
             names = () if shared == "none" else tuple(n.strip() for n in shared.split(","))
@@ -126,9 +126,9 @@ class DCMotor(GreyBox):
                     raise UsageError(
                         f"`structure_options['shared']`: {n!r} cannot be shared; choose of {known}"
                     )
-            found["shared"] = names
-        found["torque_per_input"] = _positive(given.get("torque_constant", "0"))
-        return found
+            settings["shared"] = names
+        settings["torque_per_input"] = _positive(given.get("torque_constant", "0"))
+        return settings
 
     # ----------------------------------------------------------------- constants and states
 
@@ -166,17 +166,17 @@ class DCMotor(GreyBox):
             reach = max(float(np.max(np.abs(r.u))) for r in records)
             return tuple(self.pack(p | {"limit": share * reach}) for share in (0.97, 0.85, 0.6))
         if "breakaway" in rung.names:
-            usual = _stribeck_scale(records, self.output == "position")
+            typical = _stribeck_scale(records, self.output == "position")
             return tuple(
-                self.pack(p | {"breakaway": 1.2, "stribeck": share * usual})
+                self.pack(p | {"breakaway": 1.2, "stribeck": share * typical})
                 for share in (0.3, 1.0, 5.0)
             )
         if "drag" in rung.names:
-            usual = 10.0 * _stribeck_scale(records, self.output == "position")
-            return (self.pack(p | {"drag": 0.02 / usual}),)
+            typical = 10.0 * _stribeck_scale(records, self.output == "position")
+            return (self.pack(p | {"drag": 0.02 / typical}),)
         return (theta,)
 
-    def held(self, names: Sequence[str]) -> bool:
+    def lacks(self, names: Sequence[str]) -> bool:
         """Whether constants of the shape of friction are held by default."""
         level = ("none", "coulomb", "stribeck", "full").index(
             "coulomb" if self.friction == "auto" else self.friction
@@ -235,8 +235,8 @@ class DCMotor(GreyBox):
 
     def time_constants_s(self, theta: Array) -> Array:
         """Those of the coupled motion; a position keeps what its first speed was wrong by."""
-        own, cross = self.motion(np, self.unpack(np, theta))["inertia"]
-        matrix = np.diag(own[:, 0]) + (np.fliplr(np.eye(2)) * cross if self.ny == 2 else 0.0)
+        inertia, cross = self.motion(np, self.unpack(np, theta))["inertia"]
+        matrix = np.diag(inertia[:, 0]) + (np.fliplr(np.eye(2)) * cross if self.ny == 2 else 0.0)
         speeds = np.linalg.eigvalsh(matrix)
         return np.append(speeds, np.inf) if self.output == "position" else np.asarray(speeds)
 
@@ -254,9 +254,9 @@ class DCMotor(GreyBox):
         A position follows as the integral of a bounded speed.
         """
         p = self.unpack(np, theta)
-        own, cross = self.motion(np, p)["inertia"]
-        definite = bool(np.all(own > 0.0)) and (
-            self.ny == 1 or float(np.prod(own) - np.sum(cross) ** 2) > 0.0
+        inertia, cross = self.motion(np, p)["inertia"]
+        definite = bool(np.all(inertia > 0.0)) and (
+            self.ny == 1 or float(np.prod(inertia) - np.sum(cross) ** 2) > 0.0
         )
         return definite and bool(np.all(p["viscous_back"] > 0.0)) and bool(np.all(p["drag"] >= 0.0))
 
@@ -264,21 +264,21 @@ class DCMotor(GreyBox):
 
     def for_record(self, record: Record) -> Self:
         """With the kinds of input and output settled."""
-        found = self
+        structure = self
         if self.input == "auto":
             pwm = all(
                 n.startswith("pwm") or c.unit == "µs"
                 for n, c in zip(record.input_names, record.inputs, strict=True)
             )
-            found = replace(found, input="pwm" if pwm else "voltage")
+            structure = replace(structure, input="pwm" if pwm else "voltage")
         if self.output == "auto":
             position = all(is_position([record], i) for i in range(record.ny))
-            found = replace(found, output="position" if position else "speed")
-        return found
+            structure = replace(structure, output="position" if position else "speed")
+        return structure
 
     def first_guess(self, records: Sequence[Record]) -> tuple[tuple[str, Array], ...]:
         """From differences of the outputs over several spans."""
-        found = []
+        guesses = []
         for words, gain, tau, level, load in central_guesses(records, self.output == "position"):
             if self.parametrisation == "bench":
                 p: dict[str, Any] = bench_guess(self, gain, level)
@@ -288,12 +288,12 @@ class DCMotor(GreyBox):
                     p["time_constant"] = np.array([np.exp(np.mean(np.log(tau)))])
             p["offset"] = np.mean(load) if "offset" in self.shared else load
             p["stribeck"] = _stribeck_scale(records, self.output == "position")
-            found.append((words, self.pack(p)))
-        if self.held(["breakaway"]):
-            return tuple(found)
+            guesses.append((words, self.pack(p)))
+        if self.lacks(["breakaway"]):
+            return tuple(guesses)
         # without extra friction at standstill its speed has no slope, and a search runs away
         extra = Rung("extra friction at standstill", ("breakaway", "stribeck"))
-        return tuple((w, t) for w, g in found for t in self.rung_starts(g, extra, records))
+        return tuple((w, t) for w, g in guesses for t in self.rung_starts(g, extra, records))
 
     def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
         """First outputs; of positions also their slope over the head."""
@@ -317,12 +317,12 @@ class DCMotor(GreyBox):
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
         """Constants, lumped values, the command at which each track starts to move."""
         q = self.motion(np, self.unpack(np, np.asarray(theta)))
-        own, cross = q["inertia"]
+        inertia, cross = q["inertia"]
         level = np.ravel(q["coulomb"] / q["gain"])
-        found = super().properties(theta, dt)
-        return found | {
+        properties = super().properties(theta, dt)
+        return properties | {
             "gain": np.ravel(q["gain"]).tolist(),
-            "time_constant": np.ravel(own).tolist(),
+            "time_constant": np.ravel(inertia).tolist(),
             "coupling_time": float(np.sum(cross)),
             "sliding_friction": level.tolist(),
             "breakaway_command": np.ravel(level[:, None] * q["breakaway"]).tolist(),
@@ -333,8 +333,8 @@ class DCMotor(GreyBox):
 def _stribeck_scale(records: Sequence[Record], position: bool) -> float:
     """A tenth of the usual speed."""
     speeds = [np.diff(r.y, axis=0) / r.dt if position else r.y for r in records]
-    usual = float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
-    return 0.1 * usual if usual > 0 else 1.0
+    typical = float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
+    return 0.1 * typical if typical > 0 else 1.0
 
 
 def _positive(text: str) -> float:

@@ -1,4 +1,4 @@
-"""The DC motor as a source of torque: what turns a track once the ground answers."""
+"""The DC motor as a torque source for vehicles."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -43,10 +43,10 @@ def torque_source(m: "DCMotor", theta: Any) -> TorqueSource | None:
                 drag=known["drag"] * base.damping,
             )
         )
-    own, cross = m.motion(xp, p)["inertia"]
-    shared = xp.sum(cross) / xp.sqrt(own[0, 0] * own[-1, 0]) if m.ny == 2 else 0.0
+    inertia, cross = m.motion(xp, p)["inertia"]
+    shared = xp.sum(cross) / xp.sqrt(inertia[0, 0] * inertia[-1, 0]) if m.ny == 2 else 0.0
     body = m.parametrisation == "bench" and m.ny == 2
-    carried = 1.0 - motors[0].inertia / (own[0, 0] * motors[0].damping) if body else 0.0
+    carried = 1.0 - motors[0].inertia / (inertia[0, 0] * motors[0].damping) if body else 0.0
     return TorqueSource(tuple(motors), _plain(abs(shared) + abs(carried)))
 
 

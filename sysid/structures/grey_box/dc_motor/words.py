@@ -1,4 +1,4 @@
-"""A fitted motor in words: its motion with numbers, and what follows for physical constants."""
+"""Sentences about a fitted motor: its equation with numbers, and physical constants."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ def sentences(
     """One line a track, one on friction, one on the coupling, one on physical constants."""
     p = m.unpack(np, theta)
     q = {k: v for k, v in m.motion(np, p).items() if k != "inertia"}
-    own, coupling = m.motion(np, p)["inertia"]
+    inertia, coupling = m.motion(np, p)["inertia"]
     cross = float(np.sum(coupling))
     each = {k: np.broadcast_to(np.ravel(v), (m.ny,)) for k, v in q.items()}
     level = each["coulomb"] / each["gain"]
@@ -29,13 +29,13 @@ def sentences(
         load = f" {'-' if o >= 0 else '+'} {abs(o):.4g}" if o else ""
         net = f"({drive}{load})" if load else drive
         lines.append(
-            f"{float(own[i, 0]):.4g} s·d{w}/dt = {each['gain'][i]:.5g}·{net} - {w} - f_{w}"
+            f"{float(inertia[i, 0]):.4g} s·d{w}/dt = {each['gain'][i]:.5g}·{net} - {w} - f_{w}"
             + (f" {_signed(-cross)} s·d{outputs[1 - i].name}/dt" if m.ny == 2 else "")
         )
         if m.output == "position":
             lines.append(f"d{y.name}/dt = {w}")
         lines += _friction(w, u, i, each, level)
-    lines += _physical(m, p, each, own, cross, inputs)
+    lines += _physical(m, p, each, inertia, cross, inputs)
     return tuple(lines)
 
 
@@ -49,7 +49,7 @@ def _limited(limit: float) -> bool:
 
 def _friction(w: str, u: Channel, i: int, e: dict[str, Any], level: Array) -> list[str]:
     unit = f" {u.unit}" if u.unit else ""
-    found = []
+    sentences = []
     if level[i] > 0:
         words = f"f_{w}: dry friction takes {level[i]:.4g}{unit} of {u.name} while sliding"
         if e["breakaway"][i] > 1.0:
@@ -59,18 +59,20 @@ def _friction(w: str, u: Channel, i: int, e: dict[str, Any], level: Array) -> li
             )
         if e["coulomb_back"][i] != 1.0:
             words += f"; backward {e['coulomb_back'][i]:.4g} times that"
-        found.append(words)
+        sentences.append(words)
     if e["viscous_back"][i] != 1.0:
-        found.append(f"f_{w}: damping backward is {e['viscous_back'][i]:.4g} times that forward")
+        sentences.append(
+            f"f_{w}: damping backward is {e['viscous_back'][i]:.4g} times that forward"
+        )
     if e["drag"][i] > 0.0:
-        found.append(f"f_{w}: drag {e['drag'][i]:.4g}·{w}·|{w}|")
+        sentences.append(f"f_{w}: drag {e['drag'][i]:.4g}·{w}·|{w}|")
     if _limited(e["limit"][i]):
-        found.append(f"sat({u.name}): the drive gives no more beyond {e['limit'][i]:.5g}{unit}")
-    return found
+        sentences.append(f"sat({u.name}): the drive gives no more beyond {e['limit'][i]:.5g}{unit}")
+    return sentences
 
 
 def _physical(
-    m: "DCMotor", p: Any, e: dict[str, Any], own: Array, cross: float, inputs: Sequence[Channel]
+    m: "DCMotor", p: Any, e: dict[str, Any], inertia: Array, cross: float, inputs: Sequence[Channel]
 ) -> list[str]:
     if m.parametrisation == "bench":
         names = [
@@ -88,7 +90,7 @@ def _physical(
                 "supply",
             )
         ]
-        return ["held at the bench's values: " + ", ".join(names)]
+        return ["fixed at the bench's values: " + ", ".join(names)]
     u = inputs[0].unit or inputs[0].name
     G = m.torque_per_input
     if not G:
@@ -98,14 +100,14 @@ def _physical(
             "G·coulomb; `structure_options={'torque_constant': G}` writes them out."
         ]
     D = G / e["gain"]
-    found = []
+    sentences = []
     for i in range(m.ny):
         text = (
-            f"with {G:g} per {u}: inertia (mass) {own[i, 0] * D[i]:.5g}, damping {D[i]:.5g}, "
+            f"with {G:g} per {u}: inertia (mass) {inertia[i, 0] * D[i]:.5g}, damping {D[i]:.5g}, "
             f"sliding friction {G * e['coulomb'][i] / e['gain'][i]:.5g}, constant load "
             f"{G * e['offset'][i]:.5g}"
         )
         if m.ny == 2:
             text += f", inertia shared with the other track {cross * D[i]:.5g}"
-        found.append(text)
-    return found
+        sentences.append(text)
+    return sentences

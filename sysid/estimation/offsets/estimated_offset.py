@@ -1,4 +1,4 @@
-"""Fits of linear structures with a level: the constant estimated with θ, then said as a level."""
+"""Fits of linear structures with an offset, estimated as the coefficient of a constant input."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.facts import LogFacts
-from sysid.data.level import Level, Origin
+from sysid.data.operating_point import OperatingPoint, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Index, Record
 from sysid.estimation.offsets.offsets import Offsets
@@ -25,57 +25,58 @@ from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.outcome import FitOutcome
 
 BEYOND = 10.0
-"""A level so many ranges of the output away from the data is none: the output integrates."""
+"""An offset so many ranges of the output away from the data is none: the output integrates."""
 
 STEP = 1e-6
-"""Relative step of the differences that carry the covariance over: the level is smooth in θ."""
+"""Relative step of the differences that carry the covariance over: the offset is smooth in θ."""
 
 
 @dataclass(frozen=True, eq=False)
-class Levelled:
+class FitWithOffset:
     """A fit whose constant has become part of what is removed.
 
     Attributes:
         outcome: of the structure without the constant.
-        detrend: with the level.
+        detrend: with the offset.
         at_fit: the same model's, with inputs counted from where the fit began: initial states that
             were taken as zero are zero there.
-        level: what it is worth.
+        operating_point: with standard errors.
     """
 
     outcome: FitOutcome
     detrend: Detrend
     at_fit: Detrend
-    level: Level
+    operating_point: OperatingPoint
 
 
-def fit_with_level(
+def fit_with_offset(
     structure: PolynomialStructure,
     facts: LogFacts,
     offsets: Offsets,
     options: FitOptions,
     parameters: tuple[Parameter, ...],
     initial_guesses: Sequence[tuple[str, Array]],
-) -> Levelled | None:
+) -> FitWithOffset | None:
     """Fit a linear structure with the constant as a further input.
 
     Args:
         structure: what to fit.
         facts: of the data.
-        offsets: what is removed first, and whose level is estimated.
+        offsets: what is removed first, and whose offset is estimated.
         options: how to fit.
         parameters: of ``structure``, with bounds and fixed values.
         initial_guesses: further starts.
 
     Returns:
-        The fit, or None where the data cannot tell the constant from what the inputs do.
+        The fit, or None where the data cannot distinguish the constant from the effect of the
+    inputs.
     """
     records = facts.records
     wide = with_constant(structure, offsets.estimated)
     known = offsets.at_rest and len(records) == 1 and not structure.has_noise_model
     if known and options.initial is Initial.AUTO:
-        # zero about the rest; estimated, they would be hard to tell from a level. What a noise
-        # model remembers of the time before the record is not known.
+        # zero about the rest; estimated, they would be hard to distinguish from an offset. What a
+        # noise model remembers of the time before the record is not known.
         options = replace(options, initial=Initial.ZERO)
     plain = [with_ones(offsets.detrend.remove(r)) for r in records]
     outcome = fitter(wide, options)(
@@ -93,8 +94,8 @@ def fit_with_level(
 
 def narrowed(
     wide: PolynomialStructure, outcome: FitOutcome, facts: LogFacts, offsets: Offsets
-) -> Levelled:
-    """A fit with the constant as a level of the structure without it.
+) -> FitWithOffset:
+    """A fit with the constant as an offset of the structure without it.
 
     Args:
         wide: the structure with the constant as its last input.
@@ -125,11 +126,11 @@ def narrowed(
         covariance=outcome.covariance[np.ix_(kept, kept)],
         null=null[:, np.linalg.norm(null, axis=0) > 0.0] if null.size else null,
     )
-    return Levelled(
+    return FitWithOffset(
         narrow,
         _moved(before, shift),
         _moved(before, at_base),
-        Level(
+        OperatingPoint(
             Origin.ESTIMATED,
             tuple(u_error.tolist()),
             tuple(y_error.tolist()),
@@ -142,16 +143,16 @@ def narrowed(
 def _least_error(
     wide: PolynomialStructure, outcome: FitOutcome, records: Sequence[Record], before: Detrend
 ) -> Array:
-    """σ_e/√N of each output that has a level: less no noise that is not differenced leaves.
+    """σ_e/√N of each output that has an offset: less no noise that is not differenced leaves.
 
     A noise model whose zero has come to lie at frequency zero, as it often does where a mean is
-    estimated with it, says that the level is known exactly (pile-up; Davis & Dunsmuir 1996).
+    estimated with it, says that the offset is known exactly (pile-up; Davis & Dunsmuir 1996).
     """
     errors = []
-    for r, found in zip(records, outcome.outliers or (None,) * len(records), strict=True):
+    for r, outliers in zip(records, outcome.outliers or (None,) * len(records), strict=True):
         plain = with_ones(before.remove(r))
-        if found is not None:  # what was left out of the fit says nothing about its level
-            plain = found.marked(plain)
+        if outliers is not None:  # what was left out of the fit says nothing about its offset
+            plain = outliers.marked(plain)
         e = wide.errors(outcome.theta, plain.u, plain.y, len(plain))
         errors.append(np.where(plain.left_out, np.nan, e))
     e = np.concatenate(errors)
@@ -191,7 +192,7 @@ class _SteadyState:
             )
         return A, B[:, :-1], B[:, -1]
 
-    def _level(self, theta: Array, du: Array, drifting: Index) -> Array:
+    def _operating_point(self, theta: Array, du: Array, drifting: Index) -> Array:
         """Δu and Δy, one after the other."""
         A, B, c = self._sums(theta)
         if len(drifting):
@@ -211,19 +212,19 @@ class _SteadyState:
         """
         theta = self.outcome.theta
         with np.errstate(all="ignore"):
-            middle = self._level(theta, du, drifting)
+            middle = self._operating_point(theta, du, drifting)
             slopes = np.zeros((len(middle), len(theta)))
             for k, value in enumerate(theta):
                 step = STEP * max(abs(value), 1e-3)
                 nudged = theta.copy()
                 nudged[k] += step
-                slopes[:, k] = (self._level(nudged, du, drifting) - middle) / step
+                slopes[:, k] = (self._operating_point(nudged, du, drifting) - middle) / step
             known = np.isfinite(np.diag(self.outcome.covariance))
             S, C = slopes[:, known], self.outcome.covariance[np.ix_(known, known)]
             return middle, np.sqrt(np.maximum(np.einsum("ik,kl,il->i", S, C, S), 0.0))
 
     def far(self, values: Array, errors: Array) -> Index:
-        """Outputs whose level lies far outside the data, or is as uncertain as that."""
+        """Outputs whose offset lies far outside the data, or is as uncertain as that."""
         limit = BEYOND * np.where(self.ranges > 0.0, self.ranges, 1.0)
         n = len(self.ranges)
         return np.flatnonzero(~(np.abs(values[-n:]) + errors[-n:] <= limit))
@@ -235,7 +236,7 @@ Move = Callable[[Array], tuple[tuple[Array, Array], Array, Array]]
 def _balance(wide: PolynomialStructure, outcome: FitOutcome, ranges: Array) -> Move:
     """A function: inputs' wanted move → ((moves of u, moves of y), their standard errors).
 
-    Outputs that integrate (their level would lie far outside the data, or is as uncertain as that)
+    Outputs that integrate (their offset would lie far outside the data, or is as uncertain as that)
     have none; for them Δu is chosen such that nothing drifts.
     """
     steady = _SteadyState(wide, outcome, ranges)
@@ -249,7 +250,7 @@ def _balance(wide: PolynomialStructure, outcome: FitOutcome, ranges: Array) -> M
     def move(du: Array) -> tuple[tuple[Array, Array], Array, Array]:
         values, errors = steady.with_error(du, drifting)
         if len(steady.far(values, errors)) and np.any(du):
-            # the model cannot be followed that far: its level is said where the fit was made
+            # the model cannot be followed that far: its offset is said where the fit was made
             values, errors = steady.with_error(nothing, drifting)
         return (values[:nu], values[nu:]), errors[:nu], errors[nu:]
 

@@ -1,4 +1,4 @@
-"""Several structures on one log: orders searched, each fitted, and one of them ahead, with why."""
+"""Select a structure: search the orders of each, fit each, and rank them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from sysid.estimation.selection.orders import (
     ranked,
     search_orders,
 )
-from sysid.estimation.selection.standings import Entry, in_order, reason
+from sysid.estimation.selection.ranking import Entry, ranked_entries, reason
 from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import HoldOut, hold_out, longest_of, tie_margin
 from sysid.fitting.options import FitOptions
@@ -51,13 +51,13 @@ def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ..
         takes = structure_class(name).takes_inputs
         if takes and not inputs:
             raise UsageError(
-                f"{name} needs an input and the log has none; choose from "
+                f"{name} needs an input but the log has none; choose from "
                 f"{', '.join(default_structures(False))}, or name the input column"
             )
         if inputs and not takes:
             raise UsageError(
-                f"{name} is for a log without inputs, and this one is read with "
-                f"{', '.join(inputs)}; say that there is no input (none), or take arx or armax"
+                f"{name} is for a log without inputs, but this log is read with "
+                f"{', '.join(inputs)}; set the input to none, or use arx or armax"
             )
     return chosen
 
@@ -65,11 +65,11 @@ def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ..
 Progress = Callable[[float, str], None]
 
 Data = tuple[HoldOut, tuple[bool, ...]]
-"""What a structure's search sees, and by output whether it estimates a level."""
+"""What a structure's search sees, and by output whether it estimates an offset."""
 
 
 @dataclass(frozen=True, eq=False)
-class Contest:
+class StructureSelection:
     """All entries, the winner first, and why it is ahead.
 
     Attributes:
@@ -87,7 +87,7 @@ Grid = Sequence[Mapping[str, Any]]
 """Orders to try."""
 
 
-def run_contest(
+def select_structure(
     names: Sequence[str],
     data: Sequence[Record] | LogFacts,
     options: FitOptions,
@@ -97,14 +97,14 @@ def run_contest(
     criterion: str = "fit",
     jobs: int = 1,
     progress: Progress | None = None,
-) -> Contest:
+) -> StructureSelection:
     """Search the orders of each structure on estimation data only, fit it, and rank them.
 
     Args:
         names: structures to fit.
         data: estimation data, or what is known of them.
         options: how to fit.
-        detrend: what is done about the records' levels: a policy, or what was chosen before.
+        detrend: treatment of the records' offsets: a policy, or what was chosen before.
         grid: orders to try, for all or by structure; None, and where a structure is left out, for
             its default grid; a single entry is fitted without a search.
         criterion: what ranks orders and structures.
@@ -123,14 +123,14 @@ def run_contest(
     whole = len(given) == len(names)
     searched = not whole or any(len(g) > 1 for g in given.values())
     closed = (searched or len(names) > 1) and facts.closed_loop
-    offsets, found = _offsets_and_delay(facts, detrend, search=not whole)
-    nk, said = found.nk, found.notes
+    offsets, chosen_delay = _offsets_and_delay(facts, detrend, search=not whole)
+    nk, notes = chosen_delay.nk, chosen_delay.notes
     replaced = facts.outliers.words
     if replaced and searched:
-        said = (
-            *said,
-            f"{replaced} stood out; delay, orders and levels were chosen with the line between "
-            "their neighbours in their place.",
+        notes = (
+            *notes,
+            f"{replaced} were outliers; delay, orders and offsets were chosen with values "
+            "interpolated in their place.",
         )
     ahead = closed and _may_be_judged_one_step(names, options)
     cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
@@ -143,8 +143,8 @@ def run_contest(
             if name in given and len(names) > 1:
                 raise UsageError(f"{error}; or name fewer structures with `structures`") from None
             raise
-        own = offsets.for_structure(made[0], small)
-        seen[name] = (cut.of(own.detrend.remove), own.estimated)
+        treatment = offsets.for_structure(made[0], small)
+        seen[name] = (cut.of(treatment.detrend.remove), treatment.estimated)
         tasks.append((name, chosen))
     searches, failed = _searches(tasks, seen, options, criterion, jobs, progress)
     entries = _entries(tasks, searches, failed, facts, options, offsets, progress)
@@ -152,9 +152,13 @@ def run_contest(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    entries = [replace(e, notes=(*said, *e.notes)) for e in entries]
-    order = in_order(entries, records, options, criterion, tie_margin(cut.held), cut.one_step)
-    return Contest(order.entries, reason(order, criterion, cut.words, given=whole), failed)
+    entries = [replace(e, notes=(*notes, *e.notes)) for e in entries]
+    order = ranked_entries(
+        entries, records, options, criterion, tie_margin(cut.holdout), cut.one_step
+    )
+    return StructureSelection(
+        order.entries, reason(order, criterion, cut.words, given=whole), failed
+    )
 
 
 def _entries(
@@ -233,13 +237,13 @@ def _may_be_judged_one_step(names: Sequence[str], options: FitOptions) -> bool:
 def _offsets_and_delay(
     facts: LogFacts, detrend: Detrend | Offsets | str, *, search: bool
 ) -> tuple[Offsets, ChosenDelay]:
-    """What is done about levels, and the delay to search with, which that choice needs."""
+    """The offsets, and the delay to search with, which that choice needs."""
     known = Offsets.of_detrend(detrend) if isinstance(detrend, Detrend) else detrend
     first = start_of(facts, known) if isinstance(known, str) else known
-    found = ChosenDelay(1)
+    delay = ChosenDelay(1)
     if search and facts.records[0].nu:
-        found = chosen_delay(facts, first)
-    return choose_offsets(facts, known, found.nk) if isinstance(known, str) else known, found
+        delay = chosen_delay(facts, first)
+    return choose_offsets(facts, known, delay.nk) if isinstance(known, str) else known, delay
 
 
 def _fitted(
@@ -264,10 +268,10 @@ def _fitted(
 def _grid(
     name: str, nu: int, ny: int, samples: int, nk: int | list[list[int]]
 ) -> list[dict[str, Any]]:
-    found = [dict(o) for o in structure_class(name).candidate_orders(nu, ny, samples, nk)]
-    if not found:
+    grid = [dict(o) for o in structure_class(name).candidate_orders(nu, ny, samples, nk)]
+    if not grid:
         raise DataError(f"{samples} samples are too few for {name}; record more or give orders")
-    return found
+    return grid
 
 
 def _searches(
@@ -284,7 +288,7 @@ def _searches(
         for name, grid in tasks
         if len(grid) > 1 or (len(tasks) > 1 and not structure_class(name).linear)
     ]
-    found: dict[str, tuple[OrderSearch, float]] = {}
+    searches: dict[str, tuple[OrderSearch, float]] = {}
     failed: dict[str, str] = {}
     total = sum(len(grid) for _, grid in searched)
     work = total * max(d.samples for d, _ in data.values())
@@ -306,21 +310,21 @@ def _searches(
         done = 0
         for outcome in outcomes:
             done += outcome[2]
-            _collect(outcome, found, failed)
+            _collect(outcome, searches, failed)
             if progress:
                 progress(0.9 * done / total, f"searched {done} of {total} orders")
     else:
         done = 0
         for name, chain, grid in chains:
 
-            def tell(k: int, n: int, what: str, base: int = done) -> None:
+            def report(k: int, n: int, what: str, base: int = done) -> None:
                 if progress:
                     progress(0.9 * (base + k) / total, what)
 
-            outcome = _timed(name, chain, grid, data[name], options, criterion, tell)
-            _collect(outcome, found, failed)
+            outcome = _timed(name, chain, grid, data[name], options, criterion, report)
+            _collect(outcome, searches, failed)
             done += len(chain)
-    return found, {k: v for k, v in failed.items() if k not in found}
+    return searches, {k: v for k, v in failed.items() if k not in searches}
 
 
 Outcome = tuple[str, OrderSearch | str, int, float]
@@ -347,7 +351,7 @@ def _timed(
 
 def _collect(
     outcome: Outcome,
-    found: dict[str, tuple[OrderSearch, float]],
+    searches: dict[str, tuple[OrderSearch, float]],
     failed: dict[str, str],
 ) -> None:
     """Merge the chains of one structure; deterministic whatever order they arrive in."""
@@ -355,21 +359,21 @@ def _collect(
     if isinstance(search, str):
         failed[name] = search
         return
-    if name in found:
-        before, spent = found[name]
+    if name in searches:
+        before, spent = searches[name]
         both = (*before.candidates, *search.candidates)
         order = ranked(both, search.criterion, search.margin, search.equations)
         search = replace(search, candidates=order)
         seconds += spent
-    found[name] = (search, seconds)
+    searches[name] = (search, seconds)
 
 
 def _delays(name: str, grid: Grid) -> list[Any]:
     """The delays of a grid, each once; one stands for all where candidates are no starts."""
     if structure_class(name).solved_at_once:
         return [ANY]
-    found: list[Any] = []
+    delays: list[Any] = []
     for orders in grid:
-        if orders.get("nk") not in found:
-            found.append(orders.get("nk"))
-    return found
+        if orders.get("nk") not in delays:
+            delays.append(orders.get("nk"))
+    return delays

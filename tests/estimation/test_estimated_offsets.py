@@ -8,14 +8,14 @@ from command_line import run, write_log
 from scipy.signal import lfilter
 
 from sysid.data.facts import LogFacts
-from sysid.data.level import Level, Origin, value_with_error
+from sysid.data.operating_point import OperatingPoint, Origin, value_with_error
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.data.rest import rest_head
 from sysid.errors import ModelError
 from sysid.estimation.offsets.choice import choose_offsets
 from sysid.estimation.pem import fit
-from sysid.estimation.selection.contest import run_contest
+from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.options import FitOptions
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
@@ -88,8 +88,8 @@ def test_a_level_is_a_parameter_with_an_honest_error(name: str, rest: int) -> No
         m = fitted(name, r)
         at = float(m.detrend.u_offset[0])
         truth = LEVEL + GAIN * (at - STANDBY)
-        assert m.level.origin is Origin.ESTIMATED
-        z.append((float(m.detrend.y_offset[0]) - truth) / m.level.y_error[0])
+        assert m.operating_point.origin is Origin.ESTIMATED
+        z.append((float(m.detrend.y_offset[0]) - truth) / m.operating_point.y_error[0])
         value, error = gain(m)
         g.append((value - GAIN) / error)
         if rest:
@@ -109,8 +109,8 @@ def test_levels_move_with_the_data(name: str) -> None:
     run = other.simulate(moved.u, x[1])
     # the runs agree to what two searches agree to, against 800 rpm of range
     assert run == pytest.approx(one.simulate(plain.u, x[0]) - 900.0, abs=0.05)
-    assert one.level.y_error == pytest.approx(other.level.y_error, rel=1e-3)
-    assert one.level.estimated == 1
+    assert one.operating_point.y_error == pytest.approx(other.level.y_error, rel=1e-3)
+    assert one.operating_point.estimated == 1
 
 
 @pytest.mark.parametrize(
@@ -151,14 +151,16 @@ def test_a_step_from_rest_does_not_integrate() -> None:
         y = 20.0 + lfilter([0.0, 80.0 * (1 - pole)], [1.0, -pole], u) + 0.3 * rng.normal(size=360)
         names = (Channel("power", "kW"),), (Channel("temperature", "°C"),)
         r = Record(u[:, None], y[:, None], 10.0, *names)
-        m = run_contest(("arx", "oe"), [r], FitOptions()).entries[0].model
+        m = select_structure(("arx", "oe"), [r], FitOptions()).entries[0].model
         value, error = gain(m)
         assert m.structure.stable(m.theta)
         assert abs(value - 80.0) < max(0.03 * 80.0, 3.0 * error)
         at = 20.0 + 80.0 * float(m.detrend.u_offset[0])
         # the rest alone tells 0.3 °C / √12 = 0.09 °C
-        assert float(m.detrend.y_offset[0]) == pytest.approx(at, abs=4 * m.level.y_error[0])
-        assert m.level.y_error[0] < 0.5
+        assert float(m.detrend.y_offset[0]) == pytest.approx(
+            at, abs=4 * m.operating_point.y_error[0]
+        )
+        assert m.operating_point.y_error[0] < 0.5
 
 
 def test_an_integrating_output_has_a_balance_instead() -> None:
@@ -168,7 +170,9 @@ def test_an_integrating_output_has_a_balance_instead() -> None:
     y = lfilter([0.0, 0.05], [1.0, -1.0], u - 2.5) + lfilter([1.0], [1.0, -1.0], e)
     r = Record(u[:, None], y[:, None], 1.0)
     m = fit(structure_class("arx").from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1), [r])
-    assert m.detrend.u_offset[0] == pytest.approx(2.5, abs=4 * max(m.level.u_error[0], 1e-3))
+    assert m.detrend.u_offset[0] == pytest.approx(
+        2.5, abs=4 * max(m.operating_point.u_error[0], 1e-3)
+    )
 
 
 def test_rest_at_the_head() -> None:
@@ -217,7 +221,7 @@ def test_given_terms_are_products_of_readings() -> None:
     values = {p.name: p.value for p in m.parameter_table()}
     assert sorted(values.values()) == pytest.approx([-0.2, 0.5, 0.7], abs=0.02)
     assert m.detrend.is_none
-    assert "the term constant" in m.level_sentence()
+    assert "the term constant" in m.operating_point_sentence()
 
 
 @pytest.mark.slow
@@ -225,13 +229,16 @@ def test_levels_of_a_searched_polynomial() -> None:
     rng = np.random.default_rng(0)
     u = rng.uniform(0.0, 1.0, 50).repeat(8)
     y = 20.0 + lfilter([0.0, 0.5], [1.0, -0.7], u) + 0.002 * rng.normal(size=400)
-    found = run_contest(("narmax", "arx"), [Record(u[:, None], y[:, None], 0.1)], FitOptions())
+    found = select_structure(("narmax", "arx"), [Record(u[:, None], y[:, None], 0.1)], FitOptions())
     for m in (e.model for e in found.entries):
         # a step of 1 raises the output by 5/3, whatever it is counted from
         low, high = (m.simulate(np.full((400, 1), v))[-1, 0] for v in (0.2, 0.8))
         assert high - low == pytest.approx(0.6 * 0.5 / 0.3, rel=0.02)
         assert low == pytest.approx(20.0 + 0.2 * 0.5 / 0.3, abs=0.02)
-    assert {e.model.level.origin for e in found.entries} == {Origin.INSIDE, Origin.ESTIMATED}
+    assert {e.model.operating_point.origin for e in found.entries} == {
+        Origin.INSIDE,
+        Origin.ESTIMATED,
+    }
 
 
 def test_the_level_is_said(tmp_path: Path, capsys: Capture) -> None:
@@ -243,25 +250,25 @@ def test_the_level_is_said(tmp_path: Path, capsys: Capture) -> None:
     assert abs(found["y_offset"][0] - LEVEL) < 4 * found["y_std_error"][0]
     assert found["origin"] == "estimated"
     said = run(capsys, *call).out
-    assert "Level: speed = " in said
+    assert "Operating point: speed = " in said
     assert "(speed - " in said
     models = run(capsys, "models", "--json").document
     shown = run(capsys, "models", "show", models["models"][-1]["model"]).out
-    assert "Level: speed = " in shown
+    assert "Operating point: speed = " in shown
     means = run(capsys, *call, "--detrend", "mean").out
-    assert "Level: the means" in means
+    assert "Operating point: the means" in means
 
 
 def test_a_level_is_stored_and_damaged_ones_refused(tmp_path: Path) -> None:
     m = fitted("oe", log(5, level=LEVEL))
     m.save(tmp_path / "m.json")
-    assert Model.load(tmp_path / "m.json").level == m.level
+    assert Model.load(tmp_path / "m.json").operating_point == m.operating_point
     raw = m.to_json()
     raw.pop("level")  # as version 0.1.0 wrote it
-    assert Model.from_json(raw).level.origin is Origin.MEANS
+    assert Model.from_json(raw).operating_point.origin is Origin.MEANS
     with pytest.raises(ModelError, match="level"):
         Model.from_json(m.to_json() | {"level": {"origin": "somewhere"}})
-    assert Level.of_detrend(Detrend.none(1, 1)).origin is Origin.ZERO
+    assert OperatingPoint.of_detrend(Detrend.none(1, 1)).origin is Origin.ZERO
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
-"""Do the data agree with parameters that were given, or that stopped at a bound?
+"""Lagrange multiplier tests of parameters that were fixed, or that stopped at a bound.
 
-A parameter that is held at θ_h takes no part in the fit; if its value is right, the residuals do
+A parameter that is fixed at θ_h takes no part in the fit; if its value is right, the residuals do
 not correlate with its gradient g = ∂ŷ/∂θ_h, once what the estimated parameters took is projected
 out of g. That is the Lagrange multiplier (score) test of the constraint, the portmanteau of
 ``portmanteau.py`` with the one instrument g; the sign of g̃ᵀε says where a better value lies.
@@ -19,12 +19,12 @@ from sysid.criteria.fit import Array
 from sysid.criteria.portmanteau import Mask, Trial, score
 from sysid.criteria.verdicts import ResidualTest
 
-FEWEST = 20
+MIN_RESIDUALS = 20
 """Residuals below which nothing is tested, as in ``residuals.py``."""
 
 
 @dataclass(frozen=True)
-class Held:
+class FixedParameter:
     """A parameter that was not estimated.
 
     Attributes:
@@ -41,11 +41,11 @@ class Held:
     stuck: bool
 
 
-def held_parameter_tests(
+def fixed_parameter_tests(
     errors: Sequence[Array],
     free: Sequence[Array],
-    held: Sequence[Array],
-    parameters: Sequence[Held],
+    fixed: Sequence[Array],
+    parameters: Sequence[FixedParameter],
     *,
     noise_model: bool = True,
     level: float = 0.99,
@@ -58,13 +58,13 @@ def held_parameter_tests(
     Args:
         errors: residuals (N, ny) of each record; rows with NaN are left out.
         free: ∂ŷ/∂θ by the estimated parameters, (N, ny, n) each record.
-        held: ∂ŷ/∂θ by the held ones, (N, ny, k) each record.
+        fixed: ∂ŷ/∂θ by the held ones, (N, ny, k) each record.
         parameters: the k held ones.
         noise_model: whether the structure has one.
         level: confidence level, shared among the parameters (Bonferroni).
     """
     known: list[Mask] = [np.asarray(~np.isnan(e).any(axis=1)) for e in errors]
-    if sum(int(k.sum()) for k in known) < FEWEST or not parameters:
+    if sum(int(k.sum()) for k in known) < MIN_RESIDUALS or not parameters:
         return ()
     pooled = np.concatenate([e[k] for e, k in zip(errors, known, strict=True)])
     sizes = np.sqrt(np.mean(pooled**2, axis=0))
@@ -72,7 +72,7 @@ def held_parameter_tests(
     js: list[Array] = []
     hs: list[Array] = []
     keep: list[Mask] = []
-    for e, j, h, rows in zip(errors, free, held, known, strict=True):
+    for e, j, h, rows in zip(errors, free, fixed, known, strict=True):
         for i, size in enumerate(sizes):
             if size > 0.0:
                 es.append(np.where(rows, e[:, i], 0.0) / size)
@@ -82,7 +82,7 @@ def held_parameter_tests(
     if not es:
         return ()
     noise = None if noise_model else ar_fit(es)
-    found = []
+    tests = []
     for k, parameter in enumerate(parameters):
         outcome = score(
             Trial(
@@ -99,41 +99,47 @@ def held_parameter_tests(
         )
         share = 1.0 - (1.0 - level) / len(parameters)
         larger = bool(outcome.parts[0, 0] > 0.0)
-        found.append(_verdict(parameter, outcome.statistic, outcome.dof, share, larger))
-    return tuple(found)
+        tests.append(_verdict(parameter, outcome.statistic, outcome.dof, share, larger))
+    return tuple(tests)
 
 
-def _verdict(held: Held, statistic: float, dof: int, level: float, larger: bool) -> ResidualTest:
+def _verdict(
+    parameter: FixedParameter, statistic: float, dof: int, level: float, larger: bool
+) -> ResidualTest:
     p_value = float(chdtrc(dof, statistic)) if dof else 1.0
     # a bound contradicts the data only where a better value lies beyond it
-    if held.stuck and larger != (held.upper - held.value < held.value - held.lower):
+    if parameter.stuck and larger != (
+        parameter.upper - parameter.value < parameter.value - parameter.lower
+    ):
         p_value = 1.0
     passed = p_value >= 1.0 - level
     p = f"p = {p_value:.2g}" if p_value >= 1e-12 else "p < 1e-12"
     where = "larger" if larger else "smaller"
-    at = f"{held.value:.6g}"
-    if held.stuck:
-        agrees = f"{held.name} ended on its bound {at}, and the data agree with that ({p})."
+    at = f"{parameter.value:.6g}"
+    if parameter.stuck:
+        agrees = (
+            f"{parameter.name} ended at its bound {at}, and the data agree with that value ({p})."
+        )
         contradicted = (
-            f"{held.name} ended on its bound {at}, but a {where} value fits the data better ({p}): "
-            "widen the bound or doubt the structure."
+            f"{parameter.name} ended at its bound {at}, but a {where} value fits the data better "
+            f"({p}): widen the bound or check the structure."
         )
     else:
-        agrees = f"The data agree with {held.name} fixed at {at} ({p})."
+        agrees = f"The data agree with {parameter.name} fixed at {at} ({p})."
         contradicted = (
-            f"The data contradict {held.name} fixed at {at} ({p}): a {where} value fits better; "
-            "let it be estimated, or doubt the structure."
+            f"The data contradict {parameter.name} fixed at {at} ({p}): a {where} value fits "
+            "better; estimate this parameter, or check the structure."
         )
     return ResidualTest(
         name="held parameter",
-        output=held.name,
+        output=parameter.name,
         statistic=statistic,
         dof=dof,
         p_value=p_value,
         passed=passed,
         level=level,
         worst_lag=None,
-        worst_signal=held.name,
+        worst_signal=parameter.name,
         judged=True,
         sentence=agrees if passed else contradicted,
     )

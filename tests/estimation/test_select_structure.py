@@ -10,9 +10,9 @@ from scipy.signal import lfilter
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel, Record
 from sysid.estimation.pem import fit
-from sysid.estimation.selection import contest
-from sysid.estimation.selection.contest import default_structures, run_contest
+from sysid.estimation.selection import select_structure as selection
 from sysid.estimation.selection.orders import Candidate, OrderSearch, search_orders
+from sysid.estimation.selection.select_structure import default_structures, select_structure
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.structures.base import Structure
@@ -44,9 +44,9 @@ def _asked(names: Sequence[str], record: Record, patch: pytest.MonkeyPatch) -> d
         plain = structure_class("arx").from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1)
         return fit(plain, [record])
 
-    patch.setattr(contest, "search_orders", searched)
-    patch.setattr(contest, "fit", fitted)
-    run_contest(names, [record], FitOptions(), Detrend.none(1, 1))
+    patch.setattr(selection, "search_orders", searched)
+    patch.setattr(selection, "fit", fitted)
+    select_structure(names, [record], FitOptions(), Detrend.none(1, 1))
     return seen
 
 
@@ -77,8 +77,8 @@ def test_the_same_request_is_the_same_model(name: str) -> None:
     """The fits themselves, to the last bit."""
     record = _motor(200)
     options = FitOptions(max_evaluations=15)
-    alone = run_contest([name], [record], options, Detrend.none(1, 1)).entries
-    beside = run_contest([name, "arx"], [record], options, Detrend.none(1, 1)).entries
+    alone = select_structure([name], [record], options, Detrend.none(1, 1)).entries
+    beside = select_structure([name, "arx"], [record], options, Detrend.none(1, 1)).entries
     (other,) = (e.model for e in beside if e.model.structure.name == name)
     assert alone[0].model.structure == other.structure
     assert np.array_equal(alone[0].model.theta, other.theta)

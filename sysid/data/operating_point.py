@@ -1,4 +1,4 @@
-"""Where a model counts from: its zero, a level that was estimated, or means that were removed."""
+"""Operating point of a model: zero, the rest, an estimate, or means that were removed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ class Origin(Enum):
 
 
 @dataclass(frozen=True)
-class Level:
-    """How the level of a model was found, and what it is worth.
+class OperatingPoint:
+    """How the offsets of a model were found, and their standard errors.
 
     Attributes:
         origin: what was done.
@@ -52,7 +52,7 @@ class Level:
         }
 
     @staticmethod
-    def from_json(raw: Mapping[str, Any]) -> "Level":
+    def from_json(raw: Mapping[str, Any]) -> "OperatingPoint":
         """Undo ``to_json``.
 
         Raises:
@@ -63,17 +63,22 @@ class Level:
                 tuple(np.inf if e is None else float(e) for e in raw[f"{side}_std_error"])
                 for side in ("u", "y")
             )
-            return Level(Origin(raw["origin"]), u, y, int(raw["estimated"]), str(raw["why"]))
+            return OperatingPoint(
+                Origin(raw["origin"]), u, y, int(raw["estimated"]), str(raw["why"])
+            )
         except (KeyError, TypeError, ValueError):
-            raise ModelError("the level stored with the model is damaged; fit again") from None
+            raise ModelError(
+                "the operating point stored with the model is damaged; fit again"
+            ) from None
 
     @staticmethod
-    def of_detrend(detrend: Detrend) -> "Level":
-        """The level of a model that only knows what was removed, as in files of version 0.1.0."""
+    def of_detrend(detrend: Detrend) -> "OperatingPoint":
+        """The operating point of a model that only knows what was removed, as in files of "
+        "version 0.1.0."""
         if detrend.is_none:
-            return Level()
+            return OperatingPoint()
         sloped = any(detrend.to_json()[k] and any(detrend.to_json()[k]) for k in _SLOPES)
-        return Level(Origin.LINES if sloped else Origin.MEANS)
+        return OperatingPoint(Origin.LINES if sloped else Origin.MEANS)
 
     def sentence(
         self, detrend: Detrend, inputs: Sequence[Channel], outputs: Sequence[Channel]
@@ -83,21 +88,27 @@ class Level:
         y = _values(outputs, detrend.y_offset.tolist(), self.y_error)
         why = f"; {self.why}" if self.why else ""
         if self.origin is Origin.ZERO:
-            return f"Level: zero{why}." if self.why else ""
+            return f"Operating point: zero{why}." if self.why else ""
         if self.origin is Origin.INSIDE:
-            return f"Level: nothing was removed; the model uses the log as it is{why}."
+            return f"Operating point: no offset was removed; the model uses the log as it is{why}."
         if self.origin is Origin.MEANS:
             both = " and ".join(filter(None, (y, u)))
-            return f"Level: the means {both} were removed; the model is of deviations{why}."
+            return (
+                f"Operating point: the means {both} were removed; the model is of deviations{why}."
+            )
         if self.origin is Origin.LINES:
             return (
-                f"Level: straight lines were removed from every channel, at t = 0 s {y} and {u}; "
-                f"the model is of deviations{why}."
+                "Operating point: straight lines were removed from every channel, at t = 0 s "
+                f"{y} and {u}; the model is of deviations{why}."
             )
-        how = "read off the rest at the head" if self.origin is Origin.REST else "estimated"
+        how = (
+            "read at the rest before the first command"
+            if self.origin is Origin.REST
+            else "estimated"
+        )
         if any(self.u_error):
-            return f"Level: nothing drifts at {u} (output counted from {y}); {how}{why}."
-        return f"Level: {y} at {u}; {how}{why}."
+            return f"Operating point: nothing drifts at {u} (output counted from {y}); {how}{why}."
+        return f"Operating point: {y} at {u}; {how}{why}."
 
 
 _SLOPES = ("u_slope", "y_slope")

@@ -1,4 +1,4 @@
-"""The head of a record, from which the unknown initial state of a run is fitted."""
+"""Length of the window at the start of a record that fits its initial state."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ FORGETTING = 2.0
 """Slowest time constants in a head: over less, the amplitude of a slow mode is guesswork."""
 
 
-def head_window(dynamics: Dynamics, theta: Array, skip: int = 0) -> int:
+def initial_state_window(dynamics: Dynamics, theta: Array, skip: int = 0) -> int:
     """Samples at the head of a record from which its unknown initial state is fitted.
 
     Exactly as many as there are states when just that many are left out of the figures: the run

@@ -1,4 +1,4 @@
-"""Who is ahead among fitted structures, and the sentence that says why."""
+"""Rank fitted structures, and say why the first leads."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,8 +17,8 @@ from sysid.structures.model import Model
 from sysid.structures.orders import orders_text
 
 IN_LOOP = (
-    "Judged one step ahead, because the log was recorded in closed loop: there a free run errs "
-    "least where a model without noise model (oe) takes noise for the plant."
+    "Judged one step ahead, because the log was recorded in closed loop: there the free run is "
+    "biased in favour of models without noise model (oe)."
 )
 
 FOLLOWS = 1.5
@@ -49,7 +49,7 @@ class Entry:
 
 
 @dataclass(frozen=True, eq=False)
-class Standings:
+class StructureRanking:
     """Entries, the leading one first, and what put it there.
 
     Attributes:
@@ -69,17 +69,17 @@ class Standings:
     one_step: bool = False
 
 
-def in_order(
+def ranked_entries(
     entries: Sequence[Entry],
     records: Sequence[Record],
     options: FitOptions,
     criterion: str,
     margin: float,
     one_step: bool = False,
-) -> Standings:
+) -> StructureRanking:
     """Entries by held-out error; of those within ``margin`` of the best the lowest BIC leads.
 
-    Free runs of different structures tie more often than not: what then tells them apart is
+    Free runs of different structures tie more often than not: what then distinguishes them is
     how well they predict with how many parameters, and BIC finds the true one (Schwarz 1978).
     Under an information criterion that one ranks alone. Of those that tie, one that settles and
     whose search has ended is taken before others. Models that cannot lead come last: those
@@ -136,7 +136,7 @@ def in_order(
     )
     decided = "size" if options.robust and by_error else rule
     passed = None if lead is first else first
-    return Standings((lead, *rest), tuple(sound), margin, decided, passed, one_step)
+    return StructureRanking((lead, *rest), tuple(sound), margin, decided, passed, one_step)
 
 
 def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
@@ -147,20 +147,20 @@ def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
 def _costs(entries: Sequence[Entry], records: Sequence[Record], name: str) -> list[float]:
     """What a criterion says of each entry, from one-step errors on the samples all predict."""
     errors = [judged_errors(e.model, records) for e in entries]
-    found = []
+    costs = []
     for e, common in zip(entries, on_common_samples(errors), strict=True):
         value = table.criterion(name).cost_of(loss_of(common, e.model.n_estimated))
-        found.append(value if np.isfinite(value) else np.inf)
-    return found
+        costs.append(value if np.isfinite(value) else np.inf)
+    return costs
 
 
 def _size(entry: Entry) -> int:
     """Parameters to estimate; initial states belong to the record, not to the model."""
     model = entry.model
-    return sum(p.fixed is None for p in model.parameters) + model.level.estimated
+    return sum(p.fixed is None for p in model.parameters) + model.operating_point.estimated
 
 
-def reason(order: Standings, criterion: str, words: str, *, given: bool) -> str:
+def reason(order: StructureRanking, criterion: str, words: str, *, given: bool) -> str:
     """One sentence on why the first entry is first.
 
     Args:
@@ -169,16 +169,16 @@ def reason(order: Standings, criterion: str, words: str, *, given: bool) -> str:
         words: the held-out data, as a sentence names them.
         given: whether the user gave the orders.
     """
-    said = _ahead(order, criterion, words, given=given)
+    sentence = _ahead(order, criterion, words, given=given)
     if order.passed is not None:
         return (
-            f"{said} {_called(order.passed)} would lead, but "
+            f"{sentence} {_called(order.passed)} would lead, but "
             f"{doubts_about(order.passed.model).words}."
         )
     against = doubts_about(order.entries[0].model)
     if against.settled or len(order.entries) == 1:
-        return said
-    return f"{said} It leads although {against.words}: no settled model is as good."
+        return sentence
+    return f"{sentence} It leads although {against.words}: no settled model is as good."
 
 
 def _called(entry: Entry) -> str:
@@ -187,7 +187,7 @@ def _called(entry: Entry) -> str:
     return f"{s.name} {orders_text(s.order_values())}".rstrip()
 
 
-def _ahead(order: Standings, criterion: str, words: str, *, given: bool) -> str:
+def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) -> str:
     """What put the first entry first."""
     first = order.entries[0]
     text = _called(first)
@@ -209,17 +209,17 @@ def _ahead(order: Standings, criterion: str, words: str, *, given: bool) -> str:
         return f"{text} was chosen by {criterion} on {words}: {share:.2f} % {how}."
     second = order.entries[1]
     loop = f" {IN_LOOP}" if order.one_step else ""
-    said = (
+    sentence = (
         f"{text} leads: on {words} its {kind} fits {share:.2f} %, with {_size(first)} "
         f"parameters; next is {second.model.structure.name} with "
         f"{100.0 * (1.0 - (second.error or 0.0)):.2f} % and {_size(second)} parameters"
     )
     if (second.error or 0.0) > (1.0 + order.margin) * first.error:
-        return f"{said}.{loop}"
+        return f"{sentence}.{loop}"
     if second in order.sound:
         equal = f"Errors that differ by less than {100.0 * order.margin:.2g} % count as equal"
-        return f"{said}. {equal}; {_AMONG_EQUALS[order.rule == 'size']}.{loop}"
-    return f"{said}, but over all estimation data it errs much more {how}.{loop}"
+        return f"{sentence}. {equal}; {_AMONG_EQUALS[order.rule == 'size']}.{loop}"
+    return f"{sentence}, but over all estimation data it errs much more {how}.{loop}"
 
 
 _AMONG_EQUALS = (

@@ -142,7 +142,7 @@ def test_a_wrong_value_is_seen_and_said(kind: str, how: str) -> None:
         options = FitOptions(bounds={case.name: far})
     report = residual_tests(fit(case.made(), [log], options), [log])
     assert not report.passed
-    (held,) = report.held
+    (held,) = report.fixed
     assert (held.output, held.passed) == (case.name, False)
     assert ("larger" if case.right > case.wrong else "smaller") in held.sentence
     assert ("fixed at" if how == "fixed" else "bound") in held.sentence
@@ -155,7 +155,7 @@ def test_a_right_value_passes(kind: str) -> None:
     log = case.draw(2, 700)
     model = fit(case.made(), [log], FitOptions(fixed={case.name: case.right}))
     report = residual_tests(model, [log])
-    tests = (*report.independence, *report.held, *(t for t in report.whiteness if t.judged))
+    tests = (*report.independence, *report.fixed, *(t for t in report.whiteness if t.judged))
     assert min(t.p_value for t in tests) > 1e-3
 
 
@@ -235,7 +235,7 @@ def test_fit_says_that_the_data_contradict_a_value(
     found = run(capsys, *common)
     assert found.code == 0, found.err
     assert "a smaller value fits" in " ".join(found.err.split())
-    assert "still follow u, not white, held a1 contradicted" in found.out
+    assert "correlated with u, not white, fixed a1 contradicted" in found.out
     document = run(capsys, *common, "--json").document
     (model,) = document["models"]
     held = json.loads(json.dumps(model["residuals"]))["held_parameters"]
