@@ -14,7 +14,7 @@ from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment.data_notes import notes_for
 from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
-from sysid.estimation.offsets.choice import start_of
+from sysid.estimation.offsets.choice import known_policy
 from sysid.estimation.selection.contest import run_contest, structures_for
 from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.standings import Entry
@@ -91,7 +91,7 @@ def identify(
         if part:
             require_samples(part, request.policy.skip)
     require_enough(inside, outside, request.split)
-    start_of(inside, request.detrend)  # refuses a policy that does not exist
+    known_policy(request.detrend)
     names = structures_for(request.structures, records[0].input_names)
     grids = None if request.orders is None else parse_grids(request.orders, names)
     request = replace(request, criterion=known_name(request.criterion))

@@ -73,7 +73,7 @@ def fit_prepared(
     records: Sequence[Record],
     options: FitOptions,
     warm: Sequence[tuple[str, Array]] = (),
-) -> Model:
+) -> FitOutcome:
     """Fit to records from which offsets are removed already, which were checked as a whole.
 
     A piece of a log may hold a channel that never moves, and so does the constant of a level.
@@ -81,9 +81,7 @@ def fit_prepared(
     records = tuple(records)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
-    outcome = fitter(structure, options)(structure, records, options, parameters, warm)
-    none = Detrend.none(structure.nu, structure.ny)
-    return model_of(outcome, records, records, options, none, Level())
+    return fitter(structure, options)(structure, records, options, parameters, warm)
 
 
 def _offsets(

@@ -86,8 +86,7 @@ def start_of(records: Sequence[Record], policy: str) -> Offsets:
     Raises:
         UsageError: the policy is unknown.
     """
-    if policy not in POLICIES:
-        raise UsageError(f"no detrending {policy!r}; choose one of {', '.join(POLICIES)}")
+    known_policy(policy)
     first = records[0]
     ny = first.ny
     if policy == "none" or (policy == "auto" and first.is_robot_log and _shows_zero(records)):
@@ -103,6 +102,16 @@ def start_of(records: Sequence[Record], policy: str) -> Offsets:
         Detrend(rest.u, rest.y), Origin.ESTIMATED, (True,) * ny, tuple(rest.y_error.tolist()),
         at_rest=True,
     )  # fmt: skip
+
+
+def known_policy(policy: str) -> None:
+    """Refuse a policy that does not exist.
+
+    Raises:
+        UsageError: it is unknown.
+    """
+    if policy not in POLICIES:
+        raise UsageError(f"no detrending {policy!r}; choose one of {', '.join(POLICIES)}")
 
 
 def _zero(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets | None:
