@@ -56,6 +56,7 @@ def main(words: Sequence[str] | None = None) -> int:
         os.environ[name] = "1"
     from gate_rows_accuracy import ROWS as ACCURACY
     from gate_rows_speed import ROWS as SPEED
+    from gate_rows_speed import steady_heap
 
     raw = json.loads(FILE.read_text(encoding="utf-8"))
     gate = Gate.of(raw)
@@ -66,6 +67,7 @@ def main(words: Sequence[str] | None = None) -> int:
         return 2
     accuracy = {n: ACCURACY[n] for n in names if n in ACCURACY and not asked.speed}
     say = progress(asked.json)
+    steady_heap()
     with tempfile.TemporaryDirectory() as place:
         ready = {name: cache(partial(prepare, Path(place))) for name, prepare in SPEED.items()}
         speed = {n: ready[n] for n in names if n in SPEED and not asked.accuracy}
@@ -160,6 +162,9 @@ def update(
 
 def double(rows: Mapping[str, Prepare], gate: Gate, ci: bool, say: Say) -> int:
     """Each row alone with its work done twice; 1 where that is not caught."""
+    if not rows:
+        print("gate: only rows of speed have a work to double", file=sys.stderr)
+        return 2
     missed = []
     for name, prepare in rows.items():
         (judged,) = measure_in_turns({name: prepare}, gate.speed, ci, doubled=[name], said=say)

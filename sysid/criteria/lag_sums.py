@@ -10,11 +10,12 @@ method of ``normal_equations``, Morf, Dickinson, Kailath & Vieira 1977, with a w
 an autoregression whose memory is short against the record, applied by fast convolution.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.fft import irfft, next_fast_len, rfft
 
 from sysid.criteria.coloured import AutoRegression
 from sysid.criteria.fit import Array
@@ -78,51 +79,75 @@ def lag_sums(
         V: columns that Σ weighs too, (N,) each.
         W: columns that it does not, (N,) each.
     """
-    (a, b), v = window, len(V)
+    v, w, m, n = len(V), len(W), signals.shape[1], len(lags)
     before, after = max(lags[-1], 0) + 1, max(-lags[0], 0)
     z = np.pad(signals.T, ((0, 0), (before, after)))
-    columns = np.zeros((v + len(z), len(signals)))
-    for row, column in zip(columns, V, strict=False):
-        row[:] = column
-    columns[v:, a:b] = z[:, before + a - lags[0] : before + b - lags[0]]
-    weighed = columns[:0]
-    if len(R) > 1:
-        from scipy.signal import oaconvolve  # the tests of a short record do without
-
-        both = np.concatenate([R[:0:-1], R])[None, :]
-        weighed = oaconvolve(columns, both, axes=1)[:, len(R) - 1 : len(R) - 1 + len(signals)]
-    shared = _against_lags((columns, weighed, *(w[None, :] for w in W)), z, before, lags, window)
+    c = v + m  # V and the first lag of each signal
+    shared = np.zeros((2 * c + w, m, n))
+    plain, coloured, further = np.zeros((v, v)), np.zeros((v, v)), np.zeros((v, w))
+    for low, columns, weighed in _weighed_blocks((*V, *z), before - lags[0], window, R, m):
+        high = low + columns.shape[1]
+        others = np.array([x[low:high] for x in W])
+        plain += columns[:v] @ columns[:v].T
+        coloured += weighed[:v] @ columns[:v].T
+        further += columns[:v] @ others.T
+        first, last = max(low, window[0]), min(high, window[1])
+        if first < last:
+            block = np.vstack([columns, weighed, others])[:, first - low : last - low]
+            for k, s in enumerate(z):
+                reach = s[before + first - lags[-1] : before + last - lags[0]]
+                late_first = np.ascontiguousarray(sliding_window_view(reach, last - first))
+                shared[:, k] += (block @ late_first.T)[:, ::-1]
     flat = shared.reshape(len(shared), -1)
-    plain = _all_lags(z, before, lags, window, np.ones(1), shared[v : len(columns)])
-    plain = _bordered(plain, flat[:v], columns[:v] @ columns[:v].T)
-    coloured = R[0] * plain
-    if len(R) > 1:
-        first = len(columns)
-        coloured = _all_lags(z, before, lags, window, R, shared[first + v : 2 * first])
-        side = flat[first : first + v]
-        coloured = _bordered(coloured, side, weighed[:v] @ columns[:v].T)
-    further = np.array([columns[:v] @ w for w in W]).T
-    return LagSums(plain, coloured, np.vstack([flat[len(flat) - len(W) :].T, further]))
+    lagged = _all_lags(z, before, lags, window, np.ones(1), shared[v:c])
+    under_noise = _all_lags(z, before, lags, window, R, shared[c + v : 2 * c])
+    return LagSums(
+        _bordered(lagged, flat[:v], plain),
+        _bordered(under_noise, flat[c : c + v], coloured),
+        np.vstack([flat[2 * c :].T, further]),
+    )
+
+
+def _weighed_blocks(
+    rows: Sequence[Array], ahead: int, window: tuple[int, int], R: Array, m: int
+) -> Iterator[tuple[int, Array, Array]]:
+    """(first row, columns, Σ columns) block by block, by overlapping transforms.
+
+    Args:
+        rows: columns (N,) each; the last m are padded signals whose first lag is meant.
+        ahead: where in a padded signal the first lag of sample 0 stands.
+        window: outside of which the lags are zero.
+        R: autocovariance.
+        m: number of signals.
+    """
+    a, b = window
+    whole, reach = len(rows[0]), len(R) - 1
+    size = max(ROWS, 4 * reach)
+    length = next_fast_len(size + 2 * reach, real=True)
+    spectrum = rfft(np.concatenate([R[:0:-1], R]), length)
+    for low in range(0, whole, size):
+        high = min(low + size, whole)
+        first, last = max(low - reach, 0), min(high + reach, whole)
+        held = np.zeros((len(rows), high - low + 2 * reach))
+        at = first - (low - reach)
+        for row, values in zip(held[: len(rows) - m], rows, strict=False):
+            row[at : at + last - first] = values[first:last]
+        inside = slice(max(first, a), min(last, b))
+        if inside.start < inside.stop:
+            place = at + inside.start - first
+            for row, s in zip(held[len(rows) - m :], rows[len(rows) - m :], strict=True):
+                taken = s[ahead + inside.start : ahead + inside.stop]
+                row[place : place + len(taken)] = taken
+        columns = held[:, reach : reach + high - low]
+        if not reach:
+            yield low, columns, R[0] * columns
+            continue
+        weighed = irfft(rfft(held, length) * spectrum, length)
+        yield low, columns, weighed[:, 2 * reach : 2 * reach + high - low]
 
 
 def _bordered(inner: Array, side: Array, corner: Array) -> Array:
     return np.block([[inner, side.T], [side, corner]])
-
-
-def _against_lags(
-    parts: Sequence[Array], z: Array, before: int, lags: range, window: tuple[int, int]
-) -> Array:
-    """Σ_t row(t) z(t − k) over the window for all rows of all parts, (rows, m, lags)."""
-    a, b = window
-    total = np.zeros((sum(map(len, parts)), len(z), len(lags)))
-    for low in range(a, b, ROWS):
-        high = min(low + ROWS, b)
-        block = np.vstack([part[:, low:high] for part in parts])
-        for j, s in enumerate(z):
-            reach = s[before + low - lags[-1] : before + high - lags[0]]
-            late_first = np.ascontiguousarray(sliding_window_view(reach, high - low))
-            total[:, j] += (block @ late_first.T)[:, ::-1]
-    return total
 
 
 def _all_lags(

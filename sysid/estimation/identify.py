@@ -15,7 +15,7 @@ from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment.data_notes import notes_for
 from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
-from sysid.estimation.offsets.choice import start_of
+from sysid.estimation.offsets.choice import known_policy
 from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.select_structure import select_structure, structures_for
@@ -96,7 +96,7 @@ def identify(
     require_enough(inside, outside, request.split)
     if request.split is not None:
         facts = LogFacts(inside, facts.reading)
-    start_of(facts, request.detrend)  # refuses a policy that does not exist
+    known_policy(request.detrend)
     findings = inspect_records(facts, nonlinearity=request.orders is None) if inspect else ()
     names = structures_for(request.structures, records[0].input_names)
     grids = None if request.orders is None else parse_grids(request.orders, names)

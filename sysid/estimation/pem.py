@@ -77,7 +77,7 @@ def fit_prepared(
     records: Sequence[Record],
     options: FitOptions,
     initial_guesses: Sequence[tuple[str, Array]] = (),
-) -> Model:
+) -> FitOutcome:
     """Fit to records from which offsets are removed already, which were checked as a whole.
 
     A piece of a log may hold a channel that never moves, and so does the constant of an offset.
@@ -85,9 +85,7 @@ def fit_prepared(
     records = tuple(records)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
-    outcome = fitter(structure, options)(structure, records, options, parameters, initial_guesses)
-    none = Detrend.none(structure.nu, structure.ny)
-    return model_of(outcome, records, records, options, none, OperatingPoint())
+    return fitter(structure, options)(structure, records, options, parameters, initial_guesses)
 
 
 def _offsets(structure: Structure, facts: LogFacts, detrend: Detrend | Offsets | str) -> Offsets:

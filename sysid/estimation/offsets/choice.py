@@ -85,8 +85,7 @@ def start_of(facts: LogFacts, policy: str) -> Offsets:
     Raises:
         UsageError: the policy is unknown.
     """
-    if policy not in POLICIES:
-        raise UsageError(f"no detrending {policy!r}; choose one of {', '.join(POLICIES)}")
+    known_policy(policy)
     records = facts.outliers.records
     first = records[0]
     ny = first.ny
@@ -103,6 +102,16 @@ def start_of(facts: LogFacts, policy: str) -> Offsets:
         Detrend(rest.u, rest.y), Origin.ESTIMATED, (True,) * ny, tuple(rest.y_error.tolist()),
         at_rest=True,
     )  # fmt: skip
+
+
+def known_policy(policy: str) -> None:
+    """Refuse a policy that does not exist.
+
+    Raises:
+        UsageError: it is unknown.
+    """
+    if policy not in POLICIES:
+        raise UsageError(f"no detrending {policy!r}; choose one of {', '.join(POLICIES)}")
 
 
 def _zero(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets | None:

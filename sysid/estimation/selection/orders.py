@@ -198,24 +198,26 @@ def _one_after_another(
             if set(values) <= set(names)
         ]
         try:
-            model = fit_prepared(s, train, options, initial_guesses)
+            outcome = fit_prepared(s, train, options, initial_guesses)
         except (DataError, ModelError):
-            model = None
-        if model is not None:
+            outcome = None
+        if outcome is not None:
             # a structure that reads terms or scalings off the data comes back adapted
-            s, names = model.structure, [q.name for q in model.parameters]
+            s, theta = outcome.structure, outcome.theta
+            names = [q.name for q in outcome.parameters]
             error = free_run_error(
-                s, model.theta, data.whole, data.counted, options.robust, one_step=data.one_step
+                s, theta, data.whole, data.counted, options.robust, one_step=data.one_step
             )
             score = error
             if not ranks.of_free_run:
-                loss = _loss(s, model.theta, model.n_estimated, train, common, options.robust)
+                free = sum(q.fixed is None for q in outcome.parameters) + outcome.n_states
+                loss = _loss(s, theta, free, train, common, options.robust)
                 score = ranks.cost_of(loss)
             if np.isfinite(score):
-                stable = bounded_run(s, model.theta)
-                calm = not motion_doubts(s, model.theta, longest, train[0].dt)
+                stable = bounded_run(s, theta)
+                calm = not motion_doubts(s, theta, longest, train[0].dt)
                 candidates.append(Candidate(_orders(s), len(names), score, error, stable, calm))
-                fitted[k] = (score, dict(zip(names, model.theta.tolist(), strict=True)))
+                fitted[k] = (score, dict(zip(names, theta.tolist(), strict=True)))
         if progress:
             progress(k + 1, len(structures), f"{s.name} {orders_text(_orders(s))}")
     return candidates

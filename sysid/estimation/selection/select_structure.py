@@ -27,8 +27,9 @@ from sysid.structures.base import Structure
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class, structure_classes
 
-PARALLEL_WORK = 400_000
-"""Candidates × samples from which a second process pays for its start (about a second)."""
+PARALLEL_WORK = 1_000_000
+"""Candidates × samples from which a second process pays for its start: the usual orders of one pair
+are half of it and take one process two seconds, as long as two take to import what they need."""
 
 ANY = "any"
 """Stands for every delay."""

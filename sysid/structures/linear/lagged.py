@@ -1,26 +1,36 @@
 """Consecutive lags of a signal as rows, and what a filter makes of them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array
 
 
-def through(D: Array, C: Array, h: Array | None, rows: Array, out: Array) -> None:
-    """(D/C) of rows that are consecutive lags of one signal; h is the impulse response of D/C.
+def through(D: Array, C: Array, h: Array | None, pairs: Sequence[tuple[Array, Array]]) -> None:
+    """(D/C) of rows that are consecutive lags of a signal; h is the impulse response of D/C.
 
     Each row is the one before it a sample later, but for its first value: so is its response, but
     for that value times h, which may be longer. One filter run serves all lags. Without h the rows
     are copied.
+
+    Args:
+        D, C, h: the filter.
+        pairs: of each signal its rows, and where their responses go.
     """
-    if h is None or not rows.size:
-        out[:] = rows
+    pairs = [(rows, out) for rows, out in pairs if rows.size]
+    if h is None or not pairs:
+        for rows, out in pairs:
+            out[:] = rows
         return
-    out[0] = lfilter(D, C, rows[0])
-    h = h[: out.shape[1]]
-    for k in range(1, len(rows)):
-        np.multiply(h, rows[k, 0], out=out[k])
-        out[k, 1:] += out[k - 1, :-1]
+    firsts = lfilter(D, C, np.array([rows[0] for rows, _ in pairs]))
+    h = h[: firsts.shape[1]]
+    for first, (rows, out) in zip(firsts, pairs, strict=True):
+        out[0] = first
+        for k in range(1, len(rows)):
+            np.multiply(h, rows[k, 0], out=out[k])
+            out[k, 1:] += out[k - 1, :-1]
 
 
 def lags(first: int, count: int) -> range:

@@ -86,10 +86,9 @@ def _instrumental(
     sizes = np.zeros((2, lay.n))
     with np.errstate(over="ignore", invalid="ignore"):
         for r, run in zip(records, runs, strict=True):
-            inputs = lfilter([1.0], A, r.u.T)
-            y = lfilter([1.0], A, r.y[:, lay.output])
+            *inputs, y, model = lfilter([1.0], A, np.vstack([r.u.T, r.y[:, lay.output], run]))
             phi = _regressors(lay, y, inputs)
-            z = _regressors(lay, lfilter([1.0], A, run), inputs)
+            z = _regressors(lay, model, inputs)
             normal += z @ phi.T
             right += z @ y[lay.start :]
             sizes += [np.einsum("ij,ij->i", z, z), np.einsum("ij,ij->i", phi, phi)]
@@ -214,12 +213,12 @@ def _inside(theta: Array, n: int) -> Array:
     return np.concatenate([reflected(np.concatenate([[1.0], theta[:n]]))[1:], theta[n:]])
 
 
-def _regressors(lay: RowLayout, y: Array | None, inputs: Array) -> Array:
+def _regressors(lay: RowLayout, y: Array | None, inputs: Sequence[Array]) -> Array:
     """Rows −y(t−k) (none without y), then u_j(t−k), for t from the row's first sample on."""
-    start, n = lay.start, inputs.shape[1]
+    start, n = lay.start, len(inputs[0])
     rows = []
     if y is not None:
         rows += [-y[start - k : n - k] for k in range(1, lay.na[lay.output] + 1)]
     for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True)):
-        rows += [inputs[j, start - k : n - k] for k in range(nk, nk + nb)]
+        rows += [inputs[j][start - k : n - k] for k in range(nk, nk + nb)]
     return np.array(rows)

@@ -257,20 +257,24 @@ class RowErrors(Problem):
         """Gradients with respect to θ, one row a coefficient, (n, M)."""
         lay, start = self.layout, self.layout.start
         C, D, h = noise
-        row = 0
+        pairs, row = [], 0
         for place in self._lagged:
             count = place.stop - place.start
-            through(D, C, h, x.linear[row : row + count], out[place])
+            pairs.append((x.linear[row : row + count], out[place]))
             row += count
         for j, u, w, F in zip(lay.filtered, x.inputs, s.ws, s.fs, strict=True):
-            gb = shifted(lfilter([-1.0], F, u), lags(lay.nk[j], lay.nb[j]), start)
-            gf = shifted(lfilter([1.0], F, w), lags(1, lay.nf[j]), start)
-            through(D, C, h, gb, out[self._b[j]])
-            through(D, C, h, gf, out[self._f[j]])
-        if lay.nc:
+            of_b, of_f = lfilter([1.0], F, np.array([-u, w]))
+            pairs.append((shifted(of_b, lags(lay.nk[j], lay.nb[j]), start), out[self._b[j]]))
+            pairs.append((shifted(of_f, lags(1, lay.nf[j]), start), out[self._f[j]]))
+        through(D, C, h, pairs)
+        if lay.nc and lay.nd:
+            of_c, of_d = lfilter([1.0], C, np.array([-s.e, s.v]))
+            shifted(of_c, lags(1, lay.nc), 0, out[self._c])
+            shifted(of_d, lags(1, lay.nd), 0, out[self._d])
+        elif lay.nc:
             shifted(lfilter([-1.0], C, s.e), lags(1, lay.nc), 0, out[self._c])
-        if lay.nd:
-            shifted(lfilter([1.0], C, s.v), lags(1, lay.nd), 0, out[self._d])
+        elif lay.nd:
+            shifted(s.v, lags(1, lay.nd), 0, out[self._d])
 
     def _state_columns(self, p: Array, noise: _NoiseFilter, m: int) -> Array:
         """Gradients with respect to one experiment's initial states, (states, m)."""
@@ -278,12 +282,12 @@ class RowErrors(Problem):
         if not len(out):
             return out
         C, D, h = noise
-        at = 0
+        pairs, at = [], 0
         for j in lay.filtered:
             free = lfilter([1.0], monic(p[self._f[j]]), -impulse(m))
-            rows = shifted(free, range(lay.nf[j]), 0)
-            through(D, C, h, rows, out[at : at + lay.nf[j]])
+            pairs.append((shifted(free, range(lay.nf[j]), 0), out[at : at + lay.nf[j]]))
             at += lay.nf[j]
+        through(D, C, h, pairs)
         if lay.n_noise_states:
             shifted(lfilter([1.0], C, impulse(m)), range(lay.n_noise_states), 0, out[at:])
         return out
