@@ -36,7 +36,7 @@ def test_inspect_of_a_constant_output_is_fatal(
     assert any("omega_l" in f["sentence"] for f in found["findings"] if f["severity"] == "fatal")  # type: ignore[attr-defined]
     code, out, _ = ask(capsys, ["inspect", "constant.csv"])
     assert code == 1
-    assert "cannot serve" in out
+    assert "not usable" in out
 
 
 def test_inspect_converts_units(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

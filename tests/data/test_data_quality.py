@@ -169,7 +169,7 @@ FAULTS: dict[str, tuple[Callable[[], Record], str, Severity, str]] = {
         lambda: spoil(robot, u=lambda r: r.u[:, [0, 0]]),
         "collinear",
         Severity.WARNING,
-        "pwm_l and pwm_r move together always .correlation 1.000",
+        "pwm_l and pwm_r always move together .correlation 1.000",
     ),
     "feedback": (controlled, "feedback", Severity.WARNING, "recorded in closed loop"),
     "sampled too fast": (

@@ -82,7 +82,7 @@ def test_without_the_log_other_figures_are_refused_in_a_sentence(
     assert run(capsys, "compare", "--workspace", tmp_path / "ws").code == 0
     refused = run(capsys, "compare", "--skip", 10, "--workspace", tmp_path / "ws")
     assert refused.code == 1
-    assert "is gone or has changed" in refused.err
+    assert "is missing or has changed" in refused.err
     assert "--val" in refused.err
 
 
@@ -158,7 +158,7 @@ def test_a_search_that_was_given_up_is_held_against_a_model() -> None:
     settled = _contender("settled", record, None)
     stopped = replace(settled.model, termination=Termination.MAX_ITERATIONS)
     given_up = Contender("given-up", stopped, (record,), settled.report)
-    assert "given up" in doubts_about(given_up.model).words
+    assert "ended before convergence" in doubts_about(given_up.model).words
     assert doubts_about(settled.model).settled
     assert compare([given_up, settled], "fit", ([record], "here")).best.contender.id == "settled"
 

@@ -91,11 +91,11 @@ def test_an_input_without_effect_is_named_by_inspect_and_by_fit(
     e = rng.standard_normal(600)
     y = e if kind == "white" else lfilter([1.0], [1.0, -0.95], e)
     log = write_log(tmp_path / "noise.csv", ["u", "y"], [u, y])
-    told = "The input u explains nothing of y that chance would not."
-    assert told in run(capsys, "inspect", log).out
+    finding = "The input u explains no more of y than chance would."
+    assert finding in run(capsys, "inspect", log).out
     place = ("--workspace", tmp_path / "ws")
     warnings = run(capsys, "fit", log, "--structure", "arx", *place, "--json").document["warnings"]
-    assert told in warnings[0]
+    assert finding in warnings[0]
 
 
 def test_a_weak_effect_is_not_called_none() -> None:

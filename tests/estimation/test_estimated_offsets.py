@@ -109,7 +109,7 @@ def test_levels_move_with_the_data(name: str) -> None:
     run = other.simulate(moved.u, x[1])
     # the runs agree to what two searches agree to, against 800 rpm of range
     assert run == pytest.approx(one.simulate(plain.u, x[0]) - 900.0, abs=0.05)
-    assert one.operating_point.y_error == pytest.approx(other.level.y_error, rel=1e-3)
+    assert one.operating_point.y_error == pytest.approx(other.operating_point.y_error, rel=1e-3)
     assert one.operating_point.estimated == 1
 
 
@@ -266,7 +266,7 @@ def test_a_level_is_stored_and_damaged_ones_refused(tmp_path: Path) -> None:
     raw = m.to_json()
     raw.pop("level")  # as version 0.1.0 wrote it
     assert Model.from_json(raw).operating_point.origin is Origin.MEANS
-    with pytest.raises(ModelError, match="level"):
+    with pytest.raises(ModelError, match="operating point"):
         Model.from_json(m.to_json() | {"level": {"origin": "somewhere"}})
     assert OperatingPoint.of_detrend(Detrend.none(1, 1)).origin is Origin.ZERO
 

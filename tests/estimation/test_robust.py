@@ -194,7 +194,7 @@ def test_errors_of_the_model_are_not_left_out() -> None:
     wrong = structure_class("oe").from_orders({"nb": 1, "nf": 1, "nk": 1}, 1, 1)
     model = fit(wrong, [Record(u, y, 0.1)], FitOptions(robust=True))
     assert model.provenance.options["left_out"] <= 2
-    assert any("model's own" in w for w in model.warnings)
+    assert any("errors of the model" in w for w in model.warnings)
 
 
 # ------------------------------------------------------------------ how they are told apart

@@ -24,7 +24,7 @@ def test_a_comparison_tells_cost_and_meaning_of_each_model() -> None:
 def test_every_family_says_what_it_tells() -> None:
     told = {name: cls.tells for name, cls in structure_classes().items()}
     assert "physical constants" in told["dc-motor"]
-    assert told["narx-wavelet"] == "what it answers, nothing of why"
+    assert told["narx-wavelet"] == "the response only, no physical parameters"
     assert len(set(told.values())) >= 4
 
 
@@ -44,5 +44,5 @@ def test_the_table_shows_cost_where_models_tell_different_things(
     assert run(capsys, "fit", log, *other, *place).code == 0
     shown = run(capsys, "compare", *place).out
     assert "µs a step" in shown
-    assert "What can be read off: " in shown
+    assert "What the models reveal: " in shown
     assert "static curves" in shown

@@ -1,4 +1,4 @@
-"""A model that a constant would beat is called useless, in plain words, with the number."""
+"""A model that a constant would beat is called not usable, with the number."""
 
 from pathlib import Path
 
@@ -35,7 +35,7 @@ def test_a_fit_below_zero_is_said_to_be_useless(
     document = run(capsys, "fit", log, "--val", val, *columns, *orders, "--json").document
     fit = document["validation"]["fit_percent"]["temperature"]
     assert (fit < 0.0) is said
-    useless = [w for w in document["warnings"] if "useless" in w]
+    useless = [w for w in document["warnings"] if "not usable in free run" in w]
     assert bool(useless) is said
     if said:
         assert useless[0] == document["warnings"][0]

@@ -19,7 +19,7 @@ class Pendulum(GreyBox):
     name: ClassVar[str] = "pendulum"
     title: ClassVar[str] = "Pendulum with a drive at its axle: a grey box"
     equation: ClassVar[str] = "d²φ/dt² = gain·u − damping·dφ/dt − omega²·sin φ"
-    when: ClassVar[str] = "an arm that hangs and swings, its angle read in radians"
+    when: ClassVar[str] = "an arm that hangs and swings, its angle measured in radians"
 
     @classmethod
     def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:

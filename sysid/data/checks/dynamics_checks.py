@@ -82,12 +82,12 @@ def _together(records: Sequence[Record]) -> list[Finding]:
         partner = " and ".join(records[0].input_names[k] for k in parts)
         c = correlation[i, parts[0]]
         how = f"correlation {c:.3f}" if len(parts) == 1 else "as a weighted sum"
+        often = "always" if unexplained < 1e-3 else "nearly always"
         findings.append(
             Finding(
                 "collinear",
                 Severity.WARNING if unexplained < 1e-3 else Severity.NOTE,
-                f"The inputs {name} and {partner} move together "
-                f"{'always' if unexplained < 1e-3 else 'nearly always'} ({how}): their effects "
+                f"The inputs {name} and {partner} {often} move together ({how}): their effects "
                 "cannot be distinguished.",
                 _HOW_TO_SEPARATE[records[0].is_robot_log],
                 name,

@@ -42,7 +42,7 @@ def advice(
         residuals: residual tests on the estimation data.
     """
     sentences = [
-        *_useless(free_run, validation),
+        *_not_usable(free_run, validation),
         *_ending(model, residuals),
         *_stability(model),
         *_information(model),
@@ -54,8 +54,8 @@ def advice(
     return tuple(sentences[:MAX_SENTENCES])
 
 
-def _useless(free_run: Figures, validation: Figures | None) -> list[str]:
-    """Outputs that a constant would foretell better than the model does."""
+def _not_usable(free_run: Figures, validation: Figures | None) -> list[str]:
+    """Outputs that a constant predicts better than the model does."""
     sentences = []
     for name, inside in free_run.fit_percent.items():
         outside = inside if validation is None else validation.fit_percent.get(name, inside)

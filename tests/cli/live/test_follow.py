@@ -131,7 +131,7 @@ def test_a_change_is_said_when_it_is_seen(tmp_path: Path, capsys: Capsys) -> Non
         (("--follow", "--split", "0.5"), "omit", 2),
         (("--follow", "--detrend", "mean"), "auto, none, level", 2),
         (("--follow", "--low-pass", "3"), "--val", 2),
-        (("--follow", "--forgetting", "1.5", "--for", "0.1"), "at most at 1", 2),
+        (("--follow", "--forgetting", "1.5", "--for", "0.1"), "at most 1", 2),
         (("--follow", "--speed-of", "omega", "--for", "0.1"), "needs the whole log", 2),
         (("--follow", "--stamps", "header", "--for", "0.1"), "needs the whole log", 2),
         (("--follow", "--latency", "remove", "--for", "0.1"), "needs the whole log", 2),

@@ -55,7 +55,7 @@ def test_files_of_soil_and_vehicle_and_a_picture(
     ("arguments", "sentence"),
     [
         (("dry-sandy",), "did you mean dry-sand?"),
-        (("nothing.yaml",), "no file nothing.yaml"),
+        (("nothing.yaml",), "file not found: nothing.yaml"),
         (("ice", "--slope", "95"), "the slope is 95°"),
         (("ice", "--slip", "2"), "the slip is 2"),
         (("ice", "--slip", "much"), "--slip cannot read 'much'"),
