@@ -139,9 +139,7 @@ def test_columns_that_nobody_can_tell_are_still_asked_for(
     assert "--input none" in refused.err
 
 
-def test_the_oscillation_of_a_signal_is_said(
-    tmp_path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_oscillation_of_a_signal_is_said(tmp_path, capsys: pytest.CaptureFixture[str]) -> None:
     """Poles 0.75 ± 0.487i at 0.1 s: 5.909 rad/s = 0.940 Hz with damping 0.189."""
     record = series(*CASES["ar"][1:], samples=4000)
     log = write_log(tmp_path / "vibration.csv", ["tilt"], [record.y[:, 0]])

@@ -85,6 +85,22 @@ from sysid.errors import SysidError, UsageError
             "Motordrehzahl",
             "",
         ),
+        ("t pwm_l pwm_r omega_l omega_r", "pwm_l pwm_r", "omega_l omega_r", ""),
+        (
+            "omega_r t x pwm_r y psi omega_l pwm_l v_ref",
+            "pwm_l pwm_r",
+            "omega_l omega_r",
+            "x y psi",
+        ),
+        ("t pwm_l omega_l x y psi", "pwm_l", "omega_l", "x y psi"),
+        ("t_s u_V y_speed_V", "u_V", "y_speed_V", ""),
+        ("sample u1 u2 y1 y2", "u1 u2", "y1 y2", ""),
+        ("t_s u1 u2 u3 u4 u5 y1_tension y2_tension", "u1 u2 u3 u4 u5", "y1_tension y2_tension", ""),
+        ("t_s u_vir_V y_qm_m ref_qg_m", "u_vir_V", "y_qm_m", ""),
+        ("time cmd_l cmd_r speed_l speed_r speed_ref", "cmd_l cmd_r", "speed_l speed_r", ""),
+        ("Time Input Output", "Input", "Output", ""),
+        ("index inertia voltage w_rad_s", "voltage", "w_rad_s", ""),
+        ("t in1 out1 omega_ref", "in1", "out1", ""),
     ],
 )
 def test_names(names: str, inputs: str, outputs: str, pose: str) -> None:
