@@ -227,8 +227,10 @@ def test_long_gaps_are_refused_split_or_filled(tmp_path: Path) -> None:
     path = put(tmp_path, table("t,u,y", rows_of(GAPPY)))
     with pytest.raises(DataError, match=r"line 42: 1\.3 s without samples.*`resample='split'`"):
         read_file(path)
-    parts = read_logs([path], ReadOptions(resample="split"))
+    split = read_file(path, ReadOptions(resample="split"))
+    parts = split.records
     assert [len(p) for p in parts] == [40, 48]
+    assert any("cut into 2 experiments" in f.text for f in split.findings)
     assert parts[1].t0 == pytest.approx(5.2)
     with pytest.raises(DataError, match="2 experiments"):
         read_log(path, ReadOptions(resample="split"))
