@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from bad_input_cases import assert_one_sentence
-from command_line import contents, robot_log, robot_signals, run, write_log
+from command_line import Capture, contents, robot_log, robot_signals, run, write_log
 from sysid_cli.app import main
 
 ROWS = "\n".join(f"{k * 0.1:.1f},{(k * 7) % 5},{(k * 3) % 11}" for k in range(40)) + "\n"
@@ -246,11 +246,7 @@ def _arguments(line: str, bench: Bench) -> list[str]:
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda c: re.sub(r"[^\w.=-]+", " ", c.line).strip())
 def test_bad_input_is_one_sentence_and_leaves_everything_as_it_was(
-    case: Case,
-    bench: Bench,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
+    case: Case, bench: Bench, capsys: Capture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
     before = contents(bench.root)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import robot_log, robot_signals, run, write_log
+from command_line import Capture, robot_log, robot_signals, run, write_log
 
 SHARED = Path(os.environ.get("SYSID_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
@@ -23,8 +23,6 @@ TRUTH = {
     "b1[omega_r,pwm_r]": 3e-4,
 }
 """Of the log that ``robot_log`` writes, as an output-error model has it."""
-
-Capture = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(autouse=True)

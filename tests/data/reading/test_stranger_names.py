@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from named_fields import arguments
 from written_logs import RPM, STEP, lines, motor, point, put, robot_drive, whole
 
@@ -45,12 +45,7 @@ from sysid.errors import SysidError, UsageError
             "omega_l omega_r",
             "pos_x pos_y yaw_deg",
         ),
-        (
-            "t pwmL pwmR rpmL rpmR x_mm y_mm theta",
-            "pwmL pwmR",
-            "rpmL rpmR",
-            "x_mm y_mm theta",
-        ),
+        ("t pwmL pwmR rpmL rpmR x_mm y_mm theta", "pwmL pwmR", "rpmL rpmR", "x_mm y_mm theta"),
         (
             "t cmd_l cmd_r w_l w_r odom_x odom_y odom_yaw x y heading",
             "cmd_l cmd_r",
@@ -239,9 +234,7 @@ def test_units_in_names(name: str, to: str, factor: float) -> None:
     assert (found.unit, found.scale) == (to, pytest.approx(factor, rel=1e-12))
 
 
-def test_an_error_is_shown_in_the_file_unit_too(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_error_is_shown_in_the_file_unit_too(tmp_path: Path, capsys: Capture) -> None:
     k, u, y = motor(400)
     path = put(tmp_path, "millis,pwm,rpm\n" + lines([whole(20 * k), whole(u), point(y)]))
     arguments = ("fit", path, "--structure", "arx", "--orders", "na=1 nb=1 nk=1")
