@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-import studies
+import scripts
 
-gate = studies.load("benchmarks/gate_judging.py")
+gate = scripts.load("benchmarks/gate_judging.py")
 
 LIMITS = gate.SpeedLimits(hand=1.5, ci=1.75, rounds=1, repeats=2)
 ROW = "speed/made-up"
@@ -195,15 +195,15 @@ def test_an_unknown_row_is_refused_and_all_are_listed() -> None:
 @pytest.fixture
 def command(monkeypatch: pytest.MonkeyPatch) -> Callable[[], object]:
     """The command and its rows, loaded as they are where it runs."""
-    monkeypatch.syspath_prepend(str(studies.ROOT / "benchmarks"))
-    return studies.load("benchmarks/gate.py")
+    monkeypatch.syspath_prepend(str(scripts.ROOT / "benchmarks"))
+    return scripts.load("benchmarks/gate.py")
 
 
 def test_every_row_has_a_committed_line_with_a_reason_and_every_line_a_row(command: object) -> None:
     raw = json.loads(command.FILE.read_text(encoding="utf-8"))
     lines = gate.Gate.of(raw)
-    accuracy = studies.load("benchmarks/gate_rows_accuracy.py").ROWS
-    speed = studies.load("benchmarks/gate_rows_speed.py").ROWS
+    accuracy = scripts.load("benchmarks/gate_rows_accuracy.py").ROWS
+    speed = scripts.load("benchmarks/gate_rows_speed.py").ROWS
     assert (lines.accuracy.keys(), lines.speed.keys()) == (accuracy.keys(), speed.keys())
     for line in (*lines.accuracy.values(), *lines.speed.values()):
         assert line.reason.endswith(".")
@@ -214,7 +214,7 @@ def test_measured_records_that_are_missing_are_skipped(
     command: object, monkeypatch: pytest.MonkeyPatch, tmp_path: object
 ) -> None:
     monkeypatch.setenv("SYSID_DATA", str(tmp_path))
-    rows = studies.load("benchmarks/gate_rows_accuracy.py")
+    rows = scripts.load("benchmarks/gate_rows_accuracy.py")
     with pytest.raises(rows.Skip, match="SYSID_DATA"):
         rows.ROWS["dryer/arx"]()
 
