@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import pytest
-
 import scripts
 
 gate = scripts.load("benchmarks/gate_judging.py")
