@@ -6,11 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.noise import ROBUST
 from sysid.data.record import Array, Record
 
 PASSES = 8
 """Searches of one record: the largest outliers hide the others, because they spoil the regression
 that gives the innovations. Each pass finds those that stand out of what is left."""
+
+
+TYPICAL = 20_000
+"""Samples at most, evenly spread, that say how far a typical one lies from its neighbours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +98,6 @@ def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np
     innovation of a short regression on past outputs and the inputs, so that a fast response to a
     short command is none. (Hampel 1974; Pearson 2002, IEEE Trans. Control Syst. Technol. 10(1).)
     """
-    from scipy.ndimage import median_filter
-
     width = 2 * half_width + 1
     flags = np.zeros(record.y.shape, dtype=bool)
     if len(record) < 2 * width:
@@ -102,25 +105,37 @@ def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np
     for j in range(record.ny):
         y = record.y[:, j]
         steps = np.diff(y)
-        moves = np.abs(steps[steps != 0])
+        some = np.arange(0, len(y), -(-len(y) // TYPICAL))
+        moves = np.abs(steps[some[:-1]])
+        moves = moves[moves > 0.0]
         if not len(moves):
             continue
-        before, after = np.append(0.0, steps), np.append(-steps, 0.0)
-        r = np.abs(y - median_filter(y, width, mode="nearest"))
-        floor = max(float(1.4826 * np.median(r)), float(np.percentile(moves, 10)))
-        alone = np.minimum(np.abs(before), np.abs(after)) > threshold * floor
+        typical_distance = ROBUST * float(np.median(_distance(y, some, half_width)))
+        limit = threshold * max(typical_distance, float(np.percentile(moves, 10)))
+        before, after = steps[:-1], -steps[1:]
+        alone = (np.minimum(np.abs(before), np.abs(after)) > limit) & (before * after > 0)
+        candidates = np.flatnonzero(alone) + 1
+        left, r, right = (_distance(y, candidates + k, half_width) for k in (-1, 0, 1))
         # beside a wild measurement a good one stands out too; the next pass tests it again
-        alone &= (r >= np.append(0.0, r[:-1])) & (r >= np.append(r[1:], 0.0))
-        candidates = np.flatnonzero((r > threshold * floor) & alone & (before * after > 0))
+        kept = (r > limit) & (r >= left) & (r >= right)
+        candidates, r = candidates[kept], r[kept]
         if not len(candidates):
             continue
         innovations = np.abs(_innovations(record, j))
-        typical = 1.4826 * float(np.median(innovations))
-        unexplained = innovations[candidates] > np.maximum(0.5 * r[candidates], threshold * typical)
-        for k in candidates[unexplained]:
-            near = r[max(k - 5 * width, 0) : k + 5 * width + 1]
-            flags[k, j] = r[k] > threshold * 1.4826 * float(np.median(near))
+        typical = ROBUST * float(np.median(innovations))
+        unexplained = innovations[candidates] > np.maximum(0.5 * r, threshold * typical)
+        for k, size in zip(candidates[unexplained], r[unexplained], strict=True):
+            near = np.arange(max(k - 5 * width, 0), min(k + 5 * width + 1, len(y)))
+            local = ROBUST * float(np.median(_distance(y, near, half_width)))
+            flags[k, j] = size > threshold * local
     return flags
+
+
+def _distance(y: Array, at: NDArray[np.int64], half_width: int) -> Array:
+    """|y − median of 2·half_width + 1 neighbours| at some samples, (n,)."""
+    around = at[:, None] + np.arange(-half_width, half_width + 1)
+    window = y[np.clip(around, 0, len(y) - 1)]
+    return np.asarray(np.abs(y[at] - np.median(window, axis=1)))
 
 
 def _innovations(record: Record, j: int, lags: int = 4) -> Array:

@@ -57,7 +57,7 @@ class Detrend:
     @classmethod
     def means(cls, records: Sequence[Record]) -> "Detrend":
         """The mean of every channel over all samples of all experiments."""
-        u, y, _ = _pooled(records)
+        u, y, _ = _pooled(records, with_times=False)
         return cls(u.mean(axis=0), y.mean(axis=0))
 
     @classmethod
@@ -257,12 +257,14 @@ def _vector(values: ArrayLike, name: str) -> Array:
     return vector
 
 
-def _pooled(records: Sequence[Record]) -> tuple[Array, Array, Array]:
-    """All samples of all records under each other, with their times [s]."""
+def _pooled(records: Sequence[Record], with_times: bool = True) -> tuple[Array, Array, Array]:
+    """All samples of all records under each other, with their times [s] where these are wanted."""
     if not records:
         raise DataError("no record to take means of; give at least one")
     if len({(r.nu, r.ny) for r in records}) > 1:
         raise DataError("the records have different numbers of channels; choose the same ones")
-    u = np.concatenate([r.u for r in records])
-    y = np.concatenate([r.y for r in records])
-    return u, y, np.concatenate([r.t for r in records])
+    times = [r.t for r in records] if with_times else [np.zeros(0)]
+    if len(records) == 1:
+        return records[0].u, records[0].y, times[0]
+    u, y = (np.concatenate([getattr(r, side) for r in records]) for side in ("u", "y"))
+    return u, y, np.concatenate(times)

@@ -1,12 +1,14 @@
 """Parameter search of one fit: every initial guess, problem after problem, with initial states."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import fdtri
 
 from sysid.data.record import Array, Index, Record
+from sysid.data.shortened import shortened
 from sysid.errors import DataError, ModelError, Termination
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
@@ -42,6 +44,12 @@ USABLE = 1e50
 """Errors beyond this are those of a start that cannot be run."""
 
 
+PIECES = 20_000
+"""Samples, in evenly spread pieces, from which a search over long records finds its way."""
+
+LONG = 4 * PIECES
+"""Samples from which that pays: on all of them only the last steps are then taken."""
+
 LINEAR = 0.5
 """Relative deviation from linearity up to which a start lies in the basin of a found minimum."""
 
@@ -64,7 +72,19 @@ class Search:
     def run(
         self, initial_guesses: Sequence[tuple[str, Array]]
     ) -> tuple[Array, list[Part], tuple[StartReport, ...]]:
-        thetas = [(n, self._admissible(t)) for n, t in (*self._own_starts(), *initial_guesses)]
+        """θ, the solved problems and what every start came to."""
+        if sum(len(r) for r in self.records) > LONG:
+            few = copy(self)
+            few.records = shortened(self.records, PIECES)
+            theta, _, reports_of_pieces = few._from([*few._own_starts(), *initial_guesses])
+            theta, parts, reports = self._from([("pieces of the records", theta)])
+            return theta, parts, (*reports_of_pieces, *reports)
+        return self._from([*self._own_starts(), *initial_guesses])
+
+    def _from(
+        self, guesses: Sequence[tuple[str, Array]]
+    ) -> tuple[Array, list[Part], tuple[StartReport, ...]]:
+        thetas = [(n, self._admissible(t)) for n, t in guesses]
         if not thetas:
             raise ModelError(f"{self.structure.name} has no starting values; give it some")
         modes = {Initial.AUTO: Initial.ZERO}.get(self.options.initial, self.options.initial)

@@ -21,6 +21,7 @@ ESTIMATORS = (
     "estimate_delays",
     "estimate_speed",
     "feedback_tests",
+    "measurement_noise",
     "nonlinearity_tests",
     "refreshes",
     "rest_head",
@@ -65,6 +66,14 @@ def test_a_fit_computes_no_fact_twice(
     line = ["fit", str(LOGS / "multilevel.csv"), *options, "--workspace", str(tmp_path)]
     assert main(line) == 0
     assert any(name.startswith("feedback_tests") for name in calls)
+    assert {name: n for name, n in calls.items() if n > 1} == {}
+
+
+@pytest.mark.slow
+def test_a_diagnosis_computes_no_fact_twice(tmp_path: Path, calls: Counter[str]) -> None:
+    logs = [str(LOGS / "rotation.csv"), "--val", str(LOGS / "rotation_val.csv")]
+    assert main(["diagnose", *logs, "-o", str(tmp_path / "d"), "--workspace", str(tmp_path)]) == 0
+    assert any(name.startswith("measurement_noise") for name in calls)
     assert {name: n for name, n in calls.items() if n > 1} == {}
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from sysid.data.facts import LogFacts
 from sysid.data.record import Record
 from sysid.diagnosis.gap import floor_of_errors, measure_gap
-from sysid.diagnosis.search.evidence import noise_floor
 
 
 def quick_plant(noise: float, quantum: float = 0.0, seed: int = 0) -> tuple[Record, np.ndarray]:
@@ -24,7 +24,7 @@ def quick_plant(noise: float, quantum: float = 0.0, seed: int = 0) -> tuple[Reco
 def test_a_floor_that_a_model_went_below_is_read_off_what_it_left(noise: float) -> None:
     record, clean = quick_plant(noise)
     errors = record.y - clean
-    rough = noise_floor([record])
+    rough = LogFacts((record,)).noise
     assert rough[0] > 2.0 * noise  # jerk at every sample: the readings alone mislead
     gap = measure_gap([record.y], [errors], rough, ["speed"])
     # the median of 2000 third differences is known within 4 %
@@ -44,4 +44,4 @@ def test_coarse_readings_have_at_least_the_floor_of_their_rounding() -> None:
     t = np.arange(2000) * 0.05
     y = 0.5 * np.rint(5.0 * np.sin(0.1 * t) / 0.5)
     record = Record(np.sign(np.sin(0.1 * t)), y, 0.05)
-    assert noise_floor([record])[0] >= 0.5 / np.sqrt(12.0)
+    assert LogFacts((record,)).noise[0] >= 0.5 / np.sqrt(12.0)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from command_line import run, write_log
 
+from sysid.data.facts import LogFacts
 from sysid.data.io import read_file
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.stale import refreshed, refreshes, without_repeats
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.samples import inspect_samples
-from sysid.diagnosis.search.evidence import noise_floor
 from sysid.errors import UsageError
 
 MEASURED = Path(
@@ -173,8 +173,8 @@ def test_repeats_count_neither_as_readings_nor_as_dropouts() -> None:
     assert np.flatnonzero(found.weights[0][:, 0])[1:-1] == pytest.approx(at[:-1], abs=3)
     assert found.weights[0].mean() == pytest.approx(0.2, abs=0.01)
     # third differences of a wheel seen every 0.25 s hold some of its motion beside the noise
-    np.testing.assert_array_less(0.8 * NOISE, noise_floor([record]))
-    np.testing.assert_array_less(noise_floor([record]), 3.0 * NOISE)
+    np.testing.assert_array_less(0.8 * NOISE, LogFacts((record,)).noise)
+    np.testing.assert_array_less(LogFacts((record,)).noise, 3.0 * NOISE)
     (joined,) = without_repeats([record], refreshes([record]))
     clean = driven(1, 0.0)[1]
     np.testing.assert_allclose(joined.y[at[5:-5], 0], yl[at[5:-5]])

@@ -25,6 +25,7 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.registry import structure_class
+from sysid.structures.search import LONG, Search
 
 MEASURED = Path(os.environ.get("SYSID_DATA", "../shared/data"))
 
@@ -321,3 +322,16 @@ def test_more_data_mean_smaller_errors() -> None:
     ratio = np.sqrt(np.diag(few.covariance) / np.diag(many.covariance))
     # the input's sample spectrum varies by some 10 % at 400 samples
     assert ratio == pytest.approx(np.full(4, 4.0), rel=0.25)
+
+
+@pytest.mark.parametrize("name", ["oe", "armax", "bj"])
+def test_a_long_record_is_searched_from_pieces_of_it(name: str) -> None:
+    """The minimum is that of a search over all samples, to what the solver's tolerance leaves."""
+    system = SYSTEMS[name]
+    record = system.record(LONG + 5_000, 0.3)
+    whole = fit(system.model_structure, [record], detrend="none")
+    assert whole.starts[-1].start == "pieces of the records"
+    full = Search(system.model_structure, [record], FitOptions(), whole.parameters)
+    theta, _, _ = full._from(full._own_starts())
+    errors = np.sqrt(np.diag(whole.covariance))
+    assert np.all(np.abs(whole.theta - theta) < 0.02 * errors)

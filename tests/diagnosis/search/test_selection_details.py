@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from sysid_datasets.hidden_logs import Request, hide
 
+from sysid.data.facts import LogFacts
 from sysid.data.io import read_log
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.gap import measure_gap
 from sysid.diagnosis.search.batched_search import refined
-from sysid.diagnosis.search.evidence import noise_floor
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import prepare
 from sysid.diagnosis.search.starts import clip_level, free_indices, starts_of
@@ -66,7 +66,7 @@ def test_the_noise_is_read_off_between_the_switches(sigma: float) -> None:
     s, theta = chain((), [])
     u = switched(3000, 10)
     noise = sigma * np.random.default_rng(2).standard_normal((3000, 2))
-    found = noise_floor([record(u, s.simulate(theta, u) + noise)])
+    found = LogFacts((record(u, s.simulate(theta, u) + noise),)).noise
     # half of the readings are calm; their third differences overlap: 3 %, and transients remain
     np.testing.assert_allclose(found, sigma, rtol=0.1)
 
@@ -77,7 +77,7 @@ def test_readings_at_rest_or_clipped_do_not_pass_for_silence() -> None:
     u[:1500] = 0.0
     y = s.simulate(theta, u)
     y[1500:] += 0.2 * np.random.default_rng(3).standard_normal((1500, 2))
-    np.testing.assert_allclose(noise_floor([record(u, y)]), 0.2, rtol=0.15)
+    np.testing.assert_allclose(LogFacts((record(u, y),)).noise, 0.2, rtol=0.15)
 
 
 @pytest.mark.parametrize("sigma", [0.1, 0.3])

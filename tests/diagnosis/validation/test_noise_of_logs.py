@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.gap import ChannelGap, Gap
 from sysid.diagnosis.samples import inspect_samples
-from sysid.diagnosis.search.evidence import noise_floor
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.validation.noise import between_repeats, floor_of
 from sysid.diagnosis.verdict import Remaining
@@ -40,7 +40,7 @@ def studied(record: Record) -> DiagnosisSession:
 
 def test_a_log_that_never_settles_shows_its_noise() -> None:
     record = two_level(0.1, hold=1)
-    assert noise_floor([record])[0] > 0.19  # jerk passes for noise
+    assert LogFacts((record,)).noise[0] > 0.19  # jerk passes for noise
     noise = studied(record).noise
     assert noise.value[0] == pytest.approx(0.1, rel=0.15)  # 1200 samples: known to 10 %
     assert noise.low[0] < 0.1 < noise.high[0] * 1.05
@@ -87,7 +87,7 @@ def test_steps_of_a_coarse_sensor_are_noise_although_its_line_blurs_them() -> No
     blurred = np.round(y / step) * step + 0.05 * rng.standard_normal(len(d))
     channels = (Channel("volts", "V"),), (Channel("omega", "rad/s"),)
     record = Record(7.2 * d, blurred, DT, *channels)
-    assert noise_floor([record])[0] < 0.2  # long at one level: no difference shows it
+    assert LogFacts((record,)).noise[0] < 0.2  # long at one level: no difference shows it
     noise = studied(record).noise
     assert noise.value[0] >= step / np.sqrt(12.0) * 0.99
     assert noise.low[0] <= noise.value[0] <= noise.high[0]
