@@ -113,7 +113,7 @@ class ScoredTest:
         return f"p = {p:.2g}" if p >= 1e-12 else "p < 1e-12"
 
     def test(self, name: str, output: str, judged: bool, sentence: str) -> ResidualTest:
-        """The result, with the sentence it is told by."""
+        """The result, with the sentence that states it."""
         parts = None
         if self.lags is not None:
             parts = LagParts(tuple(self.lags), self.names, self.score.parts)

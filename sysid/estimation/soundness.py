@@ -1,6 +1,7 @@
 """Reasons against a model: an unbounded free run, an unobservably slow mode, an unfinished search.
 
-A model can be ahead by its figures and still be of no use for what comes next. Three things tell:
+A model can be ahead by its figures and still be of no use for what comes next. Three things show
+it:
 
 - its free run grows for ever, or nearly so: a pole outside the unit circle;
 - it has a mode slower than the longest record is long: over that record the mode is a level or a
@@ -89,7 +90,7 @@ def bounded_run(s: Dynamics, theta: Array) -> bool:
 
 
 def largest_radius(s: Dynamics, theta: Array) -> float:
-    """Radius of the largest pole; infinite where the structure has none to tell of."""
+    """Radius of the largest pole; infinite where the structure has none."""
     radii = np.abs(s.poles(theta))
     return float(np.max(radii)) if len(radii) else float("inf")
 

@@ -125,7 +125,7 @@ class _ModelFile:
     starts: tuple[StartReport, ...]
     warnings: tuple[str, ...]
     provenance: Provenance
-    level: Mapping[str, Any] | None = None  # of 0.1.0, the first models told none
+    level: Mapping[str, Any] | None = None  # of 0.1.0, the first models had none
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,7 @@ class Plant:
         ground: effects between tracks and ground, for whoever moves a vehicle by the outputs.
         identified: effects between commands and torques, for whoever makes up for them.
         torque: its motors as sources of torque, for whoever lets the ground answer them; None where
-            the core tells speeds only.
+            the core gives speeds only.
     """
 
     dt: float

@@ -106,11 +106,11 @@ def test_the_command_writes_the_pose_with_its_covariance(
         (("--sensor", "gyro_z=nothing"), "has no column 'nothing' for gyro_z"),
         (
             ("--sensor", "gyro=gyro_z"),
-            "'gyro' is no reading of a sensor: the readings are omega_l",
+            "'gyro' is not a known measurement; known are omega_l",
         ),
         (("--sensor", "gyro_z"), "--sensor cannot read 'gyro_z'; write NAME=COLUMN"),
         (("--navigation", "x"), "unknown kind 'x' of navigation"),
-        (("--unit", "gyro_z=m"), "gyro_z is in m, but gyro_z is to be in rad/s"),
+        (("--unit", "gyro_z=m"), "gyro_z is in m, but gyro_z needs rad/s"),
     ],
 )
 def test_mistakes_are_one_sentence(
@@ -126,10 +126,10 @@ def test_mistakes_are_one_sentence(
     assert len(result.err.strip().splitlines()) == 1
 
 
-def test_a_log_without_readings_is_refused(tmp_path: Path) -> None:
+def test_a_log_without_measurements_is_refused(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text("t,temperature\n0,20\n1,21\n2,22\n")
-    with pytest.raises(DataError, match="holds none of the readings omega_l, omega_r"):
+    with pytest.raises(DataError, match="holds none of the measurements omega_l, omega_r"):
         localize(log, Mission(goal=(1.0, 0.0)))
     log.write_text("t,omega_l,omega_r\n0,1,1\n2,1,1\n1,1,1\n")
     with pytest.raises(DataError, match=r"log\.csv, line 4"):

@@ -166,7 +166,7 @@ def test_a_switch_and_an_unnamed_output_are_said_by_the_fit(
     result = run(capsys, "fit", "fan.csv", "--structure", "arx", "--orders", "na=1 nb=1 nk=1")
     assert result.code == 0, result.err
     assert "heater was read as a switch" in result.out
-    assert "box was taken for the output" in result.out
+    assert "box was taken as the output" in result.out
 
 
 @pytest.mark.parametrize("log", ["tank"], indirect=True)

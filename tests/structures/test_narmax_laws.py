@@ -175,7 +175,7 @@ def test_bad_orders_and_pools_beyond_all_bounds_are_refused() -> None:
 
 
 def test_what_cannot_be_fitted_is_said() -> None:
-    with pytest.raises(UsageError, match="name the terms"):
+    with pytest.raises(UsageError, match="give the terms"):
         fit(NARMAX.from_orders(ORDERS, 1, 1), [record(300)], FitOptions(fixed={"y(t-1)": 0.5}))
     with pytest.raises(DataError, match="samples"):
         fit(NARMAX.from_orders(ORDERS, 1, 1), [record(40)])

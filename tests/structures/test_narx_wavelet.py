@@ -348,7 +348,7 @@ def test_twin_inputs_leave_a_direction_without_information() -> None:
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (FitOptions(fixed={"y0": 0.0}), "held or bounded"),
+        (FitOptions(fixed={"y0": 0.0}), "fixed or bounded"),
     ],
 )
 def test_what_it_cannot_do_it_says(options: FitOptions, says: str) -> None:

@@ -132,7 +132,7 @@ def test_orders_by_structure_keep_matrices_and_leave_others_to_the_search() -> N
         ("bj: nb=1", "bj is not one of the structures to fit: arx, oe"),
         ("arx: na=1 nb=1; arx: na=2 nb=1", "arx is given twice"),
         ("na=1 arx: na=2", "`orders`"),
-        ("na=1; arx: na=2 nb=1", "stands before the first structure"),
+        ("na=1; arx: na=2 nb=1", "comes before the first structure"),
         ("arx:", "`orders`"),
     ],
 )

@@ -79,7 +79,7 @@ def test_a_saved_one_is_read_again_and_says_the_same() -> None:
 def test_inputs_and_structures_must_agree() -> None:
     alone = series(*CASES["ar"][1:])
     driven = Record(np.sign(alone.y), alone.y, 0.1)
-    with pytest.raises(UsageError, match="oe needs an input and the log has none"):
+    with pytest.raises(UsageError, match="oe needs an input but the log has none"):
         identify([alone], [], Request(structures=("oe",)))
     with pytest.raises(UsageError, match="ar is for a log without inputs"):
         identify([driven], [], Request(structures=("ar",)))
@@ -139,7 +139,7 @@ def test_columns_that_nobody_can_tell_are_still_asked_for(
     assert "--input none" in refused.err
 
 
-def test_a_signal_is_told_by_what_it_swings_at(
+def test_the_oscillation_of_a_signal_is_stated(
     tmp_path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Poles 0.75 ± 0.487i at 0.1 s: 5.909 rad/s = 0.940 Hz with damping 0.189."""
@@ -147,7 +147,7 @@ def test_a_signal_is_told_by_what_it_swings_at(
     log = write_log(tmp_path / "vibration.csv", ["tilt"], [record.y[:, 0]])
     place = ("--workspace", tmp_path / "ws")
     found = run(capsys, "fit", log, "--structure", "ar", "--orders", "na=2", *place)
-    assert "swings at 0.9" in found.out
+    assert "oscillates at 0.9" in found.out
     assert "trace of u" not in found.out
     assert "sysid export" not in found.out
     assert " and  " not in found.out

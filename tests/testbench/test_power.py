@@ -234,5 +234,5 @@ def test_staircases_that_cannot_serve_are_refused(tmp_path: Path) -> None:
         bench_power([staircase(tmp_path / "b.csv", "motor_voltage_V", lambda d: 0.0 * d)])
     with pytest.raises(SysidError, match="give a current above 0"):
         bench_power([battery_log(tmp_path / "c.csv")], full_current=-1.0)
-    with pytest.raises(SysidError, match="no file of the power bench"):
+    with pytest.raises(SysidError, match="is not a file of `sysid bench power`"):
         read_measured(battery_log(tmp_path / "d.csv"))

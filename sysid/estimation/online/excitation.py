@@ -50,7 +50,7 @@ class Excitation:
 
     @property
     def enough(self) -> bool:
-        """Whether the data tell every mixture of the parameters."""
+        """Whether the data determine every mixture of the parameters."""
         return self.smallest >= self.need
 
 

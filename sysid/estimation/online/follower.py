@@ -14,6 +14,7 @@ from sysid.data.operating_point import OperatingPoint, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Channel, Record
+from sysid.data.same_kind import Sampled
 from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation import pem
 from sysid.estimation.assessment.findings import Policy, assess
@@ -70,7 +71,7 @@ class LiveOptions:
             )
 
 
-class Feed(Protocol):
+class Feed(Sampled, Protocol):
     """Where rows come from: a file, a pipe, or a topic."""
 
     where: str
@@ -79,18 +80,6 @@ class Feed(Protocol):
     @property
     def ready(self) -> bool:
         """Whether channels and sample time are known."""
-
-    @property
-    def inputs(self) -> tuple[Channel, ...]:
-        """Input channels."""
-
-    @property
-    def outputs(self) -> tuple[Channel, ...]:
-        """Output channels."""
-
-    @property
-    def dt(self) -> float:
-        """Sample time [s]."""
 
     def new(self, last: bool = False) -> Rows | None:
         """The rows since the last call; None while channels are not known."""

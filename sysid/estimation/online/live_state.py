@@ -69,7 +69,7 @@ class LiveChange:
         time: when, counted from the first row [s].
         within: within which that is known [s].
         seen: when it was seen [s].
-        output: the output that told it.
+        output: the output that showed it.
         chance: probability of a difference as large without a change.
         share: by how much of what the inputs do the output was altered.
         numbers: what changed.
@@ -97,7 +97,7 @@ class LiveParameter:
 
 @dataclass(frozen=True)
 class LiveState:
-    """What a stream tells at one moment.
+    """What a stream shows at one moment.
 
     Attributes:
         rows, seconds: taken in so far.

@@ -70,7 +70,7 @@ def cross_validate(
     )
     options = options or options_of(model)
     # a structure without starting values of its own begins at the model's: what the held-out block
-    # tells is where a search begins, not where it ends
+    # shows is where a search begins, not where it ends
     initial_guesses = [("all data", model.theta)] if model.structure.begins_at_values else []
     squares, counts, failed = [], [], 0
     total = np.zeros(len(model.outputs))

@@ -40,7 +40,7 @@ ROUNDS = 30
 GAIN = 1e-10
 
 LASTING = 8.0
-"""Slowest time constants in a run that tells whether it stays bounded: four in each half."""
+"""Slowest time constants in a run that shows whether it stays bounded: four in each half."""
 
 PROBE = (200, 1000)
 """Fewest and most samples of such a run; the most where no time constant is known."""

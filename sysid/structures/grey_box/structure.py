@@ -374,9 +374,9 @@ class GreyBox(NamedStructure):
                 now = x.tolist()
                 moved = self.sample(floats, now, u.tolist(), plain, h, steps)
                 return np.array(moved), np.array(self.reading(floats, now, plain))
-            state, held = x[:, None], u[:, None]
+            state, command = x[:, None], u[:, None]
             y = xp.asarray(self.reading(xp, state, p))
-            after = xp.asarray(self.sample(xp, state, held, p, h, steps))
+            after = xp.asarray(self.sample(xp, state, command, p, h, steps))
             return after[:, 0], y[:, 0]
 
         return advance
@@ -387,8 +387,8 @@ class GreyBox(NamedStructure):
         p = self.prepared(xp, self.unpack(xp, theta), self.h)
 
         def advance(x: Any, u: Any) -> tuple[Any, Any]:
-            state, held = x[:, None], u[:, None]
-            after = self.sample(xp, state, held, p, self.h, self.steps)
+            state, command = x[:, None], u[:, None]
+            after = self.sample(xp, state, command, p, self.h, self.steps)
             return after[:, 0], self.reading(xp, state, p)[:, 0]
 
         return advance

@@ -16,7 +16,7 @@ SMALL = 1e-3
 """Head below which outflow is smoothed, as a share of the sensor's unit."""
 
 LEVEL = 1.25
-"""Level about which time constants are told: low for a sensor that counts up to ten volts."""
+"""Level about which time constants are stated: low for a sensor that counts up to ten volts."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Tanks(GreyBox):
     (Schoukens, Mattsson, Wigren & Noël 2016, "Cascaded tanks benchmark"; Torricelli's law has
     a1 = a2 = ½, laminar flow 1.) Levels are in the units of the sensor; that of the upper tank
     counts from its outlet and in water that would raise the lower one as much, because no other
-    zero and unit could be told from these. d2 is the depth of the lower outlet below the sensor's
+    zero and unit could be found from these. d2 is the depth of the lower outlet below the sensor's
     zero.
     """
 

@@ -50,8 +50,8 @@ class DCMotor(GreyBox):
         |f| ≤ K c (1 + (k−1)/(1 + (ω/ω_s)²)) + q ω²      sliding: × r_c and + (r_v − 1)|ω| at ω < 0
 
     T holds the time constants and, off its diagonal, what the body's mass and yaw inertia carry
-    from one track to the other. From commands and speeds alone, only these ratios can be told: R,
-    K_em, K_c and inertias cannot. With ``parameters=bench`` the constants of the thesis's bench
+    from one track to the other. From commands and speeds alone, only these ratios are determined:
+    R, K_em, K_c and inertias cannot. With ``parameters=bench`` the constants of the thesis's bench
     stand for them, those measured there held, the others estimated.
 
     Attributes:
