@@ -44,7 +44,6 @@ def unusable(point: "EntryPoint", what: str, why: str) -> UsageError:
 
     Args:
         point: its entry point.
-        what: what it should be.
         why: e.g. "has no step".
     """
     package = point.dist.name if point.dist is not None else point.value

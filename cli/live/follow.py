@@ -58,8 +58,6 @@ def follow(
     Args:
         logs: the one to follow.
         how: until when, and how.
-        request: what to fit.
-        read: how to read it.
         workspace: where the rows are kept.
         stop: of ``stopping``: following ends when something stands there.
         quiet: whether nothing is to be shown.

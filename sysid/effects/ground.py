@@ -115,7 +115,6 @@ class Ground:
         Args:
             forward: speed [m/s] of tracks that roll at what ``rolled`` or ``step`` leave.
             yaw_rate: of the same [rad/s].
-            xp: array namespace.
         """
         return sum(
             e.sideways(xp, forward, yaw_rate, self.parameters[e.id])

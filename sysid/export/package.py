@@ -50,7 +50,6 @@ def write_package(
 
     Args:
         model, report, name, formats, form: see :func:`package_files`.
-        path: the folder or zip.
 
     Returns:
         The path written.
@@ -75,7 +74,6 @@ def package_files(
     The same model and report give the same bytes.
 
     Args:
-        model: a fitted model.
         report: what ``fit`` had to say (its ``validation`` or ``estimation`` figures are kept).
         name: what to call the plant; the structure's name unless given.
         formats: names of exporters. None writes the usual ones, and one of these that cannot write

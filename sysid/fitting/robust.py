@@ -55,7 +55,6 @@ def huber_widths(problem: Problem, errors: Array) -> Array:
     """Huber's threshold of every residual of a problem, (M,): outputs have scales of their own.
 
     Args:
-        problem: whose residuals they are.
         errors: residuals near the solution, (M,).
     """
     width = np.full(len(errors), UNBOUNDED)
@@ -131,7 +130,6 @@ def weighted(problem: Problem, records: Sequence[Record], more: int = 0) -> Prob
     """The problem with the weights its records carry; itself where they carry none.
 
     Args:
-        problem: the problem.
         records: the data it was made of.
         more: residuals after those of the data, which count fully.
 

@@ -103,7 +103,6 @@ def descend_with_prior(
 
     Args:
         problem: errors linear in the initial states, the last entries of p.
-        start: first p.
         size: ‖y‖ of the problem's outputs.
         descend: minimises any problem from any start.
         huber: threshold of the Huber loss for each residual, None for the quadratic one.

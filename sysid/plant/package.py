@@ -45,9 +45,7 @@ def assembled(
     The same values give the same bytes.
 
     Args:
-        model: a fitted model.
         described: what plant.json says of it, see ``description.describe``.
-        test: its self-test.
         files: what exporters wrote, by name inside the package.
         usage: how to use these files, Markdown for the model card.
 

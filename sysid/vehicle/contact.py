@@ -37,12 +37,10 @@ def grip(
     """What the soil under the middle of a track gives.
 
     Args:
-        floor: soils.
         at: X, Y of the middle of the track [m].
         load: normal load on it [N].
         slip: i [1].
         car: lengths of the tracks.
-        xp: array namespace.
     """
     chosen = _on(floor.soil, load, slip, car, xp)
     for patch in floor.patches:
@@ -83,7 +81,6 @@ def loads(car: TrackedVehicle, into: Real, outward: Real, xp: Any) -> Pair:
         into: acceleration of free fall into the floor [m/s²].
         outward: what pushes the vehicle to its right: v_xψ̇ of a turn to the left, less what a
             slope pulls to the left [m/s²].
-        xp: array namespace.
     """
     half = 0.5 * car.mass * into
     moved = car.mass * outward * car.height / car.geometry.B

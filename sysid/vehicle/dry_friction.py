@@ -84,7 +84,6 @@ def friction(
     """(f, stands): what friction takes in one step, and which motors stand at its end.
 
     Args:
-        xp: the namespace.
         gain: I − Φ.
         w_free: Φ w + (I − Φ) e, the speed reached without friction.
         low, high: largest friction against backward and against forward motion, both ≥ 0.

@@ -146,7 +146,6 @@ def assess(
     """Figures, residual tests and warnings of one model.
 
     Args:
-        model: fitted model.
         estimation: the estimation records and what to call them.
         validation: the same for held-out data, or None.
         policy: how figures are made.

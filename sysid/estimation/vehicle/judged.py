@@ -134,7 +134,6 @@ def drift(
     Args:
         errors: of windows.
         driven: way [m] and angle turned [rad] in each step of a trajectory's grid.
-        parts: stretches.
     """
     if not parts:
         return Drift(None, None, 0)

@@ -70,8 +70,6 @@ def pid_step(
         state: after the instant before.
         inputs: what is asked and believed.
         dt: T, time since then [s].
-        terms: the gains.
-        xp: array namespace.
     """
     integral = state.integral
     if terms.anti_windup == "back-calculation":
@@ -97,8 +95,6 @@ def conditional(
     Args:
         grown, before: the integral with and without this sample.
         command: before its limits.
-        limits: lowest and highest command.
-        xp: array namespace.
     """
     low, high = limits
     return xp.where(

@@ -60,8 +60,6 @@ def speed_command(
         error: e = V_ref − V_x [m/s].
         integral: I before this sample [drive].
         period: T [s].
-        gains: gains and limits.
-        xp: array namespace.
     """
     grown = integral + gains.ki_speed * error * period
     command = gains.kp_speed * error + grown

@@ -187,7 +187,6 @@ def mixture(bank: Bank, names: tuple[str, ...], xp: Any) -> Gaussian:
     Args:
         bank: what each believes, with its probability.
         names: of the states, in front; those behind them are no headings.
-        xp: array namespace.
     """
     n = bank.x.shape[-1]
     angles = xp.array([i < len(names) and is_angle(names[i]) for i in range(n)])

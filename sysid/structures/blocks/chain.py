@@ -112,7 +112,6 @@ class BlockChain:
         """Free run (ny, N) and its derivative (ny, n + n_states, N).
 
         Args:
-            theta: parameters.
             u: inputs (N, nu).
             x0: initial state, None for rest.
             states: whether rows for the initial state follow them.

@@ -118,7 +118,7 @@ class PolynomialRun(FreeRun):
             return known_products[t]
 
         u_places = [place_of(t) for t in self.u_terms]
-        number = float if isinstance(theta, np.ndarray) else _as_it_is
+        number = float if isinstance(theta, np.ndarray) else (lambda value: value)
         rows = [
             [
                 (number(theta[k]), int(m), u_places[q])
@@ -242,8 +242,3 @@ class PolynomialRun(FreeRun):
 def _parted(t: Term) -> tuple[Term, Term]:
     """The factors of past outputs and those of inputs."""
     return tuple(f for f in t if f.kind == "y"), tuple(f for f in t if f.kind == "u")
-
-
-def _as_it_is(value: Any) -> Any:
-    """A traced number."""
-    return value

@@ -268,7 +268,6 @@ def robot_lines(loop: Loop, blocks: dict[str, Block]) -> dict[str, str]:
 
     Args:
         loop: of a robot plant.
-        blocks: its laws.
 
     Returns:
         ``robot``: its struct and functions; ``navigation``, ``motion``: lines that give both their
