@@ -330,7 +330,6 @@ def diagnose(
         geometry: the vehicle's lengths, where the log has a pose.
         bench: file of ``sysid bench power``: effects of battery and bridge are looked for near what
             it measured.
-        seed: of every bootstrap.
 
     Raises:
         DataError: the logs are not usable.

@@ -56,7 +56,6 @@ def follow(
     """Follow one log until it is to end, and make the model.
 
     Args:
-        logs: the one to follow.
         how: until when, and how.
         workspace: where the rows are kept.
         stop: of ``stopping``: following ends when something stands there.

@@ -189,7 +189,6 @@ def slipping(ground: Ground, share: Any) -> Ground:
     """The ground with more slip where the vehicle turns.
 
     Args:
-        ground: what is there.
         share: of the way that is lost in a turn on the spot, added to what is lost already.
     """
     from sysid.effects.vehicle import SLIP, SLIP_SHARE

@@ -26,7 +26,6 @@ def lagging(xp: Any, p: Mapping[str, Signal], dt: float, kept: Signal) -> dict[s
 
     Args:
         dt: time since the sample before [s].
-        kept: not used.
     """
     x = xp.maximum(dt / xp.maximum(p["lag"], SHORTEST), NO_TIME)
     decay = xp.exp(-x)

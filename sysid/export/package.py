@@ -51,9 +51,6 @@ def write_package(
     Args:
         model, report, name, formats, form: see :func:`package_files`.
 
-    Returns:
-        The path written.
-
     Raises:
         UsageError: something that is no package stands at ``path``, or a format does not exist.
         ModelError: the model has no input, or cannot be written in a format that was asked for.

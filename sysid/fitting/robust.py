@@ -118,11 +118,9 @@ class Weighted(Problem):
         return self._root[:, None] * self._problem.initial_columns(p)
 
     def given(self, theta: Array) -> Problem:
-        """The same with the entries outside ``index`` from ``theta``."""
         return Weighted(self._problem.given(theta), self._weights)
 
     def initial_guess(self, theta: Array) -> Array:
-        """As the problem has it."""
         return self._problem.initial_guess(theta)
 
 

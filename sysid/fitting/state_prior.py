@@ -49,7 +49,6 @@ class WatchedStates(Problem):
         self.problem, self.size = problem, size
 
     def residual(self, p: Array) -> Array:
-        """Those of the problem."""
         return self.problem.residual(p)
 
     def jacobian(self, p: Array) -> Array:

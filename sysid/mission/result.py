@@ -109,9 +109,6 @@ def write_columns(columns: Mapping[str, Array], path: str | Path) -> Path:
     Args:
         path: the file; it appears complete or not at all.
 
-    Returns:
-        The path written.
-
     Raises:
         DataError: the file cannot be written there.
     """

@@ -69,9 +69,6 @@ def write(path: str | Path, files: Files) -> Path:
 
     It appears whole or not at all, and replaces a package that is there already.
 
-    Returns:
-        The path written.
-
     Raises:
         UsageError: something that is no package stands at ``path``.
         DataError: the place cannot be written.

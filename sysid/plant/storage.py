@@ -33,9 +33,6 @@ def write_files(path: Path, files: Files, known: frozenset[str]) -> Path:
     Args:
         known: names a package may hold; other files in a folder belong to somebody else.
 
-    Returns:
-        The path written.
-
     Raises:
         UsageError: something that is no package stands at ``path``.
         DataError: the place cannot be written.

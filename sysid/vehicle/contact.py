@@ -40,7 +40,6 @@ def grip(
         at: X, Y of the middle of the track [m].
         load: normal load on it [N].
         slip: i [1].
-        car: lengths of the tracks.
     """
     chosen = _on(floor.soil, load, slip, car, xp)
     for patch in floor.patches:
@@ -66,7 +65,6 @@ def tracks_at(x: Real, y: Real, heading: Pair, car: TrackedVehicle) -> tuple[Pai
     Args:
         x, y: of the vehicle's middle [m].
         heading: cos ψ and sin ψ.
-        car: its track distance.
     """
     cos, sin = heading
     half = 0.5 * car.geometry.B

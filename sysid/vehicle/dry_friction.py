@@ -41,7 +41,6 @@ def decay(xp: Any, inertia: tuple[Any, Any], h: float) -> tuple[Any, Any]:
     """I − Φ = I − exp(−T⁻¹ h).
 
     Args:
-        xp: numpy or jax.numpy.
         inertia: T: time constants [s], (motors, runs), and their coupling [s].
         h: step [s].
     """

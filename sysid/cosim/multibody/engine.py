@@ -194,7 +194,6 @@ def engine(
 
     Args:
         start: x, y [m] and ψ [rad] of the middle of its wheels.
-        around: what stands around it.
         step: of the engine [s].
 
     Raises:

@@ -107,7 +107,6 @@ def figures(
         data: what to call these data.
         horizon: k-step-ahead prediction, or None for the free run; a model without inputs has
             none and is judged one step ahead.
-        start: initial-state policy.
         skip: samples at the head of each record left out of the figures; they may set the
             initial state.
 

@@ -148,8 +148,6 @@ def assess(
     Args:
         estimation: the estimation records and what to call them.
         validation: the same for held-out data, or None.
-        policy: how figures are made.
-        seconds: what the fit took.
         chosen: facts about the order search.
         notes: warnings known before.
     """

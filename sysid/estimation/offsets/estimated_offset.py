@@ -60,7 +60,6 @@ def fit_with_offset(
     """Fit a linear structure with the constant as a further input.
 
     Args:
-        facts: of the data.
         offsets: what is removed first, and whose offset is estimated.
         parameters: of ``structure``, with bounds and fixed values.
 
@@ -96,7 +95,6 @@ def narrowed(
 
     Args:
         wide: the structure with the constant as its last input.
-        facts: of the data.
         offsets: what was removed before.
     """
     places, _ = constant_places(wide)

@@ -211,7 +211,6 @@ def changed_beyond(
     change of the plant. With it both parts should agree (Chow 1960).
 
     Args:
-        zone: of all rows.
         parts: the stretches before and after.
         where: numbers of the output, and of the input among the signals.
         terms: (signal, lag) of the regressors.

@@ -261,7 +261,6 @@ def identification(
     Args:
         records: the rows of ``kept_log``, read again.
         options: facts to keep with the model.
-        policy: how figures are made.
     """
     records = tuple(replace(r, inputs=live.inputs, outputs=live.outputs) for r in records)
     model = _model(live, records, options)

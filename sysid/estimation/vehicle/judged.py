@@ -132,7 +132,6 @@ def drift(
     """How the errors grow with the way.
 
     Args:
-        errors: of windows.
         driven: way [m] and angle turned [rad] in each step of a trajectory's grid.
     """
     if not parts:

@@ -67,7 +67,6 @@ def pid_step(
     (d_acted − d_asked) T/T_t to the integral, d_acted as far as it is known of the instant before.
 
     Args:
-        state: after the instant before.
         inputs: what is asked and believed.
         dt: T, time since then [s].
     """
@@ -117,7 +116,6 @@ class P(AxisSettings):
 
     @property
     def uses_plant(self) -> bool:
-        """Only the feed-forward does."""
         return self.feed_forward > 0.0
 
     def start(self, scene: Any, xp: Any) -> PIDState:

@@ -59,7 +59,6 @@ class ModelBased(AxisSettings):
 
     @property
     def uses_plant(self) -> bool:
-        """Gain and lag are the law."""
         return True
 
     def start(self, scene: Any, xp: Any) -> Real:
@@ -141,7 +140,6 @@ class YawComputedTorque(ComputedTorque):
 
     @property
     def outer(self) -> float:
-        """K_ψ."""
         return self.angle_gain
 
 
@@ -158,5 +156,4 @@ class YawSlidingMode(SlidingMode):
 
     @property
     def outer(self) -> float:
-        """K_ψ."""
         return self.angle_gain

@@ -32,7 +32,6 @@ class SpeedPIYawP(ControlSettings):
 
     @property
     def advice(self) -> ControlAdvice:
-        """The gains to change."""
         return ControlAdvice(stronger="raise kp_speed or kp_yaw", steer="raise kp_yaw")
 
     def start(self, scene: Scene, xp: Any) -> Real:

@@ -17,9 +17,6 @@ def write_runs(batch: MissionRuns, path: Path) -> Path:
     Args:
         path: the file; it appears complete or not at all.
 
-    Returns:
-        The path written.
-
     Raises:
         DataError: the file cannot be written there.
     """

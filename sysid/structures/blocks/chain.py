@@ -389,8 +389,6 @@ def _through_statics(
     """A layer of static curves' outputs; carries D and its nonzero rows along, in place.
 
     Args:
-        layer: the curves.
-        p: their parameters.
         signal: what enters, (channels, N).
         D: its derivatives, (channels, rows, N).
         active: rows of D that are not zero, by channel.

@@ -287,7 +287,6 @@ class GreyErrors(Problem):
         return self._last[1]
 
     def residual(self, p: Array) -> Array:
-        """Errors, experiment after experiment, output after output."""
         _, runs = self._run(p)
         parts = [
             ((y - run)[kept] / self.scales).T.ravel()
@@ -299,7 +298,6 @@ class GreyErrors(Problem):
         return e
 
     def jacobian(self, p: Array) -> Array:
-        """∂ε/∂p, (M, len(p))."""
         n = self.n_theta
         states = np.full(len(self.structure.state_names), self.states_each > 0)
         moved = np.ones(n, dtype=bool) if self.wanted is None else self.wanted
