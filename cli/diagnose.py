@@ -160,10 +160,8 @@ def _run(
 
     Args:
         data: what effects are searched on.
-        holdout: validation records.
         drive: the mission and the vehicle.
         read_as: what there is to say about the reading.
-        bench: what a bench measured.
     """
     from sysid.data.finding import notes, warned
     from sysid.diagnosis.diagnose import diagnose

@@ -56,10 +56,7 @@ def follow(
     """Follow one log until it is to end, and make the model.
 
     Args:
-        logs: the one to follow.
         how: until when, and how.
-        request: what to fit.
-        read: how to read it.
         workspace: where the rows are kept.
         stop: of ``stopping``: following ends when something stands there.
         quiet: whether nothing is to be shown.

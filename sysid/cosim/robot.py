@@ -178,7 +178,6 @@ class _RobotLoop(Loop):
     def sample(
         self, state: LoopState, tick: Tick, draws: Sequence[Sequence[Real]] = ()
     ) -> tuple[LoopState, tuple[Real, ...]]:
-        """A sample of the loop."""
         state, row = super().sample(state, tick, draws)
         if self.half is not None and not tick.now:
             self.half.stream(tick.t, state.estimate)

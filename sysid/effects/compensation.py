@@ -53,7 +53,6 @@ class Identified:
             wanted: drive, (tracks,).
             speed: of the tracks, (tracks,).
             t: time [s].
-            xp: array namespace.
 
         Returns:
             d, (tracks,), and the part of it that makes up for effects of the torque, (tracks,).

@@ -76,7 +76,6 @@ def identify(
     Args:
         data: all records of the estimation logs, or what is known of them.
         validation: records of separate validation logs, may be empty.
-        request: what to do.
         progress: called with (share done, what).
         inspect: whether the data are inspected, and what matters to a model said with it. With
             orders given, the one slow check is left to the residual tests of the fit.

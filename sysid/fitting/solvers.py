@@ -89,7 +89,6 @@ def levenberg_marquardt(problem: Problem, p0: Array, how: Descent) -> Solution:
     """Minimise ½‖r(p)‖², or Huber's loss, over the free entries of p, within bounds.
 
     Args:
-        problem: residuals and Jacobian.
         p0: start, fixed entries included.
         how: what is free, bounds, loss, tolerances and method.
     """

@@ -13,7 +13,6 @@ from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import DataError
 from sysid.mission.contracts import Body, NavigationInputs, Pose, Reporting, Scene
 from sysid.mission.registry import law
-from sysid.mission.result import write_columns
 from sysid.mission.spec import Mission
 
 MEASUREMENTS = (
@@ -214,15 +213,6 @@ def _errors(columns: Mapping[str, Array], pose: Array) -> dict[str, float]:
         "position_end_m": float(distance[-1]),
         "heading_rms_rad": float(np.sqrt(np.mean(angle**2))),
     }
-
-
-def write_localization(localization: Localization, path: str | Path) -> Path:
-    """Write the estimate as CSV, a row for each row of the log; numbers survive unrounded.
-
-    Raises:
-        DataError: the file cannot be written there.
-    """
-    return write_columns(localization.columns, path)
 
 
 def _consistency(columns: Mapping[str, Array], pose: Array | None) -> dict[str, Any]:

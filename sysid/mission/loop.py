@@ -257,8 +257,6 @@ class Loop:
         motion that turns the tracks gives it itself, before anything is read.
 
         Args:
-            state: after the sample before.
-            tick: the sample.
             draws: standard normal numbers of this sample, a row for each sensor.
 
         Returns:
@@ -298,8 +296,6 @@ class Loop:
         """Navigation, guidance and control at one sample: the part of a robot's computer.
 
         Args:
-            state: after the sample before.
-            tick: the sample.
             measurements: what the sensors read at it, the wheels among them.
 
         Returns:

@@ -107,11 +107,7 @@ def write_columns(columns: Mapping[str, Array], path: str | Path) -> Path:
     """Write columns of equal length as CSV; numbers survive unrounded, what is none is left empty.
 
     Args:
-        columns: by name.
         path: the file; it appears complete or not at all.
-
-    Returns:
-        The path written.
 
     Raises:
         DataError: the file cannot be written there.

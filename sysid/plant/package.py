@@ -45,9 +45,7 @@ def assembled(
     The same values give the same bytes.
 
     Args:
-        model: a fitted model.
         described: what plant.json says of it, see ``description.describe``.
-        test: its self-test.
         files: what exporters wrote, by name inside the package.
         usage: how to use these files, Markdown for the model card.
 
@@ -70,9 +68,6 @@ def write(path: str | Path, files: Files) -> Path:
     """Write a package as a folder, or as one zip where ``path`` ends in ``.zip``.
 
     It appears whole or not at all, and replaces a package that is there already.
-
-    Returns:
-        The path written.
 
     Raises:
         UsageError: something that is no package stands at ``path``.

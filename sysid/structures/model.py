@@ -248,7 +248,6 @@ class Model:
         """k-step-ahead predictions (N, ny), NaN where they need samples before the record.
 
         Args:
-            record: measured inputs and outputs.
             horizon: k ≥ 1; the free run is ``simulate``.
             window: samples at the head from which unknown initial states are fitted; as many as
                 the model remembers unless given.
@@ -283,9 +282,7 @@ class Model:
         """Answer to a step of one input from rest at the operating point.
 
         Args:
-            samples: how many.
             size: of the step, in the input's unit.
-            channel: number of the input.
 
         Returns:
             Time (N,) in s and outputs (N, ny) in their units.

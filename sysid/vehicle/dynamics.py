@@ -177,10 +177,7 @@ def step(
         drive: share of full drive of the left and the right motor [1].
         dt: duration [s]; 0 changes nothing.
         vehicle: lengths, mass and inertia.
-        motors: left and right.
         floor: soil, patches, slope.
-        xp: array namespace.
-        scheme: how finely.
 
     Returns:
         The state after it, with the forces of its last part.

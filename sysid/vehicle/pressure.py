@@ -114,7 +114,6 @@ class Pressure:
             x: from the front of the track, 0 to L [m].
             load: W of this track [N].
             length, width: L and b [m].
-            xp: array namespace.
         """
         mean = load / (width * length)
         if self.distribution == Distribution.LINEAR:

@@ -193,9 +193,7 @@ def engine(
     """A machine that stands; the same one where it is asked for again.
 
     Args:
-        machine: what drives.
         start: x, y [m] and ψ [rad] of the middle of its wheels.
-        around: what stands around it.
         step: of the engine [s].
 
     Raises:

@@ -294,7 +294,6 @@ def robot_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[Robo
     """This process as the node that is the robot, connected to the one that guides it.
 
     Args:
-        topic: of what is asked.
         patience: how long the other node may take to come [s].
 
     Raises:
@@ -325,7 +324,6 @@ def guidance_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[G
     """This process as the node that guides, connected to the robot.
 
     Args:
-        topic: of what is asked.
         patience: how long the robot may take to come [s].
 
     Raises:

@@ -146,11 +146,8 @@ def assess(
     """Figures, residual tests and warnings of one model.
 
     Args:
-        model: fitted model.
         estimation: the estimation records and what to call them.
         validation: the same for held-out data, or None.
-        policy: how figures are made.
-        seconds: what the fit took.
         chosen: facts about the order search.
         notes: warnings known before.
     """

@@ -121,9 +121,6 @@ def step_responses(model: Model) -> tuple[StepResponse, ...]:
     A linear model is asked once for each pair; a nonlinear one at a small, a half and the full
     input seen, from zero, or from the smallest input seen where zero was not.
 
-    Args:
-        model: the fitted model.
-
     Returns:
         Output by output, input by input, the small steps first; nothing for a model without
         inputs, and no pair whose input cannot reach the output.

@@ -248,10 +248,8 @@ def identification(
     """The model of a followed plant, judged on the rows it stands on.
 
     Args:
-        live: the estimate.
         records: the rows of ``kept_log``, read again.
         options: facts to keep with the model.
-        policy: how figures are made.
     """
     records = tuple(replace(r, inputs=live.inputs, outputs=live.outputs) for r in records)
     model = _model(live, records, options)

@@ -100,13 +100,9 @@ def search_orders(
     """Rank the orders of one structure.
 
     Args:
-        name: structure.
-        grid: orders to try.
         data: what to fit and what to choose on (offsets removed); for ``fit`` and ``rmse`` the
             free run on the held-out samples counts, for ``aic``, ``bic`` … the one-step errors
             on the records to fit on, over the samples that all candidates predict.
-        options: how to fit.
-        criterion: what ranks.
         progress: called with (done, all, what) after each candidate.
         rivals: orders searched elsewhere that these will be ranked with: information criteria
             leave out the samples which not all of them predict.
@@ -123,7 +119,11 @@ def search_orders(
             with_constant(s, estimated) for s in structures if isinstance(s, PolynomialStructure)
         ]
         data = data.of(with_ones)
-    if cls.solved_at_once and options.focus is Focus.PREDICTION and _unconstrained(options):
+    if (
+        cls.solved_at_once
+        and options.focus is Focus.PREDICTION
+        and not (options.robust or options.stable or options.fixed or options.bounds)
+    ):
         candidates = _arx_at_once(structures, data, criterion)
         if progress:
             progress(len(grid), len(grid), f"{name}: {len(grid)} orders in one pass")
@@ -171,10 +171,6 @@ def searching(options: FitOptions) -> FitOptions:
         tolerance=max(options.precision(), SEARCH_TOLERANCE),
         patience=SEARCH_PATIENCE,
     )
-
-
-def _unconstrained(options: FitOptions) -> bool:
-    return not (options.robust or options.stable or options.fixed or options.bounds)
 
 
 def _one_after_another(

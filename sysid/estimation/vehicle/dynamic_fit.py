@@ -326,7 +326,6 @@ def fit_dynamics(parts: Sequence[Part], start: Geometry, powered: Powered) -> Dy
     Args:
         parts: windows of every trajectory; speeds count in the time that they span.
         start: lengths near those of the vehicle as it turns.
-        powered: what drives the vehicle.
     """
     parts = tuple(parts)
     before = fit_slip(parts, start, ())

@@ -356,7 +356,6 @@ class PoseSearch:
         again.
 
         Args:
-            candidates: what is free.
             near: fit of some of them, where the search begins.
         """
         key = frozenset(c.key for c in candidates)

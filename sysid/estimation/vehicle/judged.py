@@ -132,9 +132,7 @@ def drift(
     """How the errors grow with the way.
 
     Args:
-        errors: of windows.
         driven: way [m] and angle turned [rad] in each step of a trajectory's grid.
-        parts: stretches.
     """
     if not parts:
         return Drift(None, None, 0)

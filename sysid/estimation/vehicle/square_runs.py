@@ -113,7 +113,6 @@ def ideal_return(
         wheel_ratio, width_ratio: E_d and E_b.
         side: of the square by the odometry [m].
         width: nominal distance of the wheels [m].
-        clockwise: direction.
     """
     left, right = scales(wheel_ratio)
     actual = width_ratio * width
@@ -132,7 +131,6 @@ def returned(
     """Runs of which only the return was measured.
 
     Args:
-        clockwise: direction of each.
         missed: measured end less the end by odometry, x along the first side, (n, 2) [m].
         side: of the square [m].
         geometry: that the odometry used.

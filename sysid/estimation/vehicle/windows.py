@@ -96,7 +96,6 @@ class Track:
 
         Args:
             ground: effects between tracks and ground.
-            geometry: lengths of the vehicle.
             offset: of the speed sensors, taken off the measurements, (2,) [rad/s].
             late: by how much the pose comes later than the speeds, its heading more, and the time
                 constant with which all of it follows, (3,) [s].

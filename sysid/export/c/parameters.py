@@ -95,8 +95,6 @@ def plant_numbers(program: Program, model: Model, fixed: Iterable[int] | None) -
     counts them (the weights of a network) is one array.
 
     Args:
-        program: of the step.
-        model: whose numbers.
         fixed: entries of θ that stay numbers; None for all.
     """
     theta = theta_numbers(model)
@@ -161,7 +159,6 @@ def traced_step(structure: Dynamics, theta: Any, like: Array) -> Step:
     """The step of a structure whose θ is recorded, (x, u) → (x⁺, y).
 
     Args:
-        structure: what runs.
         theta: of it, and of the model inside.
         like: θ as numbers.
     """

@@ -38,9 +38,6 @@ def report(
     """``report.md``.
 
     Args:
-        model: whose plant is written.
-        plant: its step.
-        precision: of the numbers.
         loop: what drives it, None for the plant alone.
     """
     size = 8 if precision.double else 4

@@ -148,7 +148,6 @@ def compared(drive: MeasuredDrive, paths: RunPaths, begins: float, seed: int = 0
     """Lay a measured drive over the runs that were predicted for it.
 
     Args:
-        drive: the measured one.
         paths: of the runs, which start where it does.
         begins: when the first command of the runs comes [s].
         seed: of the noise that the runs are read with: that of the log's measurements.

@@ -152,9 +152,7 @@ def own_run(
     """Run a filter on a truth drawn from a model, where theory says how large its errors are.
 
     Args:
-        law: the filter.
         scene: with the sensors; only where it starts, its vehicle and its sample time matter.
-        samples: how long.
         seed: of the truth and of the measurements.
         of: whose model the truth is drawn from; the filter's own unless given.
 

@@ -207,7 +207,6 @@ class Group:
             z: the numbers, (m,).
             last: those of the last measurement, (m,).
             elapsed: time since then [s].
-            xp: array namespace.
         """
         if self.names == VO and self.adds_up:
             dx, dy = z[0] - last[0], z[1] - last[1]
@@ -249,9 +248,7 @@ class Group:
         Args:
             z: the numbers, (m,); NaN where nothing was read.
             x: states, (n,), those of ``names`` in front.
-            names: of the states.
             setting: what expected values are computed with.
-            xp: array namespace.
         """
         at = {name: i for i, name in enumerate(names)}
         expected = self.expected({name: x[i] for name, i in at.items()}, setting, xp)

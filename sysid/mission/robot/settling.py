@@ -77,7 +77,6 @@ def settle(plant: SteppablePlant, state: Array, u: Array) -> Settling:
 
     Args:
         plant: the plant; simulation serves nonlinear ones as well as linear ones.
-        state: where to start.
         u: the inputs to hold, shape (nu,).
     """
     first: Array | None = None

@@ -48,7 +48,6 @@ def lag_model(answer: AxisAnswer, period: float) -> LagModel:
     """The lag with dead time that fits an answer to a step best in the sense of least squares.
 
     Args:
-        answer: of an axis.
         period: of control [s].
     """
     from scipy.optimize import minimize_scalar

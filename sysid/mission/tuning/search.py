@@ -151,7 +151,6 @@ def tune(
     Args:
         mission: what to do; its controller's gains are where the search is compared with.
         plant: a fitted model, or a plant that is the same in every run.
-        options: how much is driven.
         progress: called when sets were driven.
 
     Raises:

@@ -138,7 +138,6 @@ class FreeRun(ABC):
         """k-step-ahead predictions, (N, ny): runs of ``horizon`` steps started at every sample.
 
         Args:
-            theta: parameters.
             u, y: the record.
             horizon: steps of a run.
             first: first sample at which a run may start; predictions before its end are NaN.

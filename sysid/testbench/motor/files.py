@@ -54,7 +54,6 @@ def read_bench_files(
     """Read the files of a motor bench, each as what its columns say that it is.
 
     Args:
-        files: CSV or Parquet.
         units: column → unit, where a file lacks it.
         pulses_per_turn: of the sensor behind a column of event times.
         given: constants known without a file; they count before those of a file.

@@ -206,8 +206,6 @@ def fit_jointly(
     squares over its degrees of freedom, not below its resolution.
 
     Args:
-        parts: experiments.
-        names: constants to estimate.
         starts: where the search may begin, the one that errs least is taken; others than these
             constants are held there.
         tied: whether Kc is Kem.

@@ -73,7 +73,6 @@ def read_swing(
     taken, and that before a position, whose way along its main direction is arm·sin θ.
 
     Args:
-        path: CSV or Parquet.
         options: ``outputs`` (one: the angle), ``time``, ``ts``, ``units``, ``delimiter`` and
             ``decimal`` count here.
         arm: distance of the tracked point from the hinge [m], of use for a position only.

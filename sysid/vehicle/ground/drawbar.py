@@ -30,9 +30,7 @@ def pressure_of(vehicle: TrackedVehicle, slope: Real = 0.0, xp: Any = np) -> Pre
     On a slope β that is height · tan β farther back.
 
     Args:
-        vehicle: what stands there.
         slope: β, upwards [rad].
-        xp: array namespace.
     """
     centre = vehicle.centre - vehicle.height * xp.tan(slope)
     if isinstance(centre, int | float) and centre == 0.0:
@@ -113,7 +111,6 @@ class Traction:
 
         Args:
             pull: H [N].
-            xp: array namespace.
         """
         most, at = self.largest_pull(xp)
         low, high = 0.0 * (at + pull), at + 0.0 * pull

@@ -43,9 +43,6 @@ class XmlElement:
 def read_xml(path: str | Path) -> XmlElement:
     """Read an XML file; a document type, and with it every entity, is refused.
 
-    Args:
-        path: the file.
-
     Returns:
         The element at the top.
 

@@ -266,10 +266,6 @@ def _function_test(block: Block) -> str:
 def robot_lines(loop: Loop, blocks: dict[str, Block]) -> dict[str, str]:
     """What a loop in C is made of around its laws, by its place in a template.
 
-    Args:
-        loop: of a robot plant.
-        blocks: its laws.
-
     Returns:
         ``robot``: its struct and functions; ``navigation``, ``motion``: lines that give both their
         inputs, of t, dt, omega[2] and held[2]; ``start_x`` …: where it begins.
