@@ -92,7 +92,6 @@ class _EstimationData:
     Attributes:
         records: one or several a log.
         findings: what there is to say about the reading.
-        read: how they were read.
         base: the stored model to diagnose, if any.
         model: the model to diagnose, the base's or the plant's; None for the baseline.
     """

@@ -33,7 +33,6 @@ class Followed:
 
     Attributes:
         found: the model, judged on the rows it stands on.
-        state: the last state.
         log: those rows as a file.
         ending: why following ended.
     """

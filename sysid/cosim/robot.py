@@ -147,7 +147,6 @@ class _AskedPwm:
     """PWM that the other half asks for, as a controller.
 
     Attributes:
-        half: what asks.
         period: the mission's.
     """
 

@@ -118,7 +118,6 @@ class Criterion:
             models whose errors differ by no more than chance count as equal.
         value: the criterion of a loss; None for the figures of the free run (``fit``, ``rmse``),
             which are taken on held-out data.
-        smaller_is_better: its direction.
     """
 
     sentence: str

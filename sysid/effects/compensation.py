@@ -26,7 +26,6 @@ class Identified:
     """The effects of a plant that act between its commands and the torques, T = K d.
 
     Attributes:
-        effects: ids.
         parameters: effect → parameter → value of each track, (tracks,).
         gain: K, steady speed at full drive, (tracks,).
         full: command at full drive, (tracks,).

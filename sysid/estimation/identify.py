@@ -33,12 +33,9 @@ class Request:
     Attributes:
         structures: names; empty for the four linear ones.
         orders: text such as ``na=2 nb=2 nk=1`` or ``na=1:4 nb=1:4 nk=1``; None to search.
-        options: how to fit.
         detrend: what is done about levels, one of ``offsets.choice.POLICIES``.
         criterion: what ranks orders and structures.
         split: share of each record used for estimation, None for all of it.
-        policy: how figures are made.
-        jobs: processes.
     """
 
     structures: tuple[str, ...] = ()

@@ -28,8 +28,6 @@ class Solution:
         residual: r(p).
         jacobian: ∂r/∂p at the solution, shape (M, len(p)), all columns.
         weights: weight of each residual: 1 for the quadratic loss, 0 where it does not count.
-        termination: why it stopped.
-        evaluations: residual evaluations.
         at_bound: entries of p that ended on a bound.
     """
 
@@ -191,8 +189,6 @@ class Ending:
     Attributes:
         z: parameters.
         cost: ½‖r‖² there, None where it is not finite.
-        iterations: Levenberg-Marquardt iterations.
-        termination: why it stopped.
     """
 
     z: Array

@@ -47,9 +47,7 @@ class Localization:
     """The pose over time as navigation sees it.
 
     Attributes:
-        log: what the sensors read.
         columns: ``t``, the estimate and what the law reports, by name, (N,) each.
-        used: sensors that were read.
         consistency: ``nis_mean``, ``nis_bounds``, and where the log holds the true pose
             ``nees_mean``, ``nees_bounds``; empty where the law reports no covariance.
         errors: of the estimate where the log holds the true pose: ``position_rms_m``,

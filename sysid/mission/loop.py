@@ -176,7 +176,6 @@ class Loop:
     """The parts of one closed loop.
 
     Attributes:
-        guidance, control, navigation, motion: the laws.
         plant: two PWM inputs [µs], two wheel speeds [rad/s].
         scene: what the run is about.
         timeout: it is given up after this time [s].

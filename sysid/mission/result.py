@@ -39,7 +39,6 @@ class Stuck:
     """Why and where a robot got nowhere.
 
     Attributes:
-        reason: why.
         place: where: X, Y [m].
     """
 
@@ -57,7 +56,6 @@ class MissionResult:
     """What a mission came to.
 
     Attributes:
-        outcome: how it ended.
         time_s: when [s].
         final: the last X [m], Y [m], ψ [rad].
         path_length_m: length of the path driven [m].

@@ -87,7 +87,6 @@ class Package:
 
     Attributes:
         where: the folder or zip, as it is named in sentences.
-        description: the content of plant.json.
         notes: sentences about its hash: there is none, or what was changed was accepted.
     """
 

@@ -29,7 +29,6 @@ class Pressure:
     """Distribution of a track's load along its length.
 
     Attributes:
-        distribution: its shape.
         centre: how far the load's centre lies ahead of the middle of the track [m].
         wheels: number of road wheels, evenly spaced [1].
         depth: A, how far pressure falls between wheels: 0 not at all, 1 to nothing [1].

@@ -48,11 +48,9 @@ class _Talk:
     """What came, and what is said where nothing comes.
 
     Attributes:
-        node: this process.
         listens: subscriptions by topic.
         says: publishers by topic.
         other: what the other node is, in words.
-        starts: how it is started.
     """
 
     node: Node

@@ -25,8 +25,6 @@ class DataFigures:
     """Figures of one model on one set of data under one initial-state policy.
 
     Attributes:
-        free_run: free-run simulation.
-        one_step: one-step prediction.
         k_step: further horizons asked for.
     """
 

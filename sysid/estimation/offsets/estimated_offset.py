@@ -165,7 +165,6 @@ class _SteadyState:
 
     Attributes:
         wide: the structure with the constant as its last input.
-        outcome: its fit.
         ranges: of the outputs in the data, (ny,).
     """
 

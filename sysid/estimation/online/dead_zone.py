@@ -89,7 +89,6 @@ class _Rows:
 
     Attributes:
         pieces: uninterrupted rows, outputs before inputs.
-        output: number of the output.
         signal: number of the input among the signals.
         terms: (signal, lag) of the regressors.
         start: first row of a piece with a whole past, also of the signs.

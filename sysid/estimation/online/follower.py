@@ -92,7 +92,6 @@ class LogFeed:
     """Rows of a log's lines.
 
     Attributes:
-        where: its name.
         ended: whether nothing can come any more.
         restarts: how often the file began anew.
     """
@@ -151,8 +150,6 @@ class Follower:
     """Takes rows from a feed into a ``LiveFit``, which it makes when channels are known.
 
     Attributes:
-        feed: where rows come from.
-        options: how to follow.
         live: the estimate, None before the first rows.
     """
 

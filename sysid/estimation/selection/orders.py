@@ -46,7 +46,6 @@ class Candidate:
 
     Attributes:
         orders: as ``Structure.from_orders`` reads them.
-        n: number of parameters.
         score: the criterion's value, smaller is better.
         error: free-run error on the held-out data relative to the outputs' spread; one step ahead
             where the data come from a closed loop.
@@ -68,8 +67,6 @@ class OrderSearch:
     """The outcome of a search over one structure's orders, best first.
 
     Attributes:
-        structure: its name.
-        criterion: what ranked.
         candidates: all orders that could be fitted.
         margin: fraction by which a held-out error may exceed the best one and still tie with it.
         equations: samples and outputs of the records that were fitted.

@@ -53,7 +53,6 @@ class StructureRanking:
     """Entries, the leading one first, and what put it there.
 
     Attributes:
-        entries: all of them.
         sound: those that may lead.
         margin: fraction within which held-out errors tie.
         rule: what decided among equals: the name of a criterion, or ``size``.

@@ -75,7 +75,6 @@ class StructureSelection:
 
     Attributes:
         entries: fitted structures.
-        reason: one sentence.
         failed: structure → why it could not be fitted.
     """
 

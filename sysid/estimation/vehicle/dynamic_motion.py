@@ -38,7 +38,6 @@ class Weighed:
     """A vehicle with mass on its floor, driven by its motors.
 
     Attributes:
-        fit: its numbers.
         notes: what was assumed, in sentences.
     """
 

@@ -26,7 +26,6 @@ class Slot:
 
     Attributes:
         owner: effect, or what competes with the effects without being one.
-        name: of the parameter.
         side: track it belongs to, −1 where both share it.
         null, lower, upper: value at which it does nothing, and bounds.
         starts: where a search begins. The increments are all but linear in the number of an

@@ -32,7 +32,6 @@ class PathErrors:
     Attributes:
         path, heading: mean distance [m] and mean size of the turn's error [rad] at a window's end.
         path_rms, heading_rms: root mean squares of the same.
-        windows: how many.
     """
 
     path: float

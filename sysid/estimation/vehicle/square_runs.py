@@ -35,7 +35,6 @@ class SquareRun:
     """One closed square.
 
     Attributes:
-        clockwise: its direction.
         side: length of a side [m].
         predicted: (E_d, E_b) → what ``found`` would be, (2,) [m].
         found: where the run ended, or by how much it missed its start, (2,) [m].
@@ -62,7 +61,6 @@ class SquareResult:
         centres: mean of what was missed, clockwise and counter-clockwise, (2,) [m] each; None
             where there are none.
         worst: larger distance of the two centres from the start, before and after [m].
-        sentence: what it says.
     """
 
     wheel_ratio: tuple[float, float | None] | None

@@ -54,7 +54,6 @@ class Trajectory:
     """One record as the fit of a vehicle sees it.
 
     Attributes:
-        name: of the record.
         step: of the grid [s].
         omega: mean speed of the left and the right wheels in each step of the grid, (N, 2) [rad/s].
         at: instants of the pose's measurements, from the start of the record, (M,) [s].

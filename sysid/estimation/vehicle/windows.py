@@ -167,7 +167,6 @@ class Noise:
         end: variance of the pose at either end, (3,); windows that share a measurement share it.
         rolled, yaw: variances of way [m²] and turn [rad²] by the speeds summed over a window;
             windows share what they overlap.
-        geometry: lengths of the vehicle.
         tracks: whose windows set the floor.
         beyond: variances [m², m², rad²] of what neither measurements nor noise of the speeds
             explains, (3,): a ground that does not follow the wheels. How long that lasts nobody

@@ -41,7 +41,6 @@ class Loop:
         name: the array that it makes.
         shape: range of its loop variables.
         form: the operation as C, {0}, {1} … its arguments; of two values where ``start`` is given.
-        args: the arguments.
         truth: whether the values are truths.
         start: value before the first entry of the last axis, where that is taken together.
     """

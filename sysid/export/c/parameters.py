@@ -32,7 +32,6 @@ class Number:
     Attributes:
         called: as sysid shows it.
         unit: of it.
-        words: what it is.
         value: as it was identified.
     """
 
@@ -49,7 +48,6 @@ class PlantNumbers:
     Attributes:
         theta: θ, behind it that of a model inside, (n,).
         u_offset, y_offset: the operating point, (nu,) and (ny,).
-        fields: all of them.
     """
 
     theta: Traced

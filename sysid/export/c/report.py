@@ -18,7 +18,6 @@ class LoopFacts:
     """What a report says of a loop.
 
     Attributes:
-        blocks: its laws.
         period: between two steps of the controller [s].
         not_again: why the mission is not driven again in C, a sentence; empty where it is.
     """

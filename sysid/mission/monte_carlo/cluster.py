@@ -16,9 +16,7 @@ class Job:
     """A setup as workers know it again: by its name alone.
 
     Attributes:
-        name: of this batch.
         at_once: whether the runs of a chunk go side by side.
-        setup: of the runs.
     """
 
     name: str

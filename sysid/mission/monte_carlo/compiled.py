@@ -46,7 +46,6 @@ class CompiledRuns:
 
     Attributes:
         setup: mission, plants, what varies.
-        which: the plant.
         batch_size: runs side by side; fewer are padded.
     """
 

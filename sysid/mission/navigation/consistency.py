@@ -52,7 +52,6 @@ class Consistency:
     Attributes:
         nis: of the innovations; None where nothing was read.
         nees: of the pose; None where the truth is not known.
-        runs: how many there were.
     """
 
     nis: Mean | None

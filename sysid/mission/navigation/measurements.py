@@ -23,7 +23,6 @@ class Setting(NamedTuple):
     """What expected measurements are computed with.
 
     Attributes:
-        geometry: lengths of the vehicle.
         slip: part of the track speeds that is lost besides the states ``slip_l, slip_r``.
         elapsed: time since the last measurement of the same sensor [s].
         known_heading: slopes by the heading are left out where it turns a way.
@@ -166,7 +165,6 @@ class Group:
     """Measurements that come together from one sensor and are used together.
 
     Attributes:
-        kind: of the sensor.
         names: of the measurements, (m,).
         variance: of each [unit²], (m,).
         delay: samples between the instant they are of and the sample where they come.

@@ -21,7 +21,6 @@ class Compensation:
         identified: all effects of the plant, left and right.
         at_zero, per_drive: drive of the plant = at_zero + per_drive · command of the track, (2,).
         at_rest, per_speed: speed of the plant = at_rest + per_speed · wheel speed [rad/s], (2,).
-        geometry: of the vehicle.
     """
 
     ids: tuple[str, ...]

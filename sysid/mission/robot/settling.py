@@ -55,7 +55,6 @@ class Settling:
 
     Attributes:
         ending: whether it rests.
-        state: its last state.
         y: the outputs it rests at, shape (ny,); the last ones where it does not rest.
         swing: the largest excursion of each output from its first value, shape (ny,).
         steps: samples that it took.

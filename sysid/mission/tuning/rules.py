@@ -34,7 +34,6 @@ class Gains:
     """Gains of a parallel PID: u = kp e + ki ∫e dt + kd de/dt (thesis 4.32).
 
     Attributes:
-        kp, ki, kd: the gains.
         filter_time: of a first-order filter of the derivative [s].
     """
 

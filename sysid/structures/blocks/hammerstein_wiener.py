@@ -34,7 +34,6 @@ class HammersteinWiener(BlockStructure):
 
     Attributes:
         orders: nb, nf, nk of the linear block.
-        inputs, outputs: the statics.
         requested: what the user left open, None in a fitted model. An open structure stands for all
             that the fit may choose from.
         choose_orders: whether the orders are open too.

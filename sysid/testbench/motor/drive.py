@@ -31,7 +31,6 @@ class DriveLog:
     """A log of a motor driven by its voltage.
 
     Attributes:
-        name: of the file.
         t: instants of the rows [s], (N,), evenly spaced.
         voltage: at the leads [V], (N,).
         current: [A], (N,), or None.

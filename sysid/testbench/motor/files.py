@@ -36,8 +36,6 @@ class BenchFiles:
     """What the files of a bench hold.
 
     Attributes:
-        tests: experiments in steady state.
-        drives: logs of drives.
         known: values known otherwise, by name.
         notes: what a user should know about the measurement.
     """

@@ -47,7 +47,6 @@ class Part:
     """Measurements of one experiment, and how the constants predict them.
 
     Attributes:
-        name: of the file.
         kind: the experiment in words.
         quantities: what was read, by name.
         measured: (N,) each.
@@ -72,9 +71,6 @@ class Group:
     """The residuals of one quantity of one experiment.
 
     Attributes:
-        name: of the file.
-        kind: the experiment.
-        quantity: what was read.
         noise: estimated noise level, in SI.
         relative: noise level over the root mean square of the measurements.
         freedom: degrees of freedom it comes from.
@@ -98,12 +94,8 @@ class JointFit:
     """Constants from all experiments.
 
     Attributes:
-        names: of the estimated constants.
         theta, covariance: estimates and their covariance.
-        constants: the motor.
-        groups: residuals and noise levels.
         at_bound: names of those that ended at zero.
-        termination: how the search ended.
         sigma: noise levels by (file, quantity).
         undetermined: names about which the measurements say nothing.
     """

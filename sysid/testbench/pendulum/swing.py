@@ -50,7 +50,6 @@ class Swing:
     """An angle over time.
 
     Attributes:
-        name: of the file.
         t: instants, rising, (N,) [s].
         angle: (N,) [rad], or in an untold unit.
         in_radians: whether the unit is known; else it is radians or degrees.

@@ -43,8 +43,6 @@ class Traction:
     """A vehicle on a soil, driving straight.
 
     Attributes:
-        soil: ground.
-        vehicle: what drives.
         pressure: how each track's load is spread; by default as :func:`pressure_of`.
         slope: β of the ground, upwards [rad]. The load is W cos β.
     """

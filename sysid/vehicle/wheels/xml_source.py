@@ -18,7 +18,6 @@ class XmlElement:
     """One element of a file.
 
     Attributes:
-        tag: its name.
         attributes: name → value.
         line: where it begins, counted from 1.
         children: elements inside, in their order.

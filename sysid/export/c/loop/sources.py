@@ -29,8 +29,6 @@ class LoopSources:
     """The files of a closed loop, and what they were made from.
 
     Attributes:
-        files: by name.
-        blocks: its laws.
         not_again: why the mission is not driven again in C, a sentence; empty where it is.
     """
 
