@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import sysid_datasets
 from scipy.signal import lfilter
+from source_statements import statements_of
 from sysid_cli.app import main
 
 from sysid.data import facts
@@ -98,9 +99,7 @@ def test_only_log_facts_imports_the_estimators() -> None:
 
 
 def _imported(path: Path) -> set[str]:
-    imports = [
-        n for n in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(n, ast.ImportFrom)
-    ]
+    imports = [n for n in statements_of(path) if isinstance(n, ast.ImportFrom)]
     return {alias.name for n in imports for alias in n.names}
 
 

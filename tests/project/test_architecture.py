@@ -42,6 +42,7 @@ def package_of(module: str) -> str:
     return module if is_package(module) else module.rpartition(".")[0]
 
 
+@cache
 def node_of(module: str) -> str:
     """The package of a module; the module itself where its package holds others.
 
@@ -75,15 +76,18 @@ def imported(module: str) -> Iterator[str]:
                 yield resolved(".".join([*parts[:k], place]), whole=True)
 
 
-def running(node: ast.AST) -> Iterator[ast.AST]:
+def running(tree: ast.Module) -> Iterator[ast.AST]:
     """All nodes but those that only a type checker reads."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             continue
-        yield child
-        yield from running(child)
+        yield node
+        waiting.extend(ast.iter_child_nodes(node))
 
 
+@cache
 def resolved(name: str, whole: bool = False) -> str:
     """The longest beginning of a dotted name that is a module of ours; empty if none is."""
     parts = name.split(".")
@@ -163,20 +167,12 @@ def test_the_walk_sees_lazy_imports_and_registries() -> None:
 
 
 def test_no_file_is_long() -> None:
-    places = (
-        "sysid",
-        "cli",
-        "tests",
-        "benchmarks",
-        "studies",
-        "thesis",
-        "datasets",
-        "docs",
-        "examples",
-    )
     long = {
         str(path.relative_to(ROOT))
-        for place in places
+        for place in (
+            *("sysid", "cli", "tests", "benchmarks"),
+            *("studies", "thesis", "datasets", "docs", "examples"),
+        )
         for path in (ROOT / place).rglob("*.py")
         if len(path.read_text(encoding="utf-8").splitlines()) > MOST_LINES
     }

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
+from source_statements import statements_of
 
 ROOT = Path(__file__).resolve().parents[2]
 USERS = ("sysid", "cli", "datasets", "benchmarks", "studies", "thesis", "examples", "docs")
@@ -24,7 +24,7 @@ KEPT = {
 
 def definitions(path: Path) -> Iterator[str]:
     """Functions, methods and classes that nothing is wrapped around: a decorator is a user."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in statements_of(path):
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             kinds = {ast.unparse(d).partition("(")[0] for d in node.decorator_list}
             own = kinds <= {"property", "staticmethod", "classmethod", "dataclass", "cache"}
@@ -42,7 +42,6 @@ def words() -> Counter[str]:
     return found
 
 
-@pytest.mark.slow
 def test_nothing_is_there_for_tests_alone() -> None:
     counted = words()
     sources = [p for package in ("sysid", "cli") for p in sorted((ROOT / package).rglob("*.py"))]

@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -56,7 +57,7 @@ def test_text_for_users_has_none_of_the_former_phrases() -> None:
     former = re.compile("|".join(PHRASES))
     found = {
         f"{where}: {match[0]}"
-        for where, text in _texts()
+        for where, text in (*_sources()[0], *_pages())
         for match in former.finditer(" ".join(text.split()))
     }
     assert not found, "\n".join(sorted(found))
@@ -64,39 +65,36 @@ def test_text_for_users_has_none_of_the_former_phrases() -> None:
 
 def test_no_class_function_module_or_constant_has_a_former_name() -> None:
     former = re.compile("|".join(NAMES))
-    found = [f"{where}: {name}" for where, name in _names() if former.fullmatch(name)]
+    found = [f"{where}: {name}" for where, name in _sources()[1] if former.fullmatch(name)]
     assert not found, "\n".join(found)
 
 
-def _texts() -> Iterator[tuple[str, str]]:
-    """(file, text) of string constants, templates and pages."""
-    for path in _sources():
+@cache
+def _sources() -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """(place, text) of string constants; (place, name) of all that has a name at its definition."""
+    texts, names = [], []
+    for path in (p for folder in SOURCES for p in (ROOT / folder).rglob("*.py")):
+        where = str(path.relative_to(ROOT))
+        names.append((where, path.parent.name if path.stem == "__init__" else path.stem))
         tree = ast.parse(path.read_text("utf-8"))
-        comments = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
+        for statement in tree.body:
+            targets = statement.targets if isinstance(statement, ast.Assign) else ()
+            names += [(where, t.id) for t in targets if isinstance(t, ast.Name)]
+        docstrings = set()
         for node in ast.walk(tree):
-            text = node.value if isinstance(node, ast.Constant) else None
-            if isinstance(text, str) and id(node) not in comments:
-                yield f"{path.relative_to(ROOT)}:{node.lineno}", text
+            if isinstance(node, ast.Expr):
+                docstrings.add(node.value)
+            elif isinstance(node, ast.ClassDef | ast.FunctionDef):
+                names.append((f"{where}:{node.lineno}", node.name))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                if node not in docstrings:
+                    texts.append((f"{where}:{node.lineno}", node.value))
+    return texts, names
+
+
+def _pages() -> Iterator[tuple[str, str]]:
+    """(file, text) of templates and pages."""
     templates = (p for p in (ROOT / "sysid").rglob("*") if p.suffix in (".j2", ".md"))
     pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / "docs/structures").glob("*.md")]
     for path in (*templates, *pages, ROOT / "README.md"):
         yield str(path.relative_to(ROOT)), path.read_text("utf-8")
-
-
-def _names() -> Iterator[tuple[str, str]]:
-    """(file, name) of modules, packages, classes, functions and constants of modules."""
-    for path in _sources():
-        where = str(path.relative_to(ROOT))
-        yield where, path.parent.name if path.stem == "__init__" else path.stem
-        tree = ast.parse(path.read_text("utf-8"))
-        for node in ast.walk(tree):
-            if isinstance(node, ast.ClassDef | ast.FunctionDef):
-                yield f"{where}:{node.lineno}", node.name
-        for statement in tree.body:
-            targets = statement.targets if isinstance(statement, ast.Assign) else ()
-            yield from ((where, t.id) for t in targets if isinstance(t, ast.Name))
-
-
-def _sources() -> Iterator[Path]:
-    for folder in SOURCES:
-        yield from (ROOT / folder).rglob("*.py")
