@@ -92,7 +92,6 @@ class _EstimationData:
     Attributes:
         records: one or several a log.
         findings: what there is to say about the reading.
-        read: how they were read.
         base: the stored model to diagnose, if any.
         model: the model to diagnose, the base's or the plant's; None for the baseline.
     """
@@ -160,10 +159,8 @@ def _run(
 
     Args:
         data: what effects are searched on.
-        holdout: validation records.
         drive: the mission and the vehicle.
         read_as: what there is to say about the reading.
-        bench: what a bench measured.
     """
     from sysid.data.finding import notes, warned
     from sysid.diagnosis.diagnose import diagnose

@@ -75,7 +75,6 @@ class ScoredTest:
     Attributes:
         score: statistic, and what is behind it.
         dof: degrees of freedom that count.
-        level: confidence level.
         names: of the signals tested against.
         lags: those tested where they are to be shown one by one.
     """

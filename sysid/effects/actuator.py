@@ -44,11 +44,6 @@ def _twist(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, Stat
     return kept * xp.minimum(p["side"] / xp.maximum(largest, 1e-9), 1.0), s
 
 
-def _within_twist(xp: Any, d: Signal, p: P, c: Context) -> Signal:
-    """No command does more."""
-    return _twist(xp, d, (), p, c)[0]
-
-
 def _concave(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     size = xp.abs(d)
     return d * (1.0 - p["kappa"] * xp.where(p["cubic"] > 0.5, size * size, size)), s
@@ -192,7 +187,7 @@ EFFECTS = (
         _twist,
         shared=True,
         couples=True,
-        inverse=_within_twist,
+        inverse=lambda xp, d, p, c: _twist(xp, d, (), p, c)[0],
         ties=("input-saturation", "cross-coupling", "inertial-coupling"),
         programmes=(ONE_AND_OTHER, TOP),
         weakens=True,

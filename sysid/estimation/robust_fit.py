@@ -55,11 +55,8 @@ def without_outliers(
     as without this search.
 
     Args:
-        structure: what to fit.
         records: experiments, offsets removed.
-        options: how to fit.
         parameters: names, bounds and fixed values.
-        initial_guesses: further starts.
 
     Returns:
         The fit, with what was left out of each record.

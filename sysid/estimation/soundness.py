@@ -63,8 +63,6 @@ def motion_doubts(s: Dynamics, theta: Array, longest: int, dt: float) -> tuple[s
     """What speaks against the motion of a structure with these parameters.
 
     Args:
-        s: the structure.
-        theta: its parameters.
         longest: samples of the longest record it was fitted to.
         dt: sample time [s].
     """
@@ -99,10 +97,8 @@ def relative_gap(name: str, value: float, best: float, samples: int, ny: int) ->
     """By which fraction RMS errors exceed the best ones, as a criterion sees them.
 
     Args:
-        name: of the criterion.
         value, best: of the model and of the best one.
         samples: N behind them.
-        ny: number of outputs.
     """
     ratio = criterion(name).ratio(value, best, samples, ny)
     return ratio - 1.0 if np.isfinite(ratio) else float("inf")

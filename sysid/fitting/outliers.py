@@ -120,7 +120,6 @@ def find_outliers(errors: Errors, record: Record, first: int = 0) -> Outliers:
 
     Args:
         errors: the model's errors on this record's inputs for any outputs.
-        record: the record, offsets removed.
         first: samples before this one have no error of their own.
     """
     return _Search(errors, record, first).run()

@@ -166,7 +166,6 @@ class NamedStructure(Structure):
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
-        """Undo ``to_json``."""
         return cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
 
 

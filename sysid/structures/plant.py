@@ -24,8 +24,6 @@ class Plant:
 
     Attributes:
         dt: sample time [s].
-        inputs, outputs: channels.
-        n_states: length of the state.
         core: (x, u) → (x⁺, y) about the operating point.
         core_readout: (x, u) → y, for whoever needs y before u is settled; core's own when None.
         u_offset, y_offset: the operating point, shapes (nu,) and (ny,).

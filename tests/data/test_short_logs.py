@@ -49,8 +49,9 @@ def test_short_logs_get_one_sentence_about_the_log(
         what = "1 row of numbers" if samples == 1 else f"{samples} samples"
         if line[1:] == ["--structure", "arx"] and samples == 20:
             what = "19 one-step errors are too few"  # the first sample has none
+        else:
+            assert "residual tests" not in done.err
         assert what in done.err
-        assert "residual tests" not in done.err
     if line == ["fit", "--split", "0.7"] and 20 <= samples < 29:
         assert "a split at 0.7" in done.err
 

@@ -55,12 +55,10 @@ class StepResponse:
     """The response of one output to a step of one input, the other inputs at their base.
 
     Attributes:
-        input, output: names of the channels.
         start, level: the input before and after the step, in its unit.
         share: the level as a share of the largest input seen; None for a linear model, whose
             gain and times are the same at every level.
         gain: final change of the output per unit of input; of its rate [1/s] when it integrates.
-        unit: unit of the gain.
         file_factor: gain in the units of the file = file_factor × gain.
         file_unit: unit of the gain in the file's units; empty where nothing was converted.
         time_constants: of the modes that a step shows, the slowest first [s].
@@ -120,9 +118,6 @@ def step_responses(model: Model) -> tuple[StepResponse, ...]:
 
     A linear model is asked once for each pair; a nonlinear one at a small, a half and the full
     input seen, from zero, or from the smallest input seen where zero was not.
-
-    Args:
-        model: the fitted model.
 
     Returns:
         Output by output, input by input, the small steps first; nothing for a model without

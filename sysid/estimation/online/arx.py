@@ -331,7 +331,6 @@ def regressors(rows: Array, output: int, terms: Sequence[tuple[int, int]], first
 
     Args:
         rows: outputs, then inputs, (N, ny + nu).
-        output: number of the output.
         terms: (signal, lag) of the regressors.
         first: first row with a whole past.
     """

@@ -89,7 +89,6 @@ class _Rows:
 
     Attributes:
         pieces: uninterrupted rows, outputs before inputs.
-        output: number of the output.
         signal: number of the input among the signals.
         terms: (signal, lag) of the regressors.
         start: first row of a piece with a whole past, also of the signs.
@@ -167,7 +166,6 @@ def dead_zone(
 
     Args:
         pieces: uninterrupted stretches, outputs before inputs, (N, ny + nu) each.
-        output: number of the output.
         signal: number of the input among the signals.
         terms: (signal, lag) of the regressors of that output; lags of the output among them.
 
@@ -212,7 +210,6 @@ def changed_beyond(
     change of the plant. With it both parts should agree (Chow 1960).
 
     Args:
-        zone: of all rows.
         parts: the stretches before and after.
         where: numbers of the output, and of the input among the signals.
         terms: (signal, lag) of the regressors.

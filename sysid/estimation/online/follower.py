@@ -92,7 +92,6 @@ class LogFeed:
     """Rows of a log's lines.
 
     Attributes:
-        where: its name.
         ended: whether nothing can come any more.
         restarts: how often the file began anew.
     """
@@ -151,8 +150,6 @@ class Follower:
     """Takes rows from a feed into a ``LiveFit``, which it makes when channels are known.
 
     Attributes:
-        feed: where rows come from.
-        options: how to follow.
         live: the estimate, None before the first rows.
     """
 
@@ -248,10 +245,8 @@ def identification(
     """The model of a followed plant, judged on the rows it stands on.
 
     Args:
-        live: the estimate.
         records: the rows of ``kept_log``, read again.
         options: facts to keep with the model.
-        policy: how figures are made.
     """
     records = tuple(replace(r, inputs=live.inputs, outputs=live.outputs) for r in records)
     model = _model(live, records, options)

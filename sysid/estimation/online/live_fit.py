@@ -60,7 +60,6 @@ class LiveFit:
         print(live.state().pairs[0].gain)
 
     Attributes:
-        inputs, outputs: channels.
         dt: sample time [s].
     """
 

@@ -30,10 +30,8 @@ class LivePair:
     """What an input does to an output.
 
     Attributes:
-        input, output: names.
         gain, time_constant: with their standard errors; beyond the dead zone where one is seen.
             The time constant of a response with several modes is the time to 63 % [s].
-        unit: of the gain.
         dead_time: [s].
         dead_zone: of the input, where it is this output's drive and enough is known.
         settled: whether gain and time constant are known within SETTLED.
@@ -102,9 +100,7 @@ class LiveState:
     Attributes:
         rows, seconds: taken in so far.
         since_change: rows since the last change.
-        orders: of the ARX.
         pairs: inputs and outputs.
-        parameters: of the ARX.
         noise: standard deviation of the one-step error of each output.
         excitation: of each output's equation.
         changes: of the plant.

@@ -23,7 +23,6 @@ class CrossValidation:
     """Free-run errors of one structure over the folds.
 
     Attributes:
-        folds: number of folds.
         fit_percent: per output, of all held-out blocks together.
         rmse: per output, in the output's unit.
         spread: per output, standard deviation of the folds' RMSE.

@@ -69,7 +69,6 @@ def chosen_delay(facts: LogFacts, offsets: Offsets) -> ChosenDelay:
     lags that begins there meets the data clearly better, stretch by stretch.
 
     Args:
-        facts: of the estimation data.
         offsets: what is removed before, and whether each model estimates a level of its own.
     """
     delays = facts.delays

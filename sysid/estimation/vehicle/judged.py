@@ -32,7 +32,6 @@ class PathErrors:
     Attributes:
         path, heading: mean distance [m] and mean size of the turn's error [rad] at a window's end.
         path_rms, heading_rms: root mean squares of the same.
-        windows: how many.
     """
 
     path: float
@@ -132,9 +131,7 @@ def drift(
     """How the errors grow with the way.
 
     Args:
-        errors: of windows.
         driven: way [m] and angle turned [rad] in each step of a trajectory's grid.
-        parts: stretches.
     """
     if not parts:
         return Drift(None, None, 0)

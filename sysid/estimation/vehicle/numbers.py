@@ -14,7 +14,6 @@ class VehicleNumber:
     """One quantity of a vehicle.
 
     Attributes:
-        name, unit: of the quantity.
         value, std_error: estimate and its standard error.
         identifiable: whether the log reduces the prior uncertainty enough.
         sentence: what it is; for one that is not identifiable, the manoeuvre that would determine
@@ -48,7 +47,6 @@ class Correlations:
     """How far errors of the numbers in the model go together.
 
     Attributes:
-        names: of the numbers.
         matrix: (n, n), 1 on its diagonal.
     """
 

@@ -170,7 +170,6 @@ class YawAdaptive(Adaptive):
 
     @property
     def outer(self) -> float:
-        """K_ψ."""
         return self.angle_gain
 
 

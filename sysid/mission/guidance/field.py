@@ -111,12 +111,10 @@ class PotentialField(GuidanceSettings):
 
     @property
     def reach(self) -> float:
-        """Distance from an obstacle's point within which it repels [m]."""
         return self.rho0
 
     @property
     def advice(self) -> GuidanceAdvice:
-        """The gains to change."""
         return GuidanceAdvice(
             faster="raise v_max",
             slower="lower v_max",

@@ -16,7 +16,7 @@ from sysid.errors import ModelError
 from sysid.fitting.compiled import compiled, jax_module
 from sysid.mission.contracts import Pose, Scene
 from sysid.mission.loop import COLUMNS, Loop, Tick, Verdict
-from sysid.mission.monte_carlo.clock import BLOCK, Block, Clock, Pattern
+from sysid.mission.monte_carlo.clock import BLOCK, Clock, Pattern
 from sysid.mission.monte_carlo.figures import FAILED, Figures
 from sysid.mission.monte_carlo.sampler import Samples
 from sysid.mission.monte_carlo.setup import PlantVariant, Setup
@@ -46,7 +46,6 @@ class CompiledRuns:
 
     Attributes:
         setup: mission, plants, what varies.
-        which: the plant.
         batch_size: runs side by side; fewer are padded.
     """
 
@@ -92,7 +91,9 @@ class CompiledRuns:
         while True:
             block = self.clock.block(k)
             program = self._program(tuple(self.clock.patterns))
-            (state, ended), shown = program(numbers, state, ended, _arrays(block), next(noise))
+            (state, ended), shown = program(
+                numbers, state, ended, (block.t, block.dt, block.kinds, block.instants), next(noise)
+            )
             if seen is not None:
                 seen(*map(np.asarray, shown))
             if bool(np.all(np.asarray(ended.verdict) != Verdict.GOES_ON)):
@@ -283,10 +284,6 @@ def settled(loop: Loop, steps: int) -> Any:
     if steps:
         plant = jax.lax.fori_loop(0, steps, lambda _, x: loop.plant.step(x, nothing)[0], plant)
     return jax.tree.map(jnp.asarray, state._replace(plant=plant))
-
-
-def _arrays(block: Block) -> tuple[Any, ...]:
-    return block.t, block.dt, block.kinds, block.instants
 
 
 def _jax() -> tuple[Any, Any]:

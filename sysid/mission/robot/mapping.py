@@ -92,8 +92,6 @@ def as_robot(
     drive rises is turned over.
 
     Args:
-        plant: any plant.
-        mission: its geometry and scales.
         top_speed: forward speed at full drive [m/s].
 
     Returns:

@@ -21,9 +21,6 @@ class GroundedPlant:
 
     Attributes:
         dt: sample time [s].
-        car: the body.
-        motors: left and right.
-        floor: what it stands on.
     """
 
     dt: float

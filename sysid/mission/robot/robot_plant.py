@@ -27,7 +27,6 @@ class RobotPlant:
     stay at ``centre``) and turns at ω_i = scale_i·(y[read[i]] − zero_i).
 
     Attributes:
-        plant: the plant underneath.
         twins: whether each track has its own copy of the plant; otherwise one plant has both.
         driven, read: index of the input and of the output of the left and the right track.
         centre: value of every input of ``plant`` at zero drive, shape (nu,).

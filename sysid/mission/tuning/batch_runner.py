@@ -70,7 +70,6 @@ class BatchRunner:
     """One mission and its plant, driven with gains of all kinds.
 
     Attributes:
-        setup: mission and plant.
         names: of the gains, in the order of their columns.
         batch_size: runs side by side; fewer are padded.
         recorded: whether speed and yaw are wanted, sample by sample.

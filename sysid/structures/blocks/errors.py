@@ -51,7 +51,6 @@ class ChainErrors(Problem):
         return p[at : at + self.states_each] if self.states_each else None
 
     def residual(self, p: Array) -> Array:
-        """Errors, experiment after experiment, output after output."""
         theta, size = p[: self.chain.n], sum(self.lengths)
         if not self.chain.admissible(theta):
             return np.full(size, HUGE)
@@ -66,7 +65,6 @@ class ChainErrors(Problem):
         return e
 
     def jacobian(self, p: Array) -> Array:
-        """∂ε/∂p, (M, len(p))."""
         out = np.zeros((sum(self.lengths), len(p)))
         at = 0
         for columns, block in self._blocks(p):

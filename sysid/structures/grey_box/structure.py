@@ -151,12 +151,10 @@ class GreyBox(NamedStructure):
 
     @property
     def nu(self) -> int:
-        """Number of inputs."""
         return self.n_inputs
 
     @property
     def ny(self) -> int:
-        """Number of outputs."""
         return self.n_outputs
 
     def unpack(self, xp: Any, theta: Signal) -> dict[str, Signal]:
@@ -283,7 +281,6 @@ class GreyBox(NamedStructure):
         )
 
     def order_values(self) -> dict[str, Any]:
-        """No orders."""
         return {}
 
     def settings(self) -> dict[str, Any]:
@@ -297,7 +294,6 @@ class GreyBox(NamedStructure):
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
-        """Undo ``to_json``."""
         known = {f.name for f in fields(cls)}
         given: dict[str, Any] = {k: _tuples(v) for k, v in raw["settings"].items() if k in known}
         return cls(int(raw["nu"]), int(raw["ny"]), **given)
@@ -341,7 +337,6 @@ class GreyBox(NamedStructure):
         return (GreyErrors(self, [(r.u, r.y) for r in records], initial is not Initial.ZERO),)
 
     def first_sample(self) -> int:
-        """A free run predicts from the first sample."""
         return 0
 
     def fitter(self) -> "Fitter":
@@ -351,7 +346,6 @@ class GreyBox(NamedStructure):
         return by_multi_start
 
     def n_states(self, theta: Array) -> int:
-        """Number of physical states."""
         return len(self.state_names)
 
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
@@ -429,7 +423,6 @@ class GreyBox(NamedStructure):
         return stays_bounded(self, theta, ranges)
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of the free run, (N, n)."""
         x0 = self.fitted_state(theta, u, y, max(3 * self.n_states(theta), 1))
         return tangents(self, theta, [u], x0[:, None])[0][: len(theta), output].T
 
@@ -438,7 +431,6 @@ class GreyBox(NamedStructure):
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[str, ...]:
-        """The equation in letters, then every constant with its value and unit."""
         table = self.parameters(inputs, outputs)
         values = ", ".join(
             f"{p.name} = {v:.5g} {p.unit}".rstrip() for p, v in zip(table, theta, strict=True)
@@ -446,7 +438,6 @@ class GreyBox(NamedStructure):
         return (self.equation, values)
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
-        """Constants by name, and how the equation is integrated."""
         p = self.unpack(np, np.asarray(theta))
         return {
             "stable": self.stable(theta),

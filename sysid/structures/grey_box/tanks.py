@@ -44,7 +44,6 @@ class Tanks(GreyBox):
 
     @classmethod
     def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:
-        """One pump, one level."""
         if (nu, ny) != (1, 1):
             raise UsageError(
                 f"tanks needs one input (pump) and one output (lower level), got {nu} and {ny}"
@@ -69,11 +68,9 @@ class Tanks(GreyBox):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Levels."""
         return ("h1", "h2")
 
     def ladder(self) -> tuple[Rung, ...]:
-        """What a rig may have or not."""
         return (
             Rung("overflow of the lower tank", ("limit2",)),
             Rung("depth of the lower outlet", ("d2",)),
@@ -100,7 +97,6 @@ class Tanks(GreyBox):
         return together(xp, [upper, lower])
 
     def rates(self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal]) -> Signal:
-        """Balance of each tank."""
         through = _outflow(xp, x[0], p["a1"])
         out = _outflow(xp, x[1] + p["d2"], p["a2"])
         return together(
@@ -112,7 +108,6 @@ class Tanks(GreyBox):
         )
 
     def reading(self, xp: Any, x: Signal, p: Mapping[str, Signal]) -> Signal:
-        """The lower level."""
         return x[1:]
 
     def first_guess(self, records: Sequence[Record]) -> tuple[tuple[str, Array], ...]:

@@ -165,7 +165,6 @@ class RowErrors(Problem):
         return self.layout.start + self.layout.nd
 
     def residual(self, p: Array) -> Array:
-        """Prediction errors ε of all experiments, stacked."""
         if not self._admissible(p):
             return np.full(sum(self.lengths), HUGE)
         with np.errstate(all="ignore"):
@@ -185,7 +184,6 @@ class RowErrors(Problem):
         return self._gradients(p, self.layout.n)
 
     def initial_columns(self, p: Array) -> Array:
-        """The columns of the Jacobian that belong to the initial states."""
         return self._gradients(p, 0)
 
     def _gradients(self, p: Array, shared: int) -> Array:

@@ -35,18 +35,16 @@ class OneStep(Problem):
         self.channels = (output,) * len(data)
         noise = [k for k, t in enumerate(terms) if is_noise(t)]
         self._plain = [k for k, t in enumerate(terms) if not is_noise(t)]
-        self._noise = [(k, _error_lag(terms[k])) for k in noise]
+        self._noise = [(k, next(f.lag for f in terms[k] if f.kind == "e")) for k in noise]
         # a noise term's value is its cofactor (what multiplies the error) times the past error
         cofactors = [tuple(f for f in t if f.kind != "e") if is_noise(t) else t for t in terms]
         self._values = [columns(cofactors, u, y)[first:] for u, y in data]
         self._targets = [y[first:, output] for _, y in data]
 
     def residual(self, p: Array) -> Array:
-        """ε, record after record."""
         return np.concatenate([np.zeros(0), *self._errors(p)])
 
     def jacobian(self, p: Array) -> Array:
-        """∂ε/∂θ."""
         blocks = []
         for values, e in zip(self._values, self._errors(p), strict=True):
             J = -values.copy()
@@ -79,10 +77,6 @@ class OneStep(Problem):
                     e = _fed_back(e, gains)
                 errors.append(e)
         return errors
-
-
-def _error_lag(t: Term) -> int:
-    return next(f.lag for f in t if f.kind == "e")
 
 
 def _fed_back(plain: Array, gains: Sequence[tuple[int, Array]]) -> Array:
@@ -140,7 +134,6 @@ class ChunkedRuns(Problem):
         return np.asarray(e.transpose(2, 1, 0)[self._inside])
 
     def jacobian(self, p: Array) -> Array:
-        """∂/∂θ of it."""
         weights, full = self._full(p)
         S = self._run.tangent(weights, self._products, full) / -self._scale[:, None, None]
         J = S[:, :, self.index].transpose(3, 1, 0, 2)[self._inside]

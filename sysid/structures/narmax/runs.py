@@ -80,7 +80,6 @@ class PolynomialRun(FreeRun):
         return C
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run for inputs (N, nu) from a state, (N, ny)."""
         past_y, past_u = self.past(x0)
         u = np.concatenate([past_u, u])
         n, ny = len(u) - self.before, self.ny
@@ -106,7 +105,6 @@ class PolynomialRun(FreeRun):
         return np.array(flat[self.depth * ny :]).reshape(n, ny)
 
     def stepper(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """(x, u) → (x⁺, y), everything looked up beforehand."""
         # products of signals, each one factor longer than an earlier one, number 0 being 1
         plan = [(a, self.place(Signal("y", j, lag))) for a, j, lag in self.plan]
         known_products: dict[Term, int] = {(): 0}
@@ -118,7 +116,7 @@ class PolynomialRun(FreeRun):
             return known_products[t]
 
         u_places = [place_of(t) for t in self.u_terms]
-        number = float if isinstance(theta, np.ndarray) else _as_it_is
+        number = float if isinstance(theta, np.ndarray) else (lambda value: value)
         rows = [
             [
                 (number(theta[k]), int(m), u_places[q])
@@ -168,7 +166,6 @@ class PolynomialRun(FreeRun):
         return len(self.products) * self.ny
 
     def runs(self, weights: Array, past: Array) -> Array:
-        """All runs at once from past outputs (depth, ny, B): (depth + L, ny, B), past included."""
         _, length, n_products, batch = weights.shape
         full = np.empty((self.depth + length, self.ny, batch))
         full[: self.depth] = past
@@ -242,8 +239,3 @@ class PolynomialRun(FreeRun):
 def _parted(t: Term) -> tuple[Term, Term]:
     """The factors of past outputs and those of inputs."""
     return tuple(f for f in t if f.kind == "y"), tuple(f for f in t if f.kind == "u")
-
-
-def _as_it_is(value: Any) -> Any:
-    """A traced number."""
-    return value

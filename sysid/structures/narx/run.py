@@ -60,7 +60,6 @@ class NarxRun(FreeRun):
     # ----------------------------------------------------------------- one run
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run for inputs (N, nu) from a state, (N, ny)."""
         if not self.feeds_back:
             return self._static(theta, u, x0)
         if len(u) >= self._compiled_from:
@@ -108,7 +107,6 @@ class NarxRun(FreeRun):
         return np.concatenate([np.zeros(0), *parts])
 
     def stepper(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """(x, u) → (x⁺, y), everything looked up beforehand."""
         point = Point(self, theta) if isinstance(theta, np.ndarray) else None
         every = [e for row in self.rows for e in row]
         simple = all(isinstance(e, Signal) for e in every)
@@ -149,7 +147,6 @@ class NarxRun(FreeRun):
         return u
 
     def weights(self, theta: Array, products: Array) -> tuple[Array, Array]:
-        """What ``runs`` needs."""
         return theta, products
 
     @property
@@ -158,7 +155,6 @@ class NarxRun(FreeRun):
         return max(d + K * q for d, _, K, q in (x.sizes for x in self.designs))
 
     def runs(self, weights: tuple[Array, Array], past: Array) -> Array:
-        """All runs at once from past outputs (depth, ny, B): (depth + L, ny, B), past included."""
         theta, u = weights
         length, batch, depth = len(u) - self.before, u.shape[2], self.depth
         full = np.empty((depth + length, self.ny, batch))

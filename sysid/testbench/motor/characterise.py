@@ -105,8 +105,6 @@ class MotorBench:
     """Results of the experiments on a motor.
 
     Attributes:
-        tests: experiments in steady state.
-        drives: logs of drives.
         gear: turns of the motor for one of the output shaft.
         parameters: constants by the chosen method.
         names, covariance: of those with a standard error, in this order.

@@ -78,10 +78,6 @@ class Kind:
     ordered: Callable[[int], int] = lambda size: 0
 
 
-def _none(size: int) -> tuple[str, ...]:
-    return ()
-
-
 def _identity(x: Array, p: Array, stage: Stage) -> Evaluation:
     return x, np.ones_like(x), np.zeros((0, *x.shape))
 
@@ -260,7 +256,7 @@ def _two(size: int) -> int:
 
 KINDS: Mapping[str, Kind] = MappingProxyType(
     {
-        "identity": Kind(_none, lambda x, p, s, xp: x, _identity),
+        "identity": Kind(lambda size: (), lambda x, p, s, xp: x, _identity),
         "abs": Kind(_named("c"), lambda x, p, s, xp: xp.abs(x - p[0]), _abs),
         "dead-zone": Kind(
             _named("d_low", "d_high"),
