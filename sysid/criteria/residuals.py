@@ -347,7 +347,7 @@ def _affordable(lags: int, keep: Sequence[Mask], signals: int) -> int:
     samples = sum(int(k.sum()) for k in keep)
     if samples < 20:
         raise DataError(
-            f"{samples} one-step errors are too few for residual tests, which need 20; "
+            f"{samples} one-step errors are too few to judge a model: at least 20 are needed; "
             "record longer, or lower the orders"
         )
     return max(min(lags, samples // (10 * max(signals, 1))), 1)

@@ -424,7 +424,7 @@ def test_feedthrough_in_open_loop_is_noted_and_no_feedback() -> None:
     findings = inspect_records([motor(delay=0)])
     (note,) = [f for f in findings if f.code == "delay"]
     assert note.severity is Severity.NOTE
-    assert "a controller answers within the sample" in note.advice
+    assert "a controller responds within the sample" in note.advice
     assert "feedback" not in alarms(findings)
 
 
