@@ -1,7 +1,7 @@
 """Prediction errors of a vehicle model on held-out windows of its pose."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -69,11 +69,7 @@ class Drift:
 
     def to_json(self) -> dict[str, Any]:
         """Every field."""
-        return {
-            "per_metre": self.per_metre,
-            "per_turn": self.per_turn,
-            "stretches": self.stretches,
-        }
+        return asdict(self)
 
 
 def split(

@@ -1,7 +1,7 @@
 """Parameters of a vehicle for display: value, standard error, meaning."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -31,15 +31,7 @@ class VehicleNumber:
 
     def to_json(self) -> dict[str, Any]:
         """Every field."""
-        return {
-            "name": self.name,
-            "value": self.value,
-            "std_error": self.std_error,
-            "unit": self.unit,
-            "identifiable": self.identifiable,
-            "sentence": self.sentence,
-            "in_model": self.in_model,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)

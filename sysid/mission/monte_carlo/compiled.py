@@ -4,7 +4,7 @@ The loop is :class:`sysid.mission.loop.Loop` itself on traced numbers, one run o
 makes into many. A run that has ended goes on unseen: its figures are those of its last sample.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -178,35 +178,11 @@ class CompiledRuns:
 
     @cached_property
     def _starts(self) -> Callable[..., Any]:
-        """First states of all runs, compiled."""
-        jax, _ = _jax()
-        types = self._types
-
-        def starts(numbers: Numbers) -> Any:
-            state = jax.vmap(self._start)(numbers)
-            return jax.tree.map(lambda value, kind: value.astype(kind), state, types)
-
-        program: Callable[..., Any] = jax.jit(starts)
-        return program
+        return first_states(self._start, self._types)
 
     @cached_property
     def _types(self) -> Any:
-        """Types of the state's numbers after a sample, which it begins with as well.
-
-        Raises:
-            NotCompiledError: a law's state has another shape after a step than before.
-        """
-        jax, jnp = _jax()
-        one = self._example
-        state = jax.eval_shape(self._start, one)
-        at = (0.0, 0.0, np.zeros(1))
-        draws = tuple(np.zeros(n) for n in self._counts)
-        after = jax.eval_shape(self._sampled((0, 1)), one, state, at, draws)[0]
-        if jax.tree.structure(state) != jax.tree.structure(after) or any(
-            a.shape != b.shape for a, b in zip(*map(jax.tree.leaves, (state, after)), strict=True)
-        ):
-            raise NotCompiledError("the state of a law changes its shape from step to step")
-        return jax.tree.map(lambda a, b: jnp.result_type(a.dtype, b.dtype), state, after)
+        return state_types(self._start, self._sampled((0, 1)), self._example, self._counts)
 
     @property
     def _counts(self) -> tuple[int, ...]:
@@ -274,6 +250,42 @@ class CompiledRuns:
                 jnp.asarray(np.stack([noise_block(s, n, BLOCK) for s in streams], axis=1))
                 for streams, n in named
             )
+
+
+def first_states(start: Callable[..., Any], types: Any) -> Callable[..., Any]:
+    """First states of all runs, compiled, in the types that they keep."""
+    jax, _ = _jax()
+
+    def starts(numbers: Any) -> Any:
+        state = jax.vmap(start)(numbers)
+        return jax.tree.map(lambda value, kind: value.astype(kind), state, types)
+
+    program: Callable[..., Any] = jax.jit(starts)
+    return program
+
+
+def state_types(
+    start: Callable[..., Any], sampled: Callable[..., Any], one: Any, counts: Iterable[int]
+) -> Any:
+    """Types of the state's numbers after a sample, which it begins with as well.
+
+    Args:
+        start, sampled: the first state of a run, and one sample of it.
+        one: what differs from run to run, of one of them.
+        counts: numbers that each sensor draws.
+
+    Raises:
+        NotCompiledError: a law's state has another shape after a step than before.
+    """
+    jax, jnp = _jax()
+    state = jax.eval_shape(start, one)
+    draws = tuple(np.zeros(n) for n in counts)
+    after = jax.eval_shape(sampled, one, state, (0.0, 0.0, np.zeros(1)), draws)[0]
+    if jax.tree.structure(state) != jax.tree.structure(after) or any(
+        a.shape != b.shape for a, b in zip(*map(jax.tree.leaves, (state, after)), strict=True)
+    ):
+        raise NotCompiledError("the state of a law changes its shape from step to step")
+    return jax.tree.map(lambda a, b: jnp.result_type(a.dtype, b.dtype), state, after)
 
 
 def settled(loop: Loop, steps: int) -> Any:
