@@ -62,6 +62,7 @@ class NARMAX(RecursiveStructure):
     when: ClassVar[str] = "smooth nonlinearities; a readable equation"
     # a polynomial that has left its data by their own width does not come back
     runaway: ClassVar[float] = 1.0
+    chooses_products: ClassVar[bool] = True
     options: ClassVar[Mapping[str, str]] = {
         "degree": "largest degree of a product, 1 to 6; the best of 1, 2 and 3 unless given",
         "terms": "number of terms of each output, or the terms themselves such as "
