@@ -1,6 +1,7 @@
 """Effects between the command and the motor: they change the drive d = u / full scale."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from sysid.effects import inverses
@@ -135,6 +136,20 @@ INPUT_DELAY = Effect(
 )
 
 
+_EDGE = EffectParameter(
+    "plus",
+    "drive",
+    0.0,
+    0.0,
+    0.8,
+    (0.08, 0.2, 0.4, 0.08, 0.2, 0.4),
+    "drive",
+    jumps=True,
+    edge=1,
+    at_null=True,
+    measured_as="dead_band_forward",
+)
+
 EFFECTS = (
     INPUT_DELAY,
     Effect(
@@ -210,31 +225,8 @@ EFFECTS = (
         "No motion at small commands; steady speed is a straight line that misses zero.",
         "A slow staircase through zero in both directions.",
         (
-            EffectParameter(
-                "plus",
-                "drive",
-                0.0,
-                0.0,
-                0.8,
-                (0.08, 0.2, 0.4, 0.08, 0.2, 0.4),
-                "drive",
-                jumps=True,
-                edge=1,
-                at_null=True,
-                measured_as="dead_band_forward",
-            ),
-            EffectParameter(
-                "minus",
-                "drive",
-                0.0,
-                0.0,
-                0.8,
-                (0.08, 0.2, 0.4, 0.08, 0.2, 0.4),
-                "drive",
-                jumps=True,
-                edge=-1,
-                measured_as="dead_band_backward",
-            ),
+            _EDGE,
+            replace(_EDGE, name="minus", edge=-1, at_null=False, measured_as="dead_band_backward"),
             EffectParameter(
                 "jump",
                 "drive",
