@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from sysid_cli.app import main
 
+Capture = pytest.CaptureFixture[str]
+
 
 @dataclass(frozen=True)
 class Run:
@@ -28,7 +30,7 @@ class Run:
         return found
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> Run:
+def run(capsys: Capture, *arguments: object) -> Run:
     """Run ``sysid`` with these arguments."""
     capsys.readouterr()
     code = main([str(a) for a in arguments])

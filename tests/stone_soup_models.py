@@ -19,11 +19,7 @@ from stonesoup.types.detection import Detection
 from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.prediction import GaussianStatePrediction
 from stonesoup.types.state import GaussianState
-from stonesoup.updater.kalman import (
-    ExtendedKalmanUpdater,
-    KalmanUpdater,
-    UnscentedKalmanUpdater,
-)
+from stonesoup.updater.kalman import ExtendedKalmanUpdater, KalmanUpdater, UnscentedKalmanUpdater
 
 from sysid.data.record import Array
 from sysid.mission.navigation.gaussian import Gaussian

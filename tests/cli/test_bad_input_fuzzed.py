@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bad_input_cases import assert_one_sentence
-from command_line import run
+from command_line import Capture, run
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -72,7 +72,7 @@ def csv_texts(draw: st.DrawFn) -> str:
     return "\n".join(sep.join(r) for r in [names, *rows]) + draw(st.sampled_from(["", "\n"]))
 
 
-def _survives(capsys: pytest.CaptureFixture[str], *words: object) -> None:
+def _survives(capsys: Capture, *words: object) -> None:
     result = run(capsys, *words)
     assert result.code in (0, 1, 2)
     assert "Traceback" not in result.err
@@ -94,7 +94,7 @@ FUZZ = settings(
 @FUZZ
 @given(text=csv_texts(), options=st.lists(OPTION, max_size=2))
 def test_no_text_breaks_inspect(
-    text: str, options: list[tuple[str, ...]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    text: str, options: list[tuple[str, ...]], tmp_path: Path, capsys: Capture
 ) -> None:
     log = tmp_path / "any.csv"
     log.write_text(text, encoding="utf-8")
@@ -105,7 +105,7 @@ def test_no_text_breaks_inspect(
 @FUZZ
 @given(text=csv_texts(), options=st.lists(st.one_of(OPTION, FIT_OPTION), max_size=3))
 def test_no_text_and_no_option_breaks_fit(
-    text: str, options: list[tuple[str, ...]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    text: str, options: list[tuple[str, ...]], tmp_path: Path, capsys: Capture
 ) -> None:
     log = tmp_path / "any.csv"
     log.write_text(text, encoding="utf-8")

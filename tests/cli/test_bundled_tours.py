@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from command_line import run
+from command_line import Capture, run
 from sysid_datasets import path
 
 from sysid.criteria.table import BUILT_IN
@@ -16,7 +16,7 @@ MODELS = {"arx": "na=2 nb=2", "oe": "nb=2 nf=2", "bj": "nb=2 nc=1 nd=1 nf=2"}
 @pytest.mark.slow
 @pytest.mark.parametrize("log", LOGS)
 def test_every_criterion_leads_to_a_plant_that_drives(
-    log: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    log: str, tmp_path: Path, capsys: Capture
 ) -> None:
     """Fit once, then compare by each criterion; whichever is best is exported and driven."""
     place = ["--workspace", tmp_path / "ws"]

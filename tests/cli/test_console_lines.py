@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from written_logs import motor
 
 from sysid.data.io import LogFile, read_file
@@ -123,7 +123,7 @@ def test_what_stays_open_is_refused_with_an_example_in_order(
     assert example in str(caught.value)
 
 
-def test_a_fan_is_not_judged_as_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fan_is_not_judged_as_a_robot(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / "fan.log"
     path.write_text(lines("I ({ms}) fan: duty={u} rpm={y:.2f}\n"))
     shown = run(capsys, "inspect", path)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import quick_diagnosis
-from command_line import Run, contents, robot_log, run, write_log
+from command_line import Capture, Run, contents, robot_log, run, write_log
 from quick_diagnosis import dead_zone_log
 
 from sysid.diagnosis.diagnosis import Diagnosis
@@ -48,7 +48,7 @@ def no_page(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
 
 
-def diagnosed(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
+def diagnosed(capsys: Capture, *arguments: object) -> dict[str, Any]:
     """The document of a run with ``--json``."""
     return run(capsys, "diagnose", "log.csv", "--json", *arguments).document
 
@@ -79,7 +79,7 @@ class Ids(HTMLParser):
 
 
 @pytest.mark.slow
-def test_story_files_and_page(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_story_files_and_page(here: Path, capsys: Capture) -> None:
     told = run(capsys, "diagnose", "log.csv")
     assert told.code == 0, told.err
     heads = [told.out.index(f"\n{word}\n") for word in ("Where", "What", "Added", "Shrunk")]
@@ -116,7 +116,7 @@ def test_story_files_and_page(here: Path, capsys: pytest.CaptureFixture[str]) ->
 @pytest.mark.slow
 @pytest.mark.parametrize("answer", ["nothing", "unexplained"])
 def test_page_and_story_without_an_effect(
-    answer: str, here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    answer: str, here: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     engine(answer, monkeypatch)
     told = run(capsys, "diagnose", "log.csv", "-o", "out")
@@ -134,9 +134,7 @@ def test_page_and_story_without_an_effect(
     assert document["effects"] == []
 
 
-def test_document(
-    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_document(here: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     no_page(monkeypatch)
     found = diagnosed(capsys, "--val", "other.csv", "-o", "out")
     assert found.keys() >= KEYS
@@ -164,7 +162,7 @@ def test_document(
 
 
 def test_both_models_are_ordinary_models(
-    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    here: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     no_page(monkeypatch)
     found = diagnosed(capsys)
@@ -180,7 +178,7 @@ def test_both_models_are_ordinary_models(
 
 @pytest.mark.slow
 def test_a_mission_is_told_and_drawn(
-    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    here: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Paths and figures of a mission reach the story and the page; the engine gets the file."""
     (here / "mission.yaml").write_text("goal: [3, 1]\n")
@@ -211,14 +209,14 @@ def test_a_mission_is_told_and_drawn(
 
 
 @pytest.mark.slow
-def test_sizes_on_the_page_have_their_unit(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sizes_on_the_page_have_their_unit(here: Path, capsys: Capture) -> None:
     assert run(capsys, "diagnose", "log.csv").code == 0
     page = Path(".sysid/diagnosis/index.html").read_text()
     assert "<span>0.01 of full drive</span>" in page
 
 
 def test_diagnosed_models_say_what_they_were_judged_on(
-    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    here: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     no_page(monkeypatch)
     document = diagnosed(capsys, "--val", "other.csv")
@@ -241,7 +239,7 @@ def test_the_engine_takes_what_the_command_gives() -> None:
 
 @pytest.mark.slow
 def test_the_best_model_of_these_channels_is_doubted(
-    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    here: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     no_page(monkeypatch)
     one = write_log(here / "single.csv", ["u", "y"], np.random.default_rng(1).normal(size=(2, 90)))
@@ -258,9 +256,7 @@ def test_the_best_model_of_these_channels_is_doubted(
     assert diagnosed(capsys, "--model", fitted)["original_model"] == fitted
 
 
-def test_nothing_is_lost(
-    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_lost(here: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """A page that cannot be written leaves the models, the logs and an older diagnosis alone."""
     no_page(monkeypatch)
     diagnosed(capsys)
@@ -305,7 +301,7 @@ def refused(told: Run, code: int, *words: str) -> None:
     ],
 )
 def test_refusals(
-    line: str, code: int, words: tuple[str, ...], here: Path, capsys: pytest.CaptureFixture[str]
+    line: str, code: int, words: tuple[str, ...], here: Path, capsys: Capture
 ) -> None:
     write_log(here / "silent.csv", ["pwm_l", "pwm_r"], np.ones((2, 50)))
     dead_zone_log(here / "index.html")
@@ -315,7 +311,7 @@ def test_refusals(
 
 
 def test_logs_of_different_channels_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
     dead_zone_log(Path("log.csv"))
@@ -324,7 +320,7 @@ def test_logs_of_different_channels_are_refused(
 
 
 def test_a_model_of_other_channels_is_refused(
-    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    here: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one = write_log(here / "single.csv", ["u", "y"], np.random.default_rng(1).normal(size=(2, 90)))
     line = ("fit", one, "--structure", "arx", "--orders", "na=1 nb=1 nk=1", "--json")
@@ -338,7 +334,7 @@ def test_a_model_of_other_channels_is_refused(
 
 @pytest.mark.slow
 def test_empty_readings_are_dropouts(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for seed, name in ((1, "log.csv"), (2, "val.csv")):

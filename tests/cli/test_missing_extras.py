@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import run
+from command_line import Capture, run
 from plant_models import robot_model
 
 from sysid.errors import ModelError
@@ -42,7 +42,7 @@ def without(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
 )
 def test_what_needs_an_extra_says_which(
     workspace: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capture,
     monkeypatch: pytest.MonkeyPatch,
     package: str,
     line: tuple[str, ...],
@@ -59,7 +59,7 @@ def test_what_needs_an_extra_says_which(
 
 
 def test_an_fmu_without_its_headers_is_one_sentence_and_verify_goes_on(
-    workspace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    workspace: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for package in ("fmpy", "libcosimpy"):
         without(monkeypatch, package)

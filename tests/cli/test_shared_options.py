@@ -4,7 +4,7 @@ from inspect import signature
 from pathlib import Path
 
 import pytest
-from command_line import robot_log, run
+from command_line import Capture, robot_log, run
 from sysid_cli import diagnose, fit, inspect, reading
 
 from sysid.errors import UsageError
@@ -18,9 +18,7 @@ def test_every_command_with_a_log_has_every_option_of_reading_and_preparing(comm
             assert (own.default, own.annotation) == (declared.default, declared.annotation)
 
 
-def test_a_log_is_inspected_as_it_will_be_fitted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_is_inspected_as_it_will_be_fitted(tmp_path: Path, capsys: Capture) -> None:
     log = robot_log(tmp_path / "log.csv", 300)
     halved = run(capsys, "inspect", log, "--decimate", "2", "--trim", "5:5", "--json").document
     (record,) = halved["records"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import quick_diagnosis
-from command_line import run
+from command_line import Capture, run
 from sysid_datasets import folder as bundled_folder
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,7 +31,7 @@ def test_files_of_the_examples_are_bundled() -> None:
 
 @pytest.mark.slow
 def test_listed_files_are_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     """Each file that a page lists is there after the commands, under that very name."""
     monkeypatch.chdir(tmp_path)

@@ -10,11 +10,7 @@ from scipy.signal import lfilter
 from sysid.criteria import coloured
 from sysid.criteria.coloured import AutoRegression, ar_fit, coloured_gram, effective_sample_size
 from sysid.criteria.fit import complete_rows, fit_percent, rmse, rrse
-from sysid.criteria.information import (
-    information_criteria,
-    loss_from,
-    on_common_samples,
-)
+from sysid.criteria.information import information_criteria, loss_from, on_common_samples
 from sysid.criteria.table import BUILT_IN, weighed
 from sysid.errors import DataError
 

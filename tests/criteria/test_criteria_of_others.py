@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from command_line import run
+from command_line import Capture, run
 
 from sysid.criteria import table
 from sysid.errors import UsageError
@@ -71,7 +71,7 @@ ASKED = ("arx-eba84e", "bj-476fc8", "armax-6d3972")
 
 
 @pytest.mark.usefixtures("installed")
-def test_models_of_before_are_ranked_by_it(older: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_models_of_before_are_ranked_by_it(older: Path, capsys: Capture) -> None:
     there = ("--workspace", "workspace", "--json")
     ranking = run(capsys, "compare", *ASKED, "--criteria", "HQ", *there).document
     by_aic = run(capsys, "compare", *ASKED, "--criteria", "aic", *there).document
@@ -88,7 +88,7 @@ def test_models_of_before_are_ranked_by_it(older: Path, capsys: pytest.CaptureFi
 
 @pytest.mark.usefixtures("installed")
 def test_without_the_data_a_model_of_before_is_left_out_by_name(
-    older: Path, capsys: pytest.CaptureFixture[str]
+    older: Path, capsys: Capture
 ) -> None:
     (older / "log.csv").unlink()
     there = ("--workspace", "workspace", "--json")
@@ -99,7 +99,7 @@ def test_without_the_data_a_model_of_before_is_left_out_by_name(
 
 
 def test_a_fit_stores_it_and_is_read_without_it(
-    older: Path, capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest
+    older: Path, capsys: Capture, request: pytest.FixtureRequest
 ) -> None:
     request.getfixturevalue("installed")
     fit = ("fit", "log.csv", "--structure", "arx,oe", "--orders", "na=1:2 nb=1 nk=1; oe: nb=1 nf=1")
@@ -146,9 +146,7 @@ def test_a_package_that_cannot_be_used_is_named(tmp_path: Path, place: str, says
         table.criterion("broken")
 
 
-def test_the_name_of_a_criterion_is_read_in_any_case(
-    older: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_name_of_a_criterion_is_read_in_any_case(older: Path, capsys: Capture) -> None:
     found = run(
         capsys, "fit", "log.csv", "--structure", "arx", "--criteria", "BIC", "--json"
     ).document

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
 from sysid.criteria.residuals import independence_test, whiteness_test
@@ -227,7 +227,7 @@ def test_the_parts_of_a_statistic_add_up_to_it() -> None:
 
 @pytest.mark.parametrize("option", [("--fix", "a1=-1.2"), ("--bound", "a1=-1.2:0")])
 def test_fit_says_that_the_data_contradict_a_value(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: tuple[str, str]
+    tmp_path: Path, capsys: Capture, option: tuple[str, str]
 ) -> None:
     log = KINDS["arx"].draw(1, 700)
     path = write_log(tmp_path / "bench.csv", ["u", "y"], [log.u[:, 0], log.y[:, 0]])

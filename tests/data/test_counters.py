@@ -4,14 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 
 from sysid.data.io import read_file
-from sysid.data.reading.counters import (
-    counted,
-    suspected,
-    unwrapped,
-)
+from sysid.data.reading.counters import counted, suspected, unwrapped
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
@@ -124,7 +120,7 @@ def test_a_period_nobody_uses_is_said_and_can_be_given(tmp_path: Path) -> None:
 
 
 def test_a_log_of_a_wrapping_encoder_gives_the_motor(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Speed from counts: gain and time constant as they are, and the wraps are said."""
     monkeypatch.chdir(tmp_path)

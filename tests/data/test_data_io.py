@@ -12,7 +12,6 @@ from data_io_cases import GOOD, put, table
 from sysid.data.files import write_atomic
 from sysid.data.finding import Severity
 from sysid.data.io import ReadOptions, read_file, read_log, read_logs
-from sysid.data.reading.columns import choose_columns
 from sysid.data.record import PWM_FULL_SCALE
 from sysid.errors import DataError, UsageError
 
@@ -110,34 +109,6 @@ def test_parquet_with_dates_and_text(tmp_path: Path) -> None:
     frame.to_parquet(tmp_path / "bad.parquet")
     with pytest.raises(DataError, match=r"row 1, column y: 'fast' is not a number"):
         read_log(tmp_path / "bad.parquet")
-
-
-@pytest.mark.parametrize(
-    ("names", "inputs", "outputs", "pose"),
-    [
-        ("t pwm_l pwm_r omega_l omega_r", "pwm_l pwm_r", "omega_l omega_r", ""),
-        (
-            "omega_r t x pwm_r y psi omega_l pwm_l v_ref",
-            "pwm_l pwm_r",
-            "omega_l omega_r",
-            "x y psi",
-        ),
-        ("t pwm_l omega_l x y psi", "pwm_l", "omega_l", "x y psi"),
-        ("t_s u_V y_speed_V", "u_V", "y_speed_V", ""),
-        ("sample u1 u2 y1 y2", "u1 u2", "y1 y2", ""),
-        ("t_s u1 u2 u3 u4 u5 y1_tension y2_tension", "u1 u2 u3 u4 u5", "y1_tension y2_tension", ""),
-        ("t_s u_vir_V y_qm_m ref_qg_m", "u_vir_V", "y_qm_m", ""),
-        ("time cmd_l cmd_r speed_l speed_r speed_ref", "cmd_l cmd_r", "speed_l speed_r", ""),
-        ("Time Input Output", "Input", "Output", ""),
-        ("index inertia voltage w_rad_s", "voltage", "w_rad_s", ""),
-        ("t in1 out1 omega_ref", "in1", "out1", ""),
-    ],
-)
-def test_columns_by_convention(names: str, inputs: str, outputs: str, pose: str) -> None:
-    choice = choose_columns(names.split())
-    assert choice.inputs == tuple(inputs.split())
-    assert choice.outputs == tuple(outputs.split())
-    assert choice.pose == tuple(pose.split())
 
 
 def test_columns_by_option(tmp_path: Path) -> None:
@@ -256,8 +227,10 @@ def test_long_gaps_are_refused_split_or_filled(tmp_path: Path) -> None:
     path = put(tmp_path, table("t,u,y", rows_of(GAPPY)))
     with pytest.raises(DataError, match=r"line 42: 1\.3 s without samples.*`resample='split'`"):
         read_file(path)
-    parts = read_logs([path], ReadOptions(resample="split"))
+    split = read_file(path, ReadOptions(resample="split"))
+    parts = split.records
     assert [len(p) for p in parts] == [40, 48]
+    assert any("cut into 2 experiments" in f.text for f in split.findings)
     assert parts[1].t0 == pytest.approx(5.2)
     with pytest.raises(DataError, match="2 experiments"):
         read_log(path, ReadOptions(resample="split"))

@@ -31,9 +31,7 @@ ESTIMATORS = (
 )
 """What ``LogFacts`` calls to compute its facts."""
 
-ELSEWHERE = {
-    "estimation/online/order_choice.py": "a log being written is another one each time",
-}
+ELSEWHERE = {"estimation/online/order_choice.py": "a log being written is another one each time"}
 """Modules that ask an estimator themselves, and why."""
 
 

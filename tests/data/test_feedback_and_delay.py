@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
 from sysid.data.checks.delay import estimate_delays
@@ -213,9 +213,7 @@ def test_the_order_search_uses_a_long_delay() -> None:
     assert found.assessments[0].estimation.free_run.mean_fit > 89.0  # 90 % at 20 dB
 
 
-def test_what_inspect_says_of_a_long_delay(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_inspect_says_of_a_long_delay(tmp_path: Path, capsys: Capture) -> None:
     log = open_loop("steps", 6, delay=41)
     path = write_log(tmp_path / "late.csv", ["u", "y"], [log.u[:, 0], log.y[:, 0]])
     found = run(capsys, "inspect", path)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import quick_diagnosis
-from command_line import run
+from command_line import Capture, run
 from scipy.signal import lfilter
 
 from sysid.data.io import read_file
@@ -131,9 +131,7 @@ def test_a_pose_of_another_file_comes_onto_the_rows_of_the_log(
 
 
 def test_every_command_joins_and_a_model_can_read_its_data_again(
-    files: tuple[Path, Path, Drive],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    files: tuple[Path, Path, Drive], capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log, camera, _ = files
     monkeypatch.chdir(log.parent)
@@ -150,9 +148,7 @@ def test_every_command_joins_and_a_model_can_read_its_data_again(
 
 
 def test_every_command_says_what_reading_did_to_the_numbers(
-    files: tuple[Path, Path, Drive],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    files: tuple[Path, Path, Drive], capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log, camera, _ = files
     monkeypatch.chdir(log.parent)

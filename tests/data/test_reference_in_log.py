@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
 from sysid.data.checks.feedback import feedback_tests
@@ -13,8 +13,6 @@ from sysid.data.io import read_log
 from sysid.data.preprocess import decimate, low_pass
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Record
-
-Capture = pytest.CaptureFixture[str]
 
 DT = 0.1
 ROWS = 300

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 
 ROWS = 600
 
@@ -29,10 +29,7 @@ def counts(seed: int = 2) -> tuple[np.ndarray, np.ndarray]:
     "command", [("inspect",), ("fit", "--structure", "arx", "--orders", "na=2 nb=2 nk=1")]
 )
 def test_a_running_count_is_said_with_the_options_that_work(
-    command: tuple[str, ...],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    command: tuple[str, ...], tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     u, y = counts()
@@ -45,9 +42,7 @@ def test_a_running_count_is_said_with_the_options_that_work(
     assert "counts=N/rev" not in done.out
 
 
-def test_a_register_that_wraps_needs_no_telling_name(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_register_that_wraps_needs_no_telling_name(tmp_path: Path, capsys: Capture) -> None:
     u, y = counts()
     log = drive(tmp_path / "run.csv", "a", np.mod(3 * y + 2000, 4096), u)
     assert "--speed-of a --unit" in " ".join(
@@ -57,7 +52,7 @@ def test_a_register_that_wraps_needs_no_telling_name(
 
 @pytest.mark.parametrize("name", ["level", "rpm_raw"])
 def test_a_slow_reading_in_whole_numbers_is_no_count(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, capsys: Capture
 ) -> None:
     u, _ = counts()
     y = np.zeros(ROWS)

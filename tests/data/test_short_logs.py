@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from quick_diagnosis import dead_zone_log, diagnose
 
 from sysid.data.io import read_log
@@ -32,11 +32,7 @@ def oven(path: Path, samples: int, seed: int = 1) -> Path:
     ids=" ".join,
 )
 def test_short_logs_get_one_sentence_about_the_log(
-    samples: int,
-    line: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    samples: int, line: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
     log = oven(Path("log.csv"), samples)
@@ -58,7 +54,7 @@ def test_short_logs_get_one_sentence_about_the_log(
 
 @pytest.mark.parametrize("same", ["log.csv", "copy.csv", "spaced.csv"])
 def test_a_log_does_not_judge_what_is_fitted_to_it(
-    same: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    same: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
     text = oven(Path("log.csv"), 200).read_text()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 
 from sysid.data.facts import LogFacts
 from sysid.data.io import read_file
@@ -141,7 +141,7 @@ def test_a_log_is_read_at_the_rate_of_its_sensors(log: Path) -> None:
 
 
 def test_a_fit_of_a_slow_sensor_finds_the_wheel(
-    log: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    log: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(log.parent)
     document = run(

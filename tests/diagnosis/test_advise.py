@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 from plain_tracks import SCALES, SIGMA, logged
 
-from sysid.diagnosis.advise import (
-    experiment_between,
-    next_experiments,
-    sampled,
-)
+from sysid.diagnosis.advise import experiment_between, next_experiments, sampled
 from sysid.diagnosis.base_model import fit_baseline
 from sysid.effects.catalogue import CHANGED, catalogue, effect
 from sysid.effects.programmes import LEVELS

@@ -98,9 +98,7 @@ def test_two_effects_are_named_by_an_entry_each(tmp_path: Path) -> None:
     assert any("sensor-saturation" in e for e in names)
 
 
-def test_a_log_without_validation_is_divided_and_lost_readings_do_not_count(
-    tmp_path: Path,
-) -> None:
+def test_a_log_without_validation_is_divided_and_lost_readings_do_not_count(tmp_path: Path) -> None:
     log = logs(tmp_path, "dropouts", 41)
     found = diagnose([log["est"]])
     assert [e.id for e in found.effects] == ["dropouts"]

@@ -87,11 +87,7 @@ def test_the_cases_are_as_many_as_the_study_promises() -> None:
     ],
 )
 def test_marks(
-    truth: tuple[str, ...],
-    entries: list[tuple[str, ...]],
-    right: bool,
-    every: bool,
-    false: int,
+    truth: tuple[str, ...], entries: list[tuple[str, ...]], right: bool, every: bool, false: int
 ) -> None:
     o = diagnose_scores.Outcome("k", "single", "low", truth, entries=tuple(entries))
     assert (o.right, o.all_right, o.false_names) == (right, every, false)

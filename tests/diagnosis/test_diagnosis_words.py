@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.advise import next_experiments
@@ -171,9 +171,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_a_log_that_no_input_moves_is_never_nothing_missing(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_that_no_input_moves_is_never_nothing_missing(here: Path, capsys: Capture) -> None:
     rng = np.random.default_rng(3)
     u, _ = heated(600)
     slow = np.convolve(rng.standard_normal(900), np.hanning(120), "valid")[:600]

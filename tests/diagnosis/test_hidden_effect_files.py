@@ -12,14 +12,7 @@ from hidden_effect_cases import DT, Array
 from sysid_datasets import generate
 from sysid_datasets.driving import STYLES
 from sysid_datasets.effect_robot import PWM_FULL
-from sysid_datasets.hidden_effects import (
-    KNOWN,
-    RANGES,
-    SIDES,
-    needs_pose,
-    plain_robot,
-    with_effect,
-)
+from sysid_datasets.hidden_effects import KNOWN, RANGES, SIDES, needs_pose, plain_robot, with_effect
 from sysid_datasets.hidden_logs import AR_POLE, NOISE, TYPICAL_SPEED, Request, hide, plain_fit
 from sysid_datasets.outside_effects import OUTSIDE
 

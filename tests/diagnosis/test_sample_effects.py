@@ -8,12 +8,7 @@ from scipy.signal import lfilter
 from sysid_datasets.hidden_logs import NOISE, TYPICAL_SPEED, Request, hide
 
 from sysid.data.record import Channel, Record
-from sysid.diagnosis.samples import (
-    blurred_step,
-    inspect_samples,
-    smallest_named,
-    with_steps_of,
-)
+from sysid.diagnosis.samples import blurred_step, inspect_samples, smallest_named, with_steps_of
 
 
 @cache

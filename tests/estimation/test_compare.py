@@ -5,23 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import robot_log, run
+from command_line import Capture, robot_log, run
 
 from sysid.criteria.table import BUILT_IN
 from sysid.data.record import Record
 from sysid.errors import Termination
 from sysid.estimation.pem import fit
 from sysid.estimation.selection.comparison import Contender, compare
-from sysid.estimation.soundness import (
-    Doubts,
-    doubts_about,
-    leader,
-    relative_gap,
-)
+from sysid.estimation.soundness import Doubts, doubts_about, leader, relative_gap
 from sysid.fitting.options import FitOptions
 from sysid.structures.registry import structure_class
-
-Capture = pytest.CaptureFixture[str]
 
 
 def _workspace(folder: Path, capsys: Capture, *options: object) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
 from sysid.data.checks.dynamics_checks import check_delay
@@ -59,9 +59,7 @@ def test_each_kind_of_model_is_told_what_matters_to_it() -> None:
     assert notes_for(bent, findings) == ("Lines are missing.", "Two levels.")
 
 
-def test_a_linear_fit_to_a_bent_plant_says_that_it_is_bent(
-    tmp_path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_linear_fit_to_a_bent_plant_says_that_it_is_bent(tmp_path, capsys: Capture) -> None:
     u, y = heater(np.linspace(-1.0, 1.0, 21))
     log = write_log(tmp_path / "oven.csv", ["u", "y"], [u, y])
     options = ("--structure", "arx", "--workspace", tmp_path / "ws")
@@ -70,7 +68,7 @@ def test_a_linear_fit_to_a_bent_plant_says_that_it_is_bent(
 
 
 def test_a_state_is_never_said_to_come_from_more_samples_than_there_are(
-    tmp_path, capsys: pytest.CaptureFixture[str]
+    tmp_path, capsys: Capture
 ) -> None:
     """A slow mode asks for a long head; a log of 610 samples has 610."""
     rng = np.random.default_rng(1)
@@ -84,7 +82,7 @@ def test_a_state_is_never_said_to_come_from_more_samples_than_there_are(
 
 @pytest.mark.parametrize("kind", ["white", "drifting"])
 def test_an_input_without_effect_is_named_by_inspect_and_by_fit(
-    kind: str, tmp_path, capsys: pytest.CaptureFixture[str]
+    kind: str, tmp_path, capsys: Capture
 ) -> None:
     rng = np.random.default_rng(2)
     u = np.repeat(rng.choice([-1.0, 0.0, 0.4, 1.0], 60), 10)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
 from sysid.data.facts import LogFacts
@@ -19,8 +19,6 @@ from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.options import FitOptions
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
-
-Capture = pytest.CaptureFixture[str]
 
 DT, GAIN, LEVEL, STANDBY = 0.01, 150.0, 40.0, 2.0
 A = np.poly([np.exp(-DT / 0.12), np.exp(-DT / 0.03)])

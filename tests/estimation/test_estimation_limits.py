@@ -365,12 +365,7 @@ def test_output_error_ends_in_the_global_minimum(ratio: float, hold: int) -> Non
 def test_every_start_is_recorded() -> None:
     record, _ = noisy_motor(0, 0.3, 10)
     model = estimated("oe", {"nb": 2, "nf": 2}, [record])
-    assert {s.start for s in model.starts} == {
-        "SRIV",
-        "SRIV on a long ARX",
-        "ARX",
-        "pole grid",
-    }
+    assert {s.start for s in model.starts} == {"SRIV", "SRIV on a long ARX", "ARX", "pole grid"}
     assert any(s.cost is not None for s in model.starts)
 
 

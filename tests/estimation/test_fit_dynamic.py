@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from sysid_datasets.multibody import Machine, columns, drive, random_schedule, schedule
 
 from sysid.data.record import Channel, Record
@@ -193,9 +193,7 @@ def test_commands_of_both_motors_are_needed() -> None:
         fit_vehicle([record], motion="dynamic")
 
 
-def test_motors_go_with_a_vehicle_that_has_mass(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_motors_go_with_a_vehicle_that_has_mass(tmp_path: Path, capsys: Capture) -> None:
     log = write_log(tmp_path / "a.csv", ["u_l", "u_r", "omega_l", "omega_r"], [[0.0, 1.0]] * 4)
     one = run(capsys, "fit-vehicle", log, "--motors", "m.yaml", "--torque-constant", "0.1")
     assert one.code == 2

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from skid_steer_logs import Skid, columns, wheels, written
 
 from sysid.data.io import read_log
@@ -136,7 +136,7 @@ def test_readings_that_repeat_are_no_measurements(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_the_command_writes_a_document_a_vehicle_and_a_mission(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    capsys: Capture, tmp_path: Path
 ) -> None:
     named = columns(TURNING, wheels(40.0))
     log = written(tmp_path / "drive.csv", named)
@@ -158,9 +158,7 @@ def test_the_command_writes_a_document_a_vehicle_and_a_mission(
     assert again["heading_error_rad"]["before"] < 0.5 * document["heading_error_rad"]["before"]
 
 
-def test_wheels_and_pose_may_stand_in_two_files(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_wheels_and_pose_may_stand_in_two_files(capsys: Capture, tmp_path: Path) -> None:
     named = columns(Skid(width=0.9), wheels(40.0))
     log = written(tmp_path / "wheels.csv", {k: named[k] for k in ("t", *WHEELS)})
     late = {"t": named["t"] + 5.0} | _pose(named)
@@ -210,7 +208,7 @@ def _pose(named: Mapping[str, Array]) -> dict[str, Array]:
     ],
 )
 def test_what_cannot_be_is_refused_in_one_sentence(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...], words: str
+    capsys: Capture, tmp_path: Path, arguments: tuple[str, ...], words: str
 ) -> None:
     named = columns(SKID, wheels(6.0))
     pwm = {f"pwm_{side}": 1000.0 * named[f"omega_{side}"] for side in "lr"}

@@ -16,11 +16,7 @@ from sysid.data.shortened import shortened
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.pem import fit
 from sysid.estimation.selection.delays import chosen_delay
-from sysid.estimation.selection.orders import (
-    Candidate,
-    ranked,
-    searching,
-)
+from sysid.estimation.selection.orders import Candidate, ranked, searching
 from sysid.estimation.selection.select_structure import select_structure
 from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import error_margin, hold_out, tie_margin

@@ -30,8 +30,7 @@ def test_nothing_asked_is_nothing_done() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [{"trim_start": -1.0}, {"trim_end": float("nan")}, {"low_pass": 0.0}, {"decimate": 0}],
+    "wrong", [{"trim_start": -1.0}, {"trim_end": float("nan")}, {"low_pass": 0.0}, {"decimate": 0}]
 )
 def test_impossible_numbers_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(UsageError, match=r"trimming needs|`low_pass` needs|`decimate` needs"):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
@@ -17,17 +17,9 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.outlier_events import explained
 from sysid.fitting.outliers import find_outliers, resolutions
 from sysid.fitting.problem import Focus, Initial
-from sysid.fitting.robust import (
-    HUBER_WIDTH,
-    huber_pays,
-    huber_widths,
-    robust_scale,
-    weighted,
-)
+from sysid.fitting.robust import HUBER_WIDTH, huber_pays, huber_widths, robust_scale, weighted
 from sysid.structures.outcome import FitOutcome
 from sysid.structures.registry import structure_class
-
-Capture = pytest.CaptureFixture[str]
 
 CASES = study.CASES
 

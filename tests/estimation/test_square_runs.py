@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from skid_steer_logs import FINE, Skid, columns, written
 
 from sysid.data.record import Array
@@ -75,7 +75,7 @@ def _square(clockwise: bool) -> Array:
 
 
 @pytest.mark.slow
-def test_squares_are_found_in_logs(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_squares_are_found_in_logs(capsys: Capture, tmp_path: Path) -> None:
     left, right = scales(1.01)
     skid = Skid((0.1 * left, 0.1 * right), 0.4 * 1.04, lag=0.1, heading_lag=0.1, noise=(1e-3, 1e-3))
     logs = [
@@ -92,7 +92,7 @@ def test_squares_are_found_in_logs(capsys: pytest.CaptureFixture[str], tmp_path:
     assert "at least two" in squares["sentence"]
 
 
-def test_a_table_of_returns_is_enough(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_table_of_returns_is_enough(capsys: Capture, tmp_path: Path) -> None:
     table = tmp_path / "returns.csv"
     rows = [
         (name, *ideal_return(1.01, 1.0, SIDE, NOMINAL.B, name == "cw"))
@@ -117,11 +117,7 @@ def test_a_table_of_returns_is_enough(capsys: pytest.CaptureFixture[str], tmp_pa
     ],
 )
 def test_bad_returns_are_refused(
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    text: str,
-    options: tuple[str, ...],
-    words: str,
+    capsys: Capture, tmp_path: Path, text: str, options: tuple[str, ...], words: str
 ) -> None:
     table = tmp_path / "returns.csv"
     table.write_text(text)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from scipy.signal import cont2discrete, lfilter
 
 from sysid.data.record import Channel, Record
@@ -150,9 +150,7 @@ def test_a_number_has_as_many_digits_as_its_error_allows(
     assert with_error(value, error) == text
 
 
-def test_fit_and_models_show_begin_with_what_the_model_means(
-    tmp_path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fit_and_models_show_begin_with_what_the_model_means(tmp_path, capsys: Capture) -> None:
     record = two_lags()
     log = write_log(tmp_path / "motor.csv", ["u_V", "y_rpm"], [record.u[:, 0], record.y[:, 0]], DT)
     place = ("--workspace", tmp_path / "ws")

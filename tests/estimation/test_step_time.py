@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from command_line import robot_log, run
+from command_line import Capture, robot_log, run
 from plant_models import ORDERS, robot_record
 
 import sysid
@@ -34,7 +34,7 @@ def test_the_words_are_no_sentence(name: str) -> None:
 
 
 def test_the_table_shows_cost_where_models_tell_different_things(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
     log, place = robot_log(tmp_path / "a.csv"), ["--workspace", tmp_path / "ws"]
     one = ["--structure", "arx", "--orders", "na=1 nb=1 nk=1"]

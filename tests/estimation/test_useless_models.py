@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 
 from sysid.estimation.assessment.advice import WORSE
 
@@ -22,11 +22,7 @@ def oven(path: Path, sign: float, seed: int) -> Path:
 
 @pytest.mark.parametrize(("sign", "said"), [(1.0, False), (-1.0, True)])
 def test_a_fit_below_zero_is_said_to_be_useless(
-    sign: float,
-    said: bool,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    sign: float, said: bool, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     log, val = oven(tmp_path / "a.csv", 1.0, 1), oven(tmp_path / "b.csv", sign, 2)

@@ -111,10 +111,7 @@ def every_expression() -> str:
 def static_parameters(kind: str, size: int) -> list[float]:
     if kind in ("piecewise", "spline"):
         x = np.linspace(-1.5, 1.5, size)
-        return [
-            *(x if kind == "piecewise" else ()),
-            *np.tanh(x),
-        ][-len(KINDS[kind].names(size)) :]
+        return [*(x if kind == "piecewise" else ()), *np.tanh(x)][-len(KINDS[kind].names(size)) :]
     return {"abs": [0.1], "polynomial": [1.0, 0.3, -0.2][:size]}.get(
         kind, [-0.2, 0.3] if len(KINDS[kind].names(size)) == 2 else [0.4]
     )
@@ -362,12 +359,7 @@ class _Deciding(_Filling):
 
 
 @pytest.mark.parametrize(
-    ("kind", "words"),
-    [
-        (_Filling, "use sinc"),
-        (_Deciding, "xp.where"),
-        (_Float, "xp.stack"),
-    ],
+    ("kind", "words"), [(_Filling, "use sinc"), (_Deciding, "xp.where"), (_Float, "xp.stack")]
 )
 def test_what_c_cannot_say_is_refused_in_words(kind: type[_Filling], words: str) -> None:
     model = hand_made(kind(1, 1, dt=DT, substeps=1), np.array([0.5]))

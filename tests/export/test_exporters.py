@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
-from command_line import run
+from command_line import Capture, run
 from plant_models import robot_model
 
 from sysid.errors import ModelError, UsageError
@@ -72,17 +72,9 @@ def test_every_format_of_the_package_loads_and_is_called_what_it_calls_itself() 
 @pytest.mark.parametrize(
     ("formats", "error", "words"),
     [
-        (
-            ["fmi"],
-            UsageError,
-            f"there is no format 'fmi'; choose from {THERE}",
-        ),
+        (["fmi"], UsageError, f"there is no format 'fmi'; choose from {THERE}"),
         ([" "], UsageError, f"no format is named; choose from {THERE}"),
-        (
-            ["json", "broken"],
-            UsageError,
-            "theirs:broken cannot be imported (No module",
-        ),
+        (["json", "broken"], UsageError, "theirs:broken cannot be imported (No module"),
     ],
 )
 def test_formats_that_cannot_be_used(formats: list[str], error: type, words: str) -> None:
@@ -162,7 +154,7 @@ def test_a_list_of_files_that_leads_out_of_the_package_is_refused(
 
 
 def test_formats_are_chosen_on_the_command_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Workspace(Path(".sysid")).save(robot_model("arx"), {})

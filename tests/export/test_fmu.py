@@ -32,12 +32,7 @@ def exported(folder: Path, model: Model) -> Path:
 def slave_of(unit: Path, folder: Path, said: list[str] | None = None) -> Any:
     """An initialised unit, and what it logs."""
     import fmpy as tool
-    from fmpy.fmi2 import (
-        FMU2Slave,
-        defaultCallbacks,
-        fmi2CallbackFunctions,
-        fmi2CallbackLoggerTYPE,
-    )
+    from fmpy.fmi2 import FMU2Slave, defaultCallbacks, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 
     heard = [] if said is None else said
     about = tool.read_model_description(str(unit))

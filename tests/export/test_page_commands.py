@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from c_programs import needs_compiler
-from command_line import run
+from command_line import Capture, run
 from plant_models import robot_model
 
 from sysid.export.verification import verify as module
@@ -30,10 +30,7 @@ def shown(page: str) -> list[list[str]]:
 @pytest.mark.skipif(find_spec("fmpy") is None, reason="the extra fmu is not installed")
 @pytest.mark.parametrize("page", ["c.md", "fmu.md", "ros.md"])
 def test_shown_exports_run(
-    page: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    page: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One compiler stands for all of them: what each gives is tested elsewhere."""
     monkeypatch.chdir(tmp_path)

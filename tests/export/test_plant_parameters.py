@@ -39,9 +39,7 @@ def test_what_a_step_does_not_read_is_no_parameter() -> None:
 def test_parameters_and_operating_point_act_from_the_next_step_on(tmp_path: Path) -> None:
     model = bench_model("oe")
     offset = replace(
-        model.detrend,
-        u_offset=model.detrend.u_offset + 0.5,
-        y_offset=model.detrend.y_offset - 2.0,
+        model.detrend, u_offset=model.detrend.u_offset + 0.5, y_offset=model.detrend.y_offset - 2.0
     )
     other = replace(model, theta=model.theta * 1.01, detrend=offset)
     u = model.detrend.u_offset + np.random.default_rng(3).normal(size=(60, 1))

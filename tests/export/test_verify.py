@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from c_programs import needs_compiler
-from command_line import run
+from command_line import Capture, run
 from plant_models import robot_model
 
 from sysid.errors import ModelError
@@ -51,9 +51,7 @@ def test_every_runtime_that_is_here_gives_what_python_gave(package: Path) -> Non
         assert (steps["mean"] > 400) == (r.name == "cortex-m4")
 
 
-def test_the_command_prints_a_table_or_one_document(
-    package: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_prints_a_table_or_one_document(package: Path, capsys: Capture) -> None:
     document = json.loads(run(capsys, "verify", package, "--json").out)
     assert document["passed"] is True
     assert document["runtimes"][0]["name"] == "python"
@@ -67,7 +65,7 @@ def test_the_command_prints_a_table_or_one_document(
 
 @needs_compiler
 def test_a_runtime_that_gives_something_else_fails_the_command(
-    package: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    package: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "COMPILED", (runtimes.Compiled("gcc", "cc"),))
     source = package / "c" / "plant.c"

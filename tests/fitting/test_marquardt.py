@@ -39,12 +39,7 @@ def powell(x: Array) -> Array:
     """The Jacobian is singular at the solution 0."""
     a, b, c, d = x
     return np.array(
-        [
-            a + 10.0 * b,
-            np.sqrt(5.0) * (c - d),
-            (b - 2.0 * c) ** 2,
-            np.sqrt(10.0) * (a - d) ** 2,
-        ]
+        [a + 10.0 * b, np.sqrt(5.0) * (c - d), (b - 2.0 * c) ** 2, np.sqrt(10.0) * (a - d) ** 2]
     )
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 
 from sysid.data.checks.delay import estimate_delays
 from sysid.data.facts import LogFacts
@@ -15,8 +15,6 @@ from sysid.estimation.selection.delays import chosen_delay
 from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.options import FitOptions
 from sysid.structures.orders import MAX_ORDER
-
-Capture = pytest.CaptureFixture[str]
 
 GAIN, ZERO = 11.4, 180.0
 POLE = float(np.exp(-0.1 / 1.1))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import robot_log, run
+from command_line import Capture, robot_log, run
 from scipy.signal import lfilter
 from sysid_datasets import path
 
@@ -82,9 +82,7 @@ def test_the_bundled_example_converges(log: str, name: str, orders: dict[str, in
 
 
 @pytest.mark.parametrize("name", ["oe", "armax"])
-def test_the_limit_of_a_search_is_the_users(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_limit_of_a_search_is_the_users(name: str, tmp_path: Path, capsys: Capture) -> None:
     """--max-iterations ends a search and is said; --tolerance ends one earlier."""
     log = robot_log(tmp_path / "log.csv")
     orders = {"oe": "nb=1 nf=1", "armax": "na=1 nb=1 nc=1"}
@@ -100,9 +98,7 @@ def test_the_limit_of_a_search_is_the_users(
     assert spent[0] <= spent[1]
 
 
-def test_a_tolerance_that_is_none_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_tolerance_that_is_none_is_refused(tmp_path: Path, capsys: Capture) -> None:
     """Zero, negative, above one: one sentence."""
     log = robot_log(tmp_path / "log.csv")
     for value in ("0", "-1", "1.5"):

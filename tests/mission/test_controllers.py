@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import robot_log, run
+from command_line import Capture, robot_log, run
 from control_cases import driven, inputs, pwm
 from mission_cases import SCENE, Robot, goal
 from sysid_cli.missions.control_option import chosen_controller
@@ -153,7 +153,7 @@ def test_gains_are_keys_of_the_law_and_can_be_changed(axis: str, kind: str) -> N
 
 
 def test_the_page_on_control_drives(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The mission and the command that docs/control.md shows, on a plant from a log."""
     page = (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8")

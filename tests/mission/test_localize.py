@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from mission_cases import Robot
 
 from sysid.errors import DataError
@@ -85,7 +85,7 @@ def test_a_filter_that_believes_too_much_is_told_so(driven: tuple[Path, Path, Mi
 
 
 def test_the_command_writes_the_pose_with_its_covariance(
-    driven: tuple[Path, Path, Mission], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    driven: tuple[Path, Path, Mission], tmp_path: Path, capsys: Capture
 ) -> None:
     mission, log, _ = driven
     target, picture = tmp_path / "pose.csv", tmp_path / "pose.svg"
@@ -114,10 +114,7 @@ def test_the_command_writes_the_pose_with_its_covariance(
     ],
 )
 def test_mistakes_are_one_sentence(
-    driven: tuple[Path, Path, Mission],
-    more: tuple[str, ...],
-    words: str,
-    capsys: pytest.CaptureFixture[str],
+    driven: tuple[Path, Path, Mission], more: tuple[str, ...], words: str, capsys: Capture
 ) -> None:
     mission, log, _ = driven
     result = run(capsys, "localize", log, "--mission", mission, *more)

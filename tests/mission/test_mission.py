@@ -10,14 +10,7 @@ from hypothesis import strategies as st
 from mission_cases import AROUND, Robot, goal
 
 from sysid import floats
-from sysid.mission.contracts import (
-    Body,
-    Command,
-    ControlInputs,
-    GuidanceInputs,
-    Pose,
-    References,
-)
+from sysid.mission.contracts import Body, Command, ControlInputs, GuidanceInputs, Pose, References
 from sysid.mission.control.pi_p import SpeedPIYawP, speed_command, yaw_command
 from sysid.mission.guidance.field import (
     InitialTurn,

@@ -11,12 +11,7 @@ from mission_cases import Robot, goal
 from sysid import floats
 from sysid.data.record import Array, Channel
 from sysid.errors import DataError, ModelError
-from sysid.mission.contracts import (
-    ROBOT_INPUTS,
-    Body,
-    NavigationInputs,
-    Scene,
-)
+from sysid.mission.contracts import ROBOT_INPUTS, Body, NavigationInputs, Scene
 from sysid.mission.ending import sentence
 from sysid.mission.loop import COLUMNS
 from sysid.mission.navigation.odometry import Odometry

@@ -17,14 +17,7 @@ from sysid import floats
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
 from sysid.errors import DataError, ModelError, UsageError
-from sysid.mission.contracts import (
-    ROBOT_INPUTS,
-    ROBOT_OUTPUTS,
-    Command,
-    ControlInputs,
-    Pose,
-    Scene,
-)
+from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Command, ControlInputs, Pose, Scene
 from sysid.mission.control.pi_p import SpeedPIYawP
 from sysid.mission.guidance.field import PotentialField
 from sysid.mission.loop import Loop, Tick, ticks

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from mission_cases import AROUND, goal
 
 from sysid.mission.guidance.field import PotentialField, total_force
@@ -67,7 +67,7 @@ def test_the_curves_are_those_of_the_formulas() -> None:
 
 @pytest.mark.slow
 def test_the_command_draws_where_it_is_told_or_in_the_workspace(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
     mission = tmp_path / "m.yaml"
     mission.write_text("goal: [3, 0]\nobstacles: [[1.5, 0.25], [1.5, -0.25]]\n")

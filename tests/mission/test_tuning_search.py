@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from mission_cases import Robot, goal
 from plant_models import robot_record
 
@@ -200,9 +200,7 @@ def test_a_file_keeps_its_comments_and_gets_the_gains(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_command_tells_writes_and_draws(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_tells_writes_and_draws(tmp_path: Path, capsys: Capture) -> None:
     write_package(model(), tmp_path / "plant")
     source = tmp_path / "m.yaml"
     source.write_text("goal: [1, 0.4]  # near\nobstacles: [[0.5, 0.8]]\n")
@@ -218,9 +216,7 @@ def test_the_command_tells_writes_and_draws(
 
 
 @pytest.mark.slow
-def test_the_noise_of_a_filter_is_tuned_to_a_log(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_noise_of_a_filter_is_tuned_to_a_log(tmp_path: Path, capsys: Capture) -> None:
     source, log, tuned = tmp_path / "m.yaml", tmp_path / "log.csv", tmp_path / "new.yaml"
     source.write_text(
         "goal: [0.5, 0.2]\nnavigation:\n  kind: ekf\n  q: {speed: 0.1}\n"
@@ -241,7 +237,7 @@ def test_the_noise_of_a_filter_is_tuned_to_a_log(
 
 @pytest.mark.slow
 def test_the_page_shows_a_command_that_runs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8")
     (line,) = re.findall(r"^sysid (tune .*)$", page, re.MULTILINE)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 
 from sysid.data.io import read_log
 from sysid.plant.package import read_package
@@ -100,9 +100,7 @@ def test_a_package_is_read_and_runs_as_it_did(older: Path, package: str, structu
     np.testing.assert_allclose(now / np.ptp(then), then / np.ptp(then), rtol=0, atol=ROUNDING)
 
 
-def test_the_commands_go_on_with_an_older_workspace(
-    older: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_go_on_with_an_older_workspace(older: Path, capsys: Capture) -> None:
     there = ("--workspace", "workspace", "--json")
     listed = run(capsys, "models", *there).document["models"]
     assert [m["model"] for m in listed] == list(EXPECTED)

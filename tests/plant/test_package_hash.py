@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import robot_log, run
+from command_line import Capture, robot_log, run
 from plant_models import bench_model, robot_model
 
 from sysid.errors import ModelError
@@ -102,7 +102,7 @@ def test_a_package_without_a_hash_is_read_with_a_note(tmp_path: Path) -> None:
 
 
 def test_the_commands_notice_a_change(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
     log = robot_log(tmp_path / "log.csv")

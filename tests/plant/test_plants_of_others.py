@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 
 from sysid.data.record import Array
 
@@ -91,7 +91,7 @@ def log(
 
 @pytest.mark.slow
 def test_every_command_speaks_of_the_log_it_reads(
-    log: tuple[str, list[str]], capsys: pytest.CaptureFixture[str]
+    log: tuple[str, list[str]], capsys: Capture
 ) -> None:
     plant, columns = log
     file = f"{plant}.csv"
@@ -124,7 +124,7 @@ def test_every_command_speaks_of_the_log_it_reads(
 @pytest.mark.slow
 @pytest.mark.parametrize("log", ["oven"], indirect=True)
 def test_a_diagnosis_speaks_of_the_oven(
-    log: tuple[str, list[str]], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    log: tuple[str, list[str]], capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
     run(capsys, "fit", "oven.csv", "--structure", "oe", "--orders", "nb=1 nf=1 nk=1")
@@ -137,7 +137,7 @@ def test_a_diagnosis_speaks_of_the_oven(
 
 
 def test_notes_of_reading_are_no_warnings(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     """What the reader changed stands above the models, once a log, and nowhere in the document."""
     monkeypatch.chdir(tmp_path)
@@ -150,7 +150,7 @@ def test_notes_of_reading_are_no_warnings(
 
 
 def test_a_switch_and_an_unnamed_output_are_said_by_the_fit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(5)
@@ -170,9 +170,7 @@ def test_a_switch_and_an_unnamed_output_are_said_by_the_fit(
 
 
 @pytest.mark.parametrize("log", ["tank"], indirect=True)
-def test_orders_with_commas_are_told_apart(
-    log: tuple[str, list[str]], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_orders_with_commas_are_told_apart(log: tuple[str, list[str]], capsys: Capture) -> None:
     result = run(capsys, "fit", f"{log[0]}.csv", "--orders", "na=1:2,nb=1:2")
     assert result.code == 2
     assert "put spaces between orders" in result.err

@@ -5,8 +5,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pytest
-from command_line import run
+from command_line import Capture, run
 from example_package import Installed
 
 from sysid.plant.package import load_model
@@ -16,7 +15,7 @@ ARX = "arx-eba84e"
 
 
 def test_the_example_exporter_writes_from_its_wheel(
-    installed: Installed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    installed: Installed, tmp_path: Path, capsys: Capture
 ) -> None:
     shutil.copytree(OLDER / "workspace", tmp_path / "w")
     ask = ("export", "--workspace", "w", "--model", ARX, "--format", "c,impulse", "-o", "p")

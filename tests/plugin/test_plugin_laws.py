@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import robot_log, run
+from command_line import Capture, robot_log, run
 from example_package import EXAMPLE, Installed
 from mission_cases import check_law
 
@@ -26,10 +26,7 @@ def test_a_law_of_the_package_is_pure_and_runs_on_every_namespace(role: str, exa
 
 
 def test_a_mission_is_flown_by_laws_of_another_package(
-    installed: Installed,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    installed: Installed, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     robot_log(tmp_path / "log.csv", noise=0.01)

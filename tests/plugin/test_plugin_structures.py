@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from c_programs import COMPILER, FLAGS, needs_compiler
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from example_package import EXAMPLE, Installed
 
 from sysid.data.record import Array
@@ -64,7 +64,7 @@ TRUTHS = {
 @needs_compiler
 @pytest.mark.parametrize("name", TRUTHS)
 def test_it_goes_from_a_log_to_c_by_the_command_line(
-    name: str, installed: Installed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, installed: Installed, tmp_path: Path, capsys: Capture
 ) -> None:
     signals, dt, orders, truth = TRUTHS[name]
     write_log(tmp_path / "log.csv", ["u", "y"], signals(), dt)

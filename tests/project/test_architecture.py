@@ -15,7 +15,7 @@ MOST_LINES = 500
 
 ALLOWED = {
     ("sysid.structures.registry", "sysid.structures.augmented"): "an augmented model may hold a "
-    "model of any structure, which the registry reads again",
+    "model of any structure, which the registry reads again"
 }
 """Imports that would close a circle, each with its reason."""
 

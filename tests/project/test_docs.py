@@ -245,10 +245,7 @@ def test_json_keys_of_a_fit_are_described() -> None:
 
 @pytest.mark.parametrize("block", [b for p, b in fenced("python") if p.name == "api.md"])
 def test_python_examples_run(
-    block: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     example = tmp_path / "example.py"
     example.write_text(block, encoding="utf-8")

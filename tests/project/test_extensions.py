@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from command_line import run
+from command_line import Capture, run
 
 from sysid.criteria import table
 from sysid.effects import catalogue
@@ -59,9 +59,7 @@ def test_a_broken_extension_is_one_sentence_with_its_package(group: str) -> None
 
 @pytest.mark.parametrize("group", ["sysid.structures"], indirect=True)
 @pytest.mark.usefixtures("group")
-def test_the_command_line_says_it_without_a_traceback(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_command_line_says_it_without_a_traceback(capsys: Capture) -> None:
     done = run(capsys, "structures")
     assert done.code == 2
     assert done.err.count("\n") == 1

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import typer
-from command_line import robot_log, run
+from command_line import Capture, robot_log, run
 from sysid_cli import reading
 from sysid_cli.app import app
 from sysid_cli.field_options import every_command, fields_in, options_of, with_options
@@ -225,11 +225,7 @@ def test_what_a_message_tells_a_script_and_a_person_is_the_same(given: dict[str,
     ],
 )  # fmt: skip
 def test_an_error_names_the_argument_in_a_script_and_the_option_on_the_line(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    reads: dict[str, Any],
-    fits: dict[str, Any],
-    line: list[str],
+    tmp_path: Path, capsys: Capture, reads: dict[str, Any], fits: dict[str, Any], line: list[str]
 ) -> None:
     log = robot_log(tmp_path / "log.csv", 60)
     options = sysid.FitOptions(structure_options=fits.get("options", {}))
@@ -250,9 +246,7 @@ def test_an_error_names_the_argument_in_a_script_and_the_option_on_the_line(
         assert " ".join(shown.err.split()) == " ".join(with_options(str(refused.value)).split())
 
 
-def test_a_document_and_a_table_show_options_too(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_document_and_a_table_show_options_too(tmp_path: Path, capsys: Capture) -> None:
     """A log without a time: the finding is stored with its field and shown with the option."""
     log = robot_log(tmp_path / "log.csv", 60)
     text = "\n".join(row.partition(",")[2] for row in log.read_text().splitlines())

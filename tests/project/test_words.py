@@ -86,12 +86,8 @@ def _sources() -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
                 docstrings.add(node.value)
             elif isinstance(node, ast.ClassDef | ast.FunctionDef):
                 names.append((f"{where}:{node.lineno}", node.name))
-            elif (
-                isinstance(node, ast.Constant)
-                and isinstance(node.value, str)
-                and node not in docstrings
-            ):
-                texts.append((f"{where}:{node.lineno}", node.value))
+            elif isinstance(value := getattr(node, "value", None), str) and node not in docstrings:
+                texts.append((f"{where}:{node.lineno}", value))
     return texts, names
 
 

@@ -143,10 +143,7 @@ ODD: dict[str, tuple[tuple[float, float], Callable[["Figure"], None]]] = {
         diagnosis_drawing.worst_size([WINDOW], changed=True),
         lambda figure: diagnosis_drawing.draw_worst(figure, [WINDOW], changed=True),
     ),
-    "gap": (
-        diagnosis_bars.gap_size(LINES),
-        lambda figure: diagnosis_bars.draw_gap(figure, LINES),
-    ),
+    "gap": (diagnosis_bars.gap_size(LINES), lambda figure: diagnosis_bars.draw_gap(figure, LINES)),
     "path": (
         diagnosis_drawing.path_size(PATHS),
         lambda figure: diagnosis_drawing.draw_path(figure, PATHS),
@@ -154,9 +151,7 @@ ODD: dict[str, tuple[tuple[float, float], Callable[["Figure"], None]]] = {
     "schedule": (
         diagnosis_drawing.schedule_size(COLUMNS),
         lambda figure: diagnosis_drawing.draw_schedule(
-            figure,
-            COLUMNS,
-            np.ones((3, 10)) * [[0.0], [1.0], [2.0]],
+            figure, COLUMNS, np.ones((3, 10)) * [[0.0], [1.0], [2.0]]
         ),
     ),
 }

@@ -100,11 +100,7 @@ def svg_of(picture: object, folder: Path) -> str:
     return text
 
 
-PICTURES = {
-    "fit": fit_picture(),
-    "ranking": ranking_picture(),
-    "mission": mission_picture(),
-}
+PICTURES = {"fit": fit_picture(), "ranking": ranking_picture(), "mission": mission_picture()}
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import quick_diagnosis
-from command_line import run
+from command_line import Capture, run
 from quick_diagnosis import dead_zone_log
 
 from sysid.data.io import read_logs
@@ -101,7 +101,7 @@ def test_a_refit_from_elsewhere_finds_the_truth_again(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_diagnosed_model_goes_through_every_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     """compare with residual tests and --folds, export, simulate: as any other model."""
     monkeypatch.chdir(tmp_path)

@@ -83,11 +83,7 @@ def test_static_text_and_json_round_trip(text: str) -> None:
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
-@given(
-    st.sampled_from(["piecewise:4", "spline:5"]),
-    st.floats(-50.0, 50.0),
-    st.floats(0.01, 100.0),
-)
+@given(st.sampled_from(["piecewise:4", "spline:5"]), st.floats(-50.0, 50.0), st.floats(0.01, 100.0))
 def test_extrapolation_is_a_straight_line(text: str, at: float, apart: float) -> None:
     static, p = parse_static(text), np.array(STATICS[text])
     side = 3.0 + abs(at) if at >= 0 else -3.0 - abs(at)

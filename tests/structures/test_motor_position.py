@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 
 from sysid.data.integrating import is_position
 from sysid.data.record import Array, Channel, Record
@@ -67,7 +67,7 @@ def test_a_position_never_forgets_what_its_first_speed_was_wrong_by() -> None:
 
 @pytest.mark.slow
 def test_a_fit_of_a_position_is_as_good_in_its_figures_as_in_its_search(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     u, y, _ = axis()

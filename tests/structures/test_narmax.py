@@ -15,12 +15,7 @@ from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Problem
 from sysid.fitting.solvers import Descent, levenberg_marquardt
-from sysid.structures.difference_equations.frols import (
-    best_sizes,
-    bic_size,
-    forward,
-    term_gram,
-)
+from sysid.structures.difference_equations.frols import best_sizes, bic_size, forward, term_gram
 from sysid.structures.difference_equations.monomials import (
     columns,
     is_noise,

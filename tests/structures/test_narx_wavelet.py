@@ -19,12 +19,7 @@ from sysid.structures.narx.problems import FreeRuns
 from sysid.structures.narx.search import largest
 from sysid.structures.narx.simulation_error import RowRuns
 from sysid.structures.narx.structure import NarxWavelet
-from sysid.structures.narx.wavelet_network import (
-    KINDS,
-    RowDesign,
-    gradients,
-    value,
-)
+from sysid.structures.narx.wavelet_network import KINDS, RowDesign, gradients, value
 from sysid.structures.registry import structure_class, structure_from_json
 
 ORDERS = {"na": 1, "nb": 1, "nk": 1}
@@ -346,10 +341,7 @@ def test_twin_inputs_leave_a_direction_without_information() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (FitOptions(fixed={"y0": 0.0}), "fixed or bounded"),
-    ],
+    ("options", "says"), [(FitOptions(fixed={"y0": 0.0}), "can be fixed or bounded")]
 )
 def test_what_it_cannot_do_it_says(options: FitOptions, says: str) -> None:
     with pytest.raises(UsageError, match=says):

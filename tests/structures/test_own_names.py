@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 
 from sysid.data.record import Channel
 from sysid.errors import UsageError
@@ -83,7 +83,7 @@ def two_inputs(path: Path) -> Path:
 
 
 def test_a_regressor_is_given_as_the_file_names_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
     log = two_inputs(Path("log.csv"))
@@ -98,7 +98,7 @@ def test_a_regressor_is_given_as_the_file_names_it(
 
 
 def test_orders_for_several_structures(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
     line = ["fit", two_inputs(Path("log.csv")), "--json", "--structure", "arx,oe"]

@@ -12,9 +12,7 @@ from sysid.errors import ModelError
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial
-from sysid.structures.registry import (
-    structure_class,
-)
+from sysid.structures.registry import structure_class
 
 # ------------------ several experiments
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
 from sysid.criteria.information import information_criteria
@@ -113,7 +113,7 @@ def test_criteria_count_as_they_do_with_inputs() -> None:
     ],
 )
 def test_a_file_without_inputs_is_fitted(
-    names: list[str], options: list[str], tmp_path, capsys: pytest.CaptureFixture[str]
+    names: list[str], options: list[str], tmp_path, capsys: Capture
 ) -> None:
     signal = series(*CASES["arma"][1:], samples=600).y[:, 0]
     log = write_log(tmp_path / "drift.csv", names, [signal] * len(names))
@@ -129,9 +129,7 @@ def test_a_file_without_inputs_is_fitted(
     assert refused.err.count("\n") <= 2
 
 
-def test_columns_that_nobody_can_tell_are_still_asked_for(
-    tmp_path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_columns_that_nobody_can_tell_are_still_asked_for(tmp_path, capsys: Capture) -> None:
     signal = series(*CASES["arma"][1:], samples=300).y[:, 0]
     log = write_log(tmp_path / "two.csv", ["foo", "bar"], [signal, signal[::-1]])
     refused = run(capsys, "fit", log)
@@ -139,9 +137,7 @@ def test_columns_that_nobody_can_tell_are_still_asked_for(
     assert "--input none" in refused.err
 
 
-def test_the_oscillation_of_a_signal_is_stated(
-    tmp_path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_oscillation_of_a_signal_is_said(tmp_path, capsys: Capture) -> None:
     """Poles 0.75 ± 0.487i at 0.1 s: 5.909 rad/s = 0.940 Hz with damping 0.189."""
     record = series(*CASES["ar"][1:], samples=4000)
     log = write_log(tmp_path / "vibration.csv", ["tilt"], [record.y[:, 0]])

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 
 from sysid.errors import DataError
 from sysid.testbench.motor.characterise import MotorBench, MotorOptions, characterise_motor
@@ -100,7 +100,7 @@ def test_units_of_a_table_do_not_matter(tmp_path: Path) -> None:
     ],
 )
 def test_a_file_that_cannot_serve_is_one_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], head: str, rows: str, said: str
+    tmp_path: Path, capsys: Capture, head: str, rows: str, said: str
 ) -> None:
     path = tmp_path / "x.csv"
     path.write_text(head + rows)
@@ -193,9 +193,7 @@ def test_columns_as_strangers_write_them(
     assert (column.role, column.scale) == (role, pytest.approx(scale, rel=1e-12))
 
 
-def test_one_speed_tells_no_friction_and_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_speed_tells_no_friction_and_is_refused(tmp_path: Path, capsys: Capture) -> None:
     blocked = table(tmp_path / "blocked.csv", "voltage_V,current_A", [1.0, 2.0], [0.5, 1.0])
     free = table(tmp_path / "free.csv", "voltage_V,current_A,speed_rpm", [6.0], [0.1], [90.0])
     done = run(capsys, "bench", "motor", free, blocked, "--gear", "30")

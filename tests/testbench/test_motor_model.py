@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import sysid_datasets
 from bench_rig import drive_log, staircase
-from command_line import run
+from command_line import Capture, run
 
 from sysid.report.bench import motor_picture
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
@@ -21,8 +21,6 @@ from sysid.testbench.motor.equations import (
     torque_speed,
 )
 from sysid.testbench.motor.model import NAMES, bench_model
-
-Capture = pytest.CaptureFixture[str]
 
 TABLES = sorted(sysid_datasets.folder("bench").glob("motor_*.csv"))
 

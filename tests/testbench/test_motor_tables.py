@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 import sysid_datasets
-from command_line import run
+from command_line import Capture, run
 
 from sysid.workspace.store import Workspace
 
@@ -21,9 +21,7 @@ PRINTED = {
 }
 
 
-def test_the_printed_tables_give_what_they_imply(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_printed_tables_give_what_they_imply(tmp_path: Path, capsys: Capture) -> None:
     document = run(
         capsys, "bench", "motor", *TABLES, "--workspace", tmp_path / "w", "--json"
     ).document

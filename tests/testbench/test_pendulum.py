@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
@@ -73,7 +73,7 @@ def log(path: Path, t: np.ndarray, **columns: np.ndarray) -> Path:
     return write_log(path, ["t", *columns], [t, *columns.values()], step=None)
 
 
-def test_the_thesis_period_gives_the_thesis_inertia(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_thesis_period_gives_the_thesis_inertia(capsys: Capture) -> None:
     result = run(capsys, "bench", "pendulum", "--period", 1.735, "--json").document
     assert result["inertia_kg_m2"] == pytest.approx(0.0652, abs=5e-5)  # as printed
     assert result["corrected_kg_m2"] == pytest.approx(0.0618, abs=5e-5)
@@ -157,7 +157,7 @@ def test_what_is_no_free_swing_is_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_logs_are_weighed_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_logs_are_weighed_and_compared(tmp_path: Path, capsys: Capture) -> None:
     paths = []
     for seed, stretched in ((1, 1.0), (2, 1.0), (3, 1.001)):
         t, angle = noisy(20.0, seed)
@@ -205,9 +205,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_logs_that_cannot_serve_are_refused(
-    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_logs_that_cannot_serve_are_refused(case: str, tmp_path: Path, capsys: Capture) -> None:
     columns, words = REFUSED[case]
     result = run(capsys, "bench", "pendulum", log(tmp_path / "a.csv", T, **columns))
     assert result.code == 1
@@ -247,7 +245,7 @@ def test_a_log_that_does_not_tell_its_time_needs_it(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_use_is_one_sentence(
-    arguments: list[str], code: int, words: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], code: int, words: str, capsys: Capture
 ) -> None:
     result = run(capsys, "bench", "pendulum", *arguments)
     assert (result.code, result.out) == (code, "")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from mission_cases import Robot, goal
 from plant_models import bench_record, robot_model
 from scipy.signal import lfilter
@@ -140,7 +140,7 @@ def test_a_jump_is_told_from_a_band_that_is_cut_out(tmp_path: Path) -> None:
 
 
 def test_what_is_measured_fills_a_mission_and_bounds_a_diagnosis(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
     mission, bench, picture = (tmp_path / n for n in ("m.yaml", "bench.json", "p.svg"))
     mission.write_text("# mine\ngoal: [1, 0]\nvehicle:\n  r: 0.03\n  supply: {loss: 0.001}\n")
@@ -216,9 +216,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_logs_that_cannot_serve_are_refused(
-    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_logs_that_cannot_serve_are_refused(case: str, tmp_path: Path, capsys: Capture) -> None:
     columns, words = REFUSED[case]
     path = write_log(tmp_path / "a.csv", list(columns), [[v] * 50 for v in columns.values()])
     result = run(capsys, "bench", "power", path)
@@ -234,5 +232,5 @@ def test_staircases_that_cannot_serve_are_refused(tmp_path: Path) -> None:
         bench_power([staircase(tmp_path / "b.csv", "motor_voltage_V", lambda d: 0.0 * d)])
     with pytest.raises(SysidError, match="give a current above 0"):
         bench_power([battery_log(tmp_path / "c.csv")], full_current=-1.0)
-    with pytest.raises(SysidError, match="is not a file of `sysid bench power`"):
+    with pytest.raises(SysidError, match=r"d\.csv is not a file of `sysid bench power`"):
         read_measured(battery_log(tmp_path / "d.csv"))

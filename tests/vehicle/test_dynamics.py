@@ -13,12 +13,7 @@ from sysid.vehicle.dynamics import Scheme, VehicleState, step, substeps_for
 from sysid.vehicle.floor import Circle, Floor, HalfPlane, Patch, Polygon
 from sysid.vehicle.kinematics import step_pose
 from sysid.vehicle.motors import Bench, Motor, friction_limits, lumped_motor
-from sysid.vehicle.slip import (
-    balanced_velocity,
-    slip_ratio,
-    slipping_velocity,
-    turning_share,
-)
+from sysid.vehicle.slip import balanced_velocity, slip_ratio, slipping_velocity, turning_share
 from sysid.vehicle.soil import Soil
 from sysid.vehicle.tracked import G, TrackedVehicle
 

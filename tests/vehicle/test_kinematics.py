@@ -20,13 +20,7 @@ from sysid.vehicle.frames import (
     to_inertial,
     to_inertial_twist,
 )
-from sysid.vehicle.kinematics import (
-    Geometry,
-    body_velocity,
-    step_pose,
-    wheel_speeds,
-    wrap_angle,
-)
+from sysid.vehicle.kinematics import Geometry, body_velocity, step_pose, wheel_speeds, wrap_angle
 
 ROBOT = Geometry()
 law = settings(max_examples=100, deadline=None, derandomize=True)

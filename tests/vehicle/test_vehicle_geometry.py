@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Run, run, write_log
+from command_line import Capture, Run, run, write_log
 from pose_cases import DT, driven, ground, wandering
 from scipy.signal import lfilter
 
@@ -212,7 +212,7 @@ def warthog(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_first_line_says_that_the_geometry_was_estimated(
-    warthog: Path, capsys: pytest.CaptureFixture[str]
+    warthog: Path, capsys: Capture
 ) -> None:
     result = run(capsys, "diagnose", "log.csv")
     assert result.code == 0, result.err
@@ -223,7 +223,7 @@ def test_the_first_line_says_that_the_geometry_was_estimated(
         assert f"{id} (vehicle)" not in result.out
 
 
-def test_a_given_geometry_is_taken(warthog: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_given_geometry_is_taken(warthog: Path, capsys: Capture) -> None:
     given = run(capsys, "diagnose", "log.csv", "--geometry", "r=0.30, B=1.08", "--json")
     assert given.document["geometry"] is None
     assert not any("radius" in w for w in given.document["warnings"])
@@ -240,16 +240,14 @@ def test_a_given_geometry_is_taken(warthog: Path, capsys: pytest.CaptureFixture[
     ],
 )
 def test_a_geometry_that_cannot_be_is_refused(
-    text: str, words: str, warthog: Path, capsys: pytest.CaptureFixture[str]
+    text: str, words: str, warthog: Path, capsys: Capture
 ) -> None:
     result: Run = run(capsys, "diagnose", "log.csv", "--geometry", text)
     assert result.code == 2
     assert words in result.err.replace("\n", " ")
 
 
-def test_two_geometries_that_differ_are_refused(
-    warthog: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_geometries_that_differ_are_refused(warthog: Path, capsys: Capture) -> None:
     (warthog / "m.yaml").write_text("goal: [1, 1]\nvehicle: {r: 0.2, B: 1.0}\n")
     result = run(
         capsys, "diagnose", "log.csv", "--geometry", "r=0.30,B=1.08", "--mission", "m.yaml"

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from sysid_cli.live import view
 from turning_motor import TurningMotor, steps_of
 
-Capsys = pytest.CaptureFixture[str]
+Capsys = Capture
 LEVELS = (-10.0, -5.0, -3.0, 0.0, 3.0, 5.0, 10.0)
 
 

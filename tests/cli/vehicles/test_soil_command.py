@@ -4,10 +4,10 @@ import math
 from pathlib import Path
 
 import pytest
-from command_line import run
+from command_line import Capture, run
 
 
-def test_presets_are_listed_with_their_sources(capsys: pytest.CaptureFixture[str]) -> None:
+def test_presets_are_listed_with_their_sources(capsys: Capture) -> None:
     listed = run(capsys, "soil", "--json").document["presets"]
     assert {"dry-sand", "loam", "clay", "snow", "concrete", "carpet"} <= {p["name"] for p in listed}
     assert all(p["source"] and p["std"] for p in listed)
@@ -15,7 +15,7 @@ def test_presets_are_listed_with_their_sources(capsys: pytest.CaptureFixture[str
     assert "dry-sand: Wong, Theory of Ground Vehicles" in shown.out
 
 
-def test_a_soil_under_the_bundled_robot(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_soil_under_the_bundled_robot(capsys: Capture) -> None:
     found = run(capsys, "soil", "dry-sand", "--slope", 17, "--slip", "0.1,1", "--json").document
     numbers = {q["name"]: q for q in found["quantities"]}
     assert numbers["slope_pull"]["value"] == pytest.approx(
@@ -31,9 +31,7 @@ def test_a_soil_under_the_bundled_robot(capsys: pytest.CaptureFixture[str]) -> N
 
 
 @pytest.mark.slow
-def test_files_of_soil_and_vehicle_and_a_picture(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_files_of_soil_and_vehicle_and_a_picture(capsys: Capture, tmp_path: Path) -> None:
     mission, ground = tmp_path / "mission.yaml", tmp_path / "ground.yaml"
     mission.write_text(
         "goal: [1, 0]\nvehicle: {mass: 3, L: 0.15, centre: -0.01, soil: concrete, lag: 1}\n"
@@ -71,7 +69,7 @@ def test_files_of_soil_and_vehicle_and_a_picture(
     ],
 )
 def test_wrong_use_is_one_sentence(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...], sentence: str
+    capsys: Capture, tmp_path: Path, arguments: tuple[str, ...], sentence: str
 ) -> None:
     texts = {
         "wrong": "B: 0.2\nmas: 3\n",

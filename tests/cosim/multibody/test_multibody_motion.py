@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from mission_cases import Robot, goal
 from plant_models import robot_model
 
@@ -30,9 +30,7 @@ pytest.importorskip("mujoco", reason="the extra physics is not installed")
 AHEAD = {"goal": (0.3, 0.0), "motion": {"kind": "multibody"}}
 
 
-def test_a_mission_by_kind_is_driven_from_the_command_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mission_by_kind_is_driven_from_the_command_line(tmp_path: Path, capsys: Capture) -> None:
     write_package(robot_model(), tmp_path / "plant", formats=["json"])
     mission, log = tmp_path / "m.yaml", tmp_path / "m.csv"
     mission.write_text("goal: [0.3, 0]\nmotion: {kind: multibody}\n")
@@ -126,10 +124,7 @@ def test_walls_and_obstacles_that_move_are_there() -> None:
     ("keys", "sentence"),
     [
         ("{kind: multibody, soil: clay}", "m.yaml:2: motion of kind multibody needs a level"),
-        (
-            "{kind: multibody, wheels: 3}",
-            "m.yaml:2: wheels is 3: write an even number",
-        ),
+        ("{kind: multibody, wheels: 3}", "m.yaml:2: wheels is 3: write an even number"),
         ("{kind: multibody, part: 0.1}", "m.yaml:2: motion.part is 0.1"),
         ("{kind: multibody, friction: 0}", "m.yaml:2: motion.friction is 0"),
     ],
@@ -153,7 +148,7 @@ def test_a_vehicle_that_falls_over_is_one_sentence(keys: dict[str, float], sente
         simulate(mission, Robot())
 
 
-def test_an_engine_that_loses_the_vehicle_says_so(capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_engine_that_loses_the_vehicle_says_so(capfd: Capture) -> None:
     mujoco = engine(STAND_IN)
     with pytest.raises(ModelError, match=r"MuJoCo has lost the vehicle at t = 0.3 s"):
         mujoco.advance(1e30 * mujoco.start, np.zeros((300, 2)), 0.3)

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import run
+from command_line import Capture, run
 from plant_models import robot_model
 
 from sysid.cosim.multibody.engine import MISSING
@@ -32,7 +32,7 @@ def needs_mujoco(command: str) -> bool:
     return command.startswith("sysid simulate") and not command.endswith("--motion kinematic")
 
 
-def test_its_commands_run(shown: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_its_commands_run(shown: Path, capsys: Capture) -> None:
     pytest.importorskip("mujoco", reason="the extra physics is not installed")
     for command in COMMANDS:
         done = run(capsys, *shlex.split(command)[1:])
@@ -42,7 +42,7 @@ def test_its_commands_run(shown: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_without_mujoco_one_sentence_names_the_extra(
-    shown: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    shown: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     # an engine that another test has made would be found again without an import

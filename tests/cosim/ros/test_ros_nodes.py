@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import run
+from command_line import Capture, run
 from plant_models import robot_model
 from ros_core import ros_core, ros_or_skip
 
@@ -53,7 +53,7 @@ def commands(steps: Steps, environment: dict[str, str]) -> dict[str, dict[str, A
 
 @pytest.mark.slow
 def test_two_nodes_in_lock_step_and_what_is_said_when_one_ends(
-    ready: Path, capsys: pytest.CaptureFixture[str]
+    ready: Path, capsys: Capture
 ) -> None:
     ros_or_skip()
     common = (ready / "mission.yaml", "--workspace", ready / "w", "--json")
@@ -115,9 +115,7 @@ def test_two_nodes_in_lock_step_and_what_is_said_when_one_ends(
         (("simulate", "m.yaml", "--ros", "--runs", "5"), "--runs does not apply with --ros"),
     ],
 )
-def test_wrong_use(
-    ready: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], words: str
-) -> None:
+def test_wrong_use(ready: Path, capsys: Capture, arguments: tuple[str, ...], words: str) -> None:
     files = {"m.yaml": ready / "mission.yaml", "log.csv": ready / "log.csv"}
     line = [str(files.get(a, a)) for a in arguments]
     result = run(capsys, *line, "--workspace", ready / "w")

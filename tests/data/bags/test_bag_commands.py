@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from mission_cases import Robot as Plant
 from recorded_robots import EPOCH, MAP, Robot, Sender
 
@@ -108,7 +108,7 @@ def test_an_estimate_of_a_bag_is_that_of_the_log(
 
 
 def test_the_command_records_a_mission(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     from plant_models import robot_model
 
@@ -127,7 +127,7 @@ def test_the_command_records_a_mission(
 
 
 def test_inspect_lists_a_bag_and_its_line_reads_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Robot(length=6.0).write(tmp_path / "run.mcap")

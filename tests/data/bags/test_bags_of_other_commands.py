@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from mission_cases import Robot as Plant
 from recorded_robots import EPOCH
 
@@ -34,9 +34,7 @@ def recorded(path: Path, step: float, **topics: np.ndarray) -> Path:
     return write_bag(path, messages)
 
 
-def test_a_swing_that_was_recorded_as_a_bag(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_swing_that_was_recorded_as_a_bag(tmp_path: Path, capsys: Capture) -> None:
     t = np.arange(0.0, 20.0, 0.02)
     angle = 0.15 * np.exp(-t / 60.0) * np.cos(2.0 * math.pi / 1.735 * t)
     bag = recorded(tmp_path / "swing.mcap", 0.02, tilt=angle)
@@ -45,9 +43,7 @@ def test_a_swing_that_was_recorded_as_a_bag(
     assert facts["period_s"] == pytest.approx(1.735, rel=0.005)
 
 
-def test_a_battery_that_was_recorded_as_a_bag(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_battery_that_was_recorded_as_a_bag(tmp_path: Path, capsys: Capture) -> None:
     current = np.repeat([0.05, 3.0, 0.05, 2.0, 0.05, 3.5], 100)
     voltage = 7.9 - 0.1 * current + 0.002 * np.random.default_rng(0).standard_normal(600)
     bag = recorded(tmp_path / "rest.bag", 0.1, volts=voltage, amps=current)
@@ -57,9 +53,7 @@ def test_a_battery_that_was_recorded_as_a_bag(
     assert battery["internal_resistance_ohm"] == pytest.approx(0.1, abs=0.005)
 
 
-def test_the_noise_of_a_filter_from_a_bag(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_noise_of_a_filter_from_a_bag(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "m.yaml").write_text(
         "goal: [1, 0.4]\nnavigation: {kind: kf}\nsensors: {encoders: {}}\n"
     )

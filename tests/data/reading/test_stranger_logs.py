@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from written_logs import LOGGERS, STEP, lines, motor, point, put, whole
 
 from sysid.data.checks.quality import inspect_records
@@ -50,9 +50,7 @@ def test_missing_lines_are_counted_behind_every_clock(tmp_path: Path, logger: st
 # ------------------------------------------------------------------------------ what commands say
 
 
-def test_inspect_and_fit_never_deny_what_reading_found(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_inspect_and_fit_never_deny_what_reading_found(tmp_path: Path, capsys: Capture) -> None:
     k, u, y = motor(900)
     keep = np.setdiff1d(k, np.arange(40, 880, 20))
     text = "time,u,y\n" + lines([point(STEP * keep), whole(u[keep]), point(y[keep])])

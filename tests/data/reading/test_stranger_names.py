@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from named_fields import arguments
 from written_logs import RPM, STEP, lines, motor, point, put, robot_drive, whole
 
@@ -45,12 +45,7 @@ from sysid.errors import SysidError, UsageError
             "omega_l omega_r",
             "pos_x pos_y yaw_deg",
         ),
-        (
-            "t pwmL pwmR rpmL rpmR x_mm y_mm theta",
-            "pwmL pwmR",
-            "rpmL rpmR",
-            "x_mm y_mm theta",
-        ),
+        ("t pwmL pwmR rpmL rpmR x_mm y_mm theta", "pwmL pwmR", "rpmL rpmR", "x_mm y_mm theta"),
         (
             "t cmd_l cmd_r w_l w_r odom_x odom_y odom_yaw x y heading",
             "cmd_l cmd_r",
@@ -85,6 +80,22 @@ from sysid.errors import SysidError, UsageError
             "Motordrehzahl",
             "",
         ),
+        ("t pwm_l pwm_r omega_l omega_r", "pwm_l pwm_r", "omega_l omega_r", ""),
+        (
+            "omega_r t x pwm_r y psi omega_l pwm_l v_ref",
+            "pwm_l pwm_r",
+            "omega_l omega_r",
+            "x y psi",
+        ),
+        ("t pwm_l omega_l x y psi", "pwm_l", "omega_l", "x y psi"),
+        ("t_s u_V y_speed_V", "u_V", "y_speed_V", ""),
+        ("sample u1 u2 y1 y2", "u1 u2", "y1 y2", ""),
+        ("t_s u1 u2 u3 u4 u5 y1_tension y2_tension", "u1 u2 u3 u4 u5", "y1_tension y2_tension", ""),
+        ("t_s u_vir_V y_qm_m ref_qg_m", "u_vir_V", "y_qm_m", ""),
+        ("time cmd_l cmd_r speed_l speed_r speed_ref", "cmd_l cmd_r", "speed_l speed_r", ""),
+        ("Time Input Output", "Input", "Output", ""),
+        ("index inertia voltage w_rad_s", "voltage", "w_rad_s", ""),
+        ("t in1 out1 omega_ref", "in1", "out1", ""),
     ],
 )
 def test_names(names: str, inputs: str, outputs: str, pose: str) -> None:
@@ -223,9 +234,7 @@ def test_units_in_names(name: str, to: str, factor: float) -> None:
     assert (found.unit, found.scale) == (to, pytest.approx(factor, rel=1e-12))
 
 
-def test_an_error_is_shown_in_the_file_unit_too(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_error_is_shown_in_the_file_unit_too(tmp_path: Path, capsys: Capture) -> None:
     k, u, y = motor(400)
     path = put(tmp_path, "millis,pwm,rpm\n" + lines([whole(20 * k), whole(u), point(y)]))
     arguments = ("fit", path, "--structure", "arx", "--orders", "na=1 nb=1 nk=1")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from named_fields import arguments
@@ -165,9 +165,7 @@ def test_the_time_is_no_signal(tmp_path: Path, name: str, side: str) -> None:
         read_file(path, ReadOptions(**{side: (name,)}))  # type: ignore[arg-type]
 
 
-def test_the_time_is_refused_as_a_person_types_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_time_is_refused_as_a_person_types_it(tmp_path: Path, capsys: Capture) -> None:
     k, u, y = motor(60)
     path = put(tmp_path, "t,u,y\n" + lines([point(0.02 * k), whole(u), point(y)]))
     found = run(capsys, "fit", path, "--output", "t", "--workspace", tmp_path / "w")

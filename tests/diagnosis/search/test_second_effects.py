@@ -26,12 +26,28 @@ from sysid.diagnosis.validation.noise import NoiseFloor
 from sysid.fitting.holdout import Errors
 
 NOISE = 0.1
+EVIDENCE = Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9)
 
 
 def node(rmse: float, *effects: str) -> CandidateModel:
     """A model of one output with errors of this size on both parts."""
     errors = (np.full((100, 1), rmse),)
     return CandidateModel(effects, np.zeros(1), (), Errors(errors, errors), np.ones(1, dtype=bool))
+
+
+def session(**base: Any) -> DiagnosisSession:
+    """A session of which a test gives what it looks at."""
+    floor = np.array([NOISE])
+    return DiagnosisSession(SimpleNamespace(**base), NoiseFloor(floor, floor, floor), np.ones(1), 0)  # type: ignore[arg-type]
+
+
+def selected(id: str, without: CandidateModel) -> SelectedEffect:
+    """An accepted effect, and the model without it."""
+    return SelectedEffect(id, EVIDENCE, (), without.touched, {}, without)
+
+
+def selection(base: CandidateModel, final: CandidateModel, *effects: SelectedEffect) -> Selection:
+    return Selection(base, final, effects, (), ())
 
 
 @pytest.mark.parametrize(
@@ -45,10 +61,8 @@ def test_a_small_share_of_a_large_gap_is_looked_into_while_it_is_above_the_noise
     """The base misses by fifty times the noise: all these are far below 1 % of its gap."""
     structured: Any = SimpleNamespace(p_value=0.0)
     monkeypatch.setattr(DiagnosisSession, "residual_structure", lambda *_, **__: structured)
-    base: Any = SimpleNamespace(search=SimpleNamespace(needed=0.9))
-    floor = np.array([NOISE])
-    study = DiagnosisSession(base, NoiseFloor(floor, floor, floor), np.ones(1), 0)
-    naming = Selection(node(50 * NOISE), node(left * NOISE, "load-bias"), (), (), ())
+    study = session(search=SimpleNamespace(needed=0.9))
+    naming = selection(node(50 * NOISE), node(left * NOISE, "load-bias"))
     assert (study.remains(naming) > 0.0) is searched
 
 
@@ -154,11 +168,8 @@ def test_what_is_alone_closes_a_quarter_and_a_description_nearly_all(
     id: str, left: float, stands: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
-    base: Any = SimpleNamespace(model=node(5.0))
-    study = DiagnosisSession(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
-    alone = np.ones(1, dtype=bool)
-    named = SelectedEffect(id, judged(id, 9.0).evidence, (), alone, {}, node(5.0))
-    gone = study.too_small_a_share(Selection(node(5.0), node(left, id), (named,), (), ()))
+    naming = selection(node(5.0), node(left, id), selected(id, node(5.0)))
+    gone = session(model=node(5.0)).too_small_a_share(naming)
     assert (gone is None) is stands
     assert gone is None or "other physics" in gone.reason
 
@@ -188,12 +199,8 @@ def test_what_explains_a_process_or_a_spring_in_part_may_stand_for_other_physics
     monkeypatch.setattr(DiagnosisSession, "residual_structure", lambda *_, **__: structured)
     monkeypatch.setattr(DiagnosisSession, "gap", lambda *_: SimpleNamespace(closed_percent=closed))
     record = SimpleNamespace(outputs=(Channel(output),))
-    base: Any = SimpleNamespace(parts=SimpleNamespace(estimation=(record,)))
-    study = DiagnosisSession(base, NoiseFloor(np.ones(1), np.ones(1), np.ones(1)), np.ones(1), 0)
-    alone = np.ones(1, dtype=bool)
-    named = SelectedEffect(id, judged(id, 9.0).evidence, (), alone, {}, node(1.0))
-    naming = Selection(node(1.0), node(0.5, id), (named,), (), ())
-    assert study.stand_in(naming) is doubted
+    study = session(parts=SimpleNamespace(estimation=(record,)))
+    assert study.stand_in(selection(node(10.0), node(5.0, id), selected(id, node(10.0)))) is doubted
 
 
 @pytest.mark.parametrize("damping", [0.05, 0.3, 1.5])
@@ -231,9 +238,9 @@ def test_a_tie_stays_one_beside_numbers_that_were_fitted_beside_one_of_the_two()
         def best_of(self, base: CandidateModel, nodes: Any) -> CandidateModel:
             return min(nodes, key=lambda n: n.holdout_rmse)
 
-    search, evidence = Search(), Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9)
-    mine = ScoredCandidate(model("sensor-bias", 0.25), evidence, 950.0)
-    anew = [ScoredCandidate(model(id, 0.5), evidence, 900.0) for id in ("sensor-bias", "load-bias")]
+    search = Search()
+    mine = ScoredCandidate(model("sensor-bias", 0.25), EVIDENCE, 950.0)
+    anew = [ScoredCandidate(model(id, 0.5), EVIDENCE, 900.0) for id in ("sensor-bias", "load-bias")]
     assert not search.tied(mine.model, anew[1].model)
     own, rival = search._as_far(mine, anew)
     assert own is anew[0]
@@ -251,17 +258,12 @@ def test_what_closes_nothing_has_no_rivals_to_be_ahead_of(
     search: Any = SimpleNamespace(
         unrivalled=lambda *_: True, model=SimpleNamespace(effects=()), needed=0.9
     )
-    base: Any = SimpleNamespace(search=search, model=node(5.0))
-    study = DiagnosisSession(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    study = session(search=search, model=node(5.0))
     monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
     monkeypatch.setattr(DiagnosisSession, "explained_by", lambda _, naming, n: (shares[n.id], 20.0))
     # what each leaves on its only output is near what both do: none carries it
-    evidence, both = Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9), node(2.0, *ids)
-    named = tuple(
-        SelectedEffect(id, evidence, (), both.touched, {}, node(2.1 if id == ids[1] else 4.0))
-        for id in ids
-    )
-    least = study._absorber(Selection(node(5.0), both, named, (), ()), {})
+    named = [selected(id, node(2.1 if id == ids[1] else 4.0)) for id in ids]
+    least = study._absorber(selection(node(5.0), node(2.0, *ids), *named), {})
     assert (least is None) is stays
 
 
@@ -274,20 +276,16 @@ def test_what_a_dropped_effect_had_taken_speaks_against_no_other(
     search: Any = SimpleNamespace(
         unrivalled=lambda *_: False, model=SimpleNamespace(effects=()), needed=0.9
     )
-    base: Any = SimpleNamespace(search=search, model=node(5.0))
-    study = DiagnosisSession(base, NoiseFloor(*(np.array([NOISE]),) * 3), np.ones(1), 0)
+    study = session(search=search, model=node(5.0))
     monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
     monkeypatch.setattr(
         DiagnosisSession,
         "explained_by",
         lambda _, naming, n: (closed[n.id], 7.0 if len(naming.selected) == 3 else 18.0),
     )
-    evidence = Evidence(-900.0, 9.0, 1.0, 0.5, 1e-9)
 
     def naming(*kept: str) -> Selection:
-        whole = node(2.0, *kept)
-        named = tuple(SelectedEffect(id, evidence, (), whole.touched, {}, node(2.1)) for id in kept)
-        return Selection(node(5.0), whole, named, (), ())
+        return selection(node(5.0), node(2.0, *kept), *(selected(id, node(2.1)) for id in kept))
 
     least_left: LeastLeft = {}
     least = study._absorber(naming(*ids), least_left)

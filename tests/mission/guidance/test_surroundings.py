@@ -108,10 +108,7 @@ def test_a_goal_that_an_obstacle_leaves_again_is_no_fault() -> None:
 @given(POINT, POINT, POINT, POINT)
 @settings(max_examples=60, deadline=None)
 def test_the_distance_between_ways_is_the_smallest_of_their_points(
-    a: tuple[float, float],
-    b: tuple[float, float],
-    c: tuple[float, float],
-    d: tuple[float, float],
+    a: tuple[float, float], b: tuple[float, float], c: tuple[float, float], d: tuple[float, float]
 ) -> None:
     share = np.linspace(0, 1, 201)[:, None]
     on_first = np.array(a) + share * (np.array(b) - a)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_log
+from command_line import Capture, run, write_log
 from mission_cases import Robot, goal
 
 from sysid.data.noise import white_noise
@@ -207,9 +207,7 @@ def saved(name: str, record: Record) -> Path:
 
 
 @pytest.mark.slow
-def test_a_robot_that_slips_leaves_and_the_diagnosis_says_so(
-    bench: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_robot_that_slips_leaves_and_the_diagnosis_says_so(bench: Path, capsys: Capture) -> None:
     slips = Ground(("track-slip",), {"track-slip": {"share": np.array([0.15, 0.15])}})
     log = saved("slip.csv", driven(ROUND, Robot(ground=slips)))
     options = ("--plant", "plant", "--measured", log, "--plot", "fan.svg", "--json")
@@ -224,9 +222,7 @@ def test_a_robot_that_slips_leaves_and_the_diagnosis_says_so(
     assert "leaves at" in Path("fan.svg").read_text(encoding="utf-8")
 
 
-def test_a_log_of_another_robot_is_compared_but_not_explained(
-    bench: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_of_another_robot_is_compared_but_not_explained(bench: Path, capsys: Capture) -> None:
     record = driven(ROUND, Robot(top_speed=0.3))
     assert record.pose is not None
     names = ("volts", "speed", "x", "y", "psi")
@@ -238,9 +234,7 @@ def test_a_log_of_another_robot_is_compared_but_not_explained(
     assert "No cause can be named: other.csv has volts -> speed" in measured["sentence"]
 
 
-def test_a_log_without_pose_is_refused_in_one_sentence(
-    bench: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_without_pose_is_refused_in_one_sentence(bench: Path, capsys: Capture) -> None:
     record = driven(SHORT)
     names = ("pwm_l", "pwm_r", "omega_l", "omega_r")
     log = write_log(Path("bare.csv"), names, [*record.u.T, *record.y.T])

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from mission_cases import Robot, goal
 from plant_models import robot_record
 from pose_cases import two_tracks
@@ -238,9 +238,7 @@ def test_numbers_and_names_without_sense_are_refused(runs: int, vary: list[str] 
 
 
 @pytest.mark.slow
-def test_the_command_drives_many_and_replays_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_drives_many_and_replays_one(tmp_path: Path, capsys: Capture) -> None:
     mission = tmp_path / "short.yaml"
     write_package(robot_model(), tmp_path / "plant")
     mission.write_text("goal: [0.6, 0.2]\nvary: {start: {x: 0.05, psi: 0.1}}\n")

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 from mission_cases import Robot, goal
 from plant_models import robot_model
 from pydantic import ValidationError
@@ -20,8 +20,6 @@ from sysid.mission.sensors.encoders import Encoders
 from sysid.mission.sensors.gyroscope import Gyroscope
 from sysid.mission.simulator import simulate
 from sysid.mission.spec import load_mission
-
-Capture = pytest.CaptureFixture[str]
 
 EVERYTHING = "goal: [1, 0.3]\nsensors:\n" + "".join(f"  {kind}:\n" for kind in kinds("sensors"))
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import Capture, run
 
 from sysid.errors import ModelError
 from sysid.vehicle.wheels.description import load_vehicle
@@ -95,7 +95,7 @@ def test_a_vehicle_without_mass_is_refused_in_one_sentence() -> None:
         mjcf_text(bare)
 
 
-def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_it(tmp_path: Path, capsys: Capture) -> None:
     target = tmp_path / "robot.xml"
     line = ("vehicle", VEHICLES / "differential.yaml", "--mjcf", target, "--json")
     assert json.loads(run(capsys, *line).out)["mjcf"] == str(target)

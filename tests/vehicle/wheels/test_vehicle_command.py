@@ -3,12 +3,11 @@
 from pathlib import Path
 
 import pytest
-from command_line import run
+from command_line import Capture, run
 
 import sysid
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "datasets" / "vehicles"
-Capture = pytest.CaptureFixture[str]
 
 
 def test_the_document_says_everything(capsys: Capture) -> None:
