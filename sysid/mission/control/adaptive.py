@@ -170,6 +170,7 @@ class YawAdaptive(Adaptive):
 
     @property
     def outer(self) -> float:
+        """K_ψ."""
         return self.angle_gain
 
 

@@ -140,6 +140,7 @@ class YawComputedTorque(ComputedTorque):
 
     @property
     def outer(self) -> float:
+        """K_ψ."""
         return self.angle_gain
 
 
@@ -156,4 +157,5 @@ class YawSlidingMode(SlidingMode):
 
     @property
     def outer(self) -> float:
+        """K_ψ."""
         return self.angle_gain

@@ -111,6 +111,7 @@ class PotentialField(GuidanceSettings):
 
     @property
     def reach(self) -> float:
+        """Distance from an obstacle's point within which it repels [m]."""
         return self.rho0
 
     @property

@@ -65,6 +65,7 @@ class ChainErrors(Problem):
         return e
 
     def jacobian(self, p: Array) -> Array:
+        """∂ε/∂p, (M, len(p))."""
         out = np.zeros((sum(self.lengths), len(p)))
         at = 0
         for columns, block in self._blocks(p):

@@ -78,6 +78,7 @@ class BlockStructure(NamedStructure):
     def parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[Parameter, ...]:
+        """Names (``input.d_high``, ``b1[omega_l,pwm_r]``, ``output.y3`` …) and units of θ."""
         parameters: list[Parameter] = []
         single = self.nu == 1 and self.ny == 1
         for name, layer in zip(self.layer_names, self.chain.layers, strict=True):
@@ -172,6 +173,7 @@ class BlockStructure(NamedStructure):
         return self.chain.admissible_each(thetas)
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ of one output's free run, (N, n)."""
         if not len(u):
             return np.zeros((0, self.chain.n))
         with np.errstate(all="ignore"):

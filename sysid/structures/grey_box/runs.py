@@ -298,6 +298,7 @@ class GreyErrors(Problem):
         return e
 
     def jacobian(self, p: Array) -> Array:
+        """∂ε/∂p, (M, len(p))."""
         n = self.n_theta
         states = np.full(len(self.structure.state_names), self.states_each > 0)
         moved = np.ones(n, dtype=bool) if self.wanted is None else self.wanted

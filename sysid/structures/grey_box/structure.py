@@ -423,6 +423,7 @@ class GreyBox(NamedStructure):
         return stays_bounded(self, theta, ranges)
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        """∂ŷ/∂θ of the free run, (N, n)."""
         x0 = self.fitted_state(theta, u, y, max(3 * self.n_states(theta), 1))
         return tangents(self, theta, [u], x0[:, None])[0][: len(theta), output].T
 

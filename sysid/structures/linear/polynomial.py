@@ -118,6 +118,7 @@ class PolynomialStructure(NamedStructure):
     def parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[Parameter, ...]:
+        """Names (``a1``, ``b1[omega_l,pwm_r]`` …) and units of θ."""
         single = self.nu <= 1 and self.ny == 1
         parameters = []
         for i, out in enumerate(outputs):

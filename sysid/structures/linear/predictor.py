@@ -165,6 +165,7 @@ class RowErrors(Problem):
         return self.layout.start + self.layout.nd
 
     def residual(self, p: Array) -> Array:
+        """Prediction errors ε of all experiments, stacked."""
         if not self._admissible(p):
             return np.full(sum(self.lengths), HUGE)
         with np.errstate(all="ignore"):

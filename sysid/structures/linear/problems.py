@@ -63,6 +63,7 @@ class FreeRunErrors(Problem):
         return e
 
     def jacobian(self, p: Array) -> Array:
+        """∂(y − ŷ)/∂p."""
         s, n_theta = self._structure, len(self.index)
         theta = self._theta(p)
         place = {int(k): c for c, k in enumerate(self.index)}

@@ -42,9 +42,11 @@ class OneStep(Problem):
         self._targets = [y[first:, output] for _, y in data]
 
     def residual(self, p: Array) -> Array:
+        """ε, record after record."""
         return np.concatenate([np.zeros(0), *self._errors(p)])
 
     def jacobian(self, p: Array) -> Array:
+        """∂ε/∂θ."""
         blocks = []
         for values, e in zip(self._values, self._errors(p), strict=True):
             J = -values.copy()
@@ -134,6 +136,7 @@ class ChunkedRuns(Problem):
         return np.asarray(e.transpose(2, 1, 0)[self._inside])
 
     def jacobian(self, p: Array) -> Array:
+        """∂/∂θ of it."""
         weights, full = self._full(p)
         S = self._run.tangent(weights, self._products, full) / -self._scale[:, None, None]
         J = S[:, :, self.index].transpose(3, 1, 0, 2)[self._inside]

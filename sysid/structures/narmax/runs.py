@@ -80,6 +80,7 @@ class PolynomialRun(FreeRun):
         return C
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run for inputs (N, nu) from a state, (N, ny)."""
         past_y, past_u = self.past(x0)
         u = np.concatenate([past_u, u])
         n, ny = len(u) - self.before, self.ny
@@ -106,6 +107,7 @@ class PolynomialRun(FreeRun):
 
     def stepper(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         # products of signals, each one factor longer than an earlier one, number 0 being 1
+        """(x, u) → (x⁺, y), everything looked up beforehand."""
         plan = [(a, self.place(Signal("y", j, lag))) for a, j, lag in self.plan]
         known_products: dict[Term, int] = {(): 0}
 

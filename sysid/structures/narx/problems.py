@@ -31,9 +31,11 @@ class OneStepRow(Problem):
         self._y = np.concatenate([y[first:, output] for _, y in data])
 
     def residual(self, p: Array) -> Array:
+        """ε, record after record."""
         return self._y - self._run.row_values(self._output, p, self._x)
 
     def jacobian(self, p: Array) -> Array:
+        """∂ε/∂θ."""
         d = self._run.designs[self._output]
         return -np.asarray(gradients(np, self._run.kind, d.frame(), d.weights(p), self._x)[0])
 
@@ -94,6 +96,7 @@ class FreeRuns(Problem):
         return np.concatenate([data, self._pull * (p[self._drawn] - self._centre)])
 
     def jacobian(self, p: Array) -> Array:
+        """∂/∂θ of it."""
         J = np.asarray(self._functions.slopes(p, self._frames, self._chunks))
         length, ny, batch = self._chunks.y.shape
         J = J.reshape(length, ny, batch, -1).transpose(2, 1, 0, 3)[self._inside]

@@ -60,6 +60,7 @@ class NarxRun(FreeRun):
     # ----------------------------------------------------------------- one run
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run for inputs (N, nu) from a state, (N, ny)."""
         if not self.feeds_back:
             return self._static(theta, u, x0)
         if len(u) >= self._compiled_from:
@@ -107,6 +108,7 @@ class NarxRun(FreeRun):
         return np.concatenate([np.zeros(0), *parts])
 
     def stepper(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """(x, u) → (x⁺, y), everything looked up beforehand."""
         point = Point(self, theta) if isinstance(theta, np.ndarray) else None
         every = [e for row in self.rows for e in row]
         simple = all(isinstance(e, Signal) for e in every)
