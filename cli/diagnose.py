@@ -140,7 +140,7 @@ def _records(
     logs: list[Path], read: "ReadOptions", steps: "Preparation"
 ) -> "tuple[list[Record], tuple[Finding, ...]]":
     """The records of logs, and what there is to say about the reading."""
-    from sysid.data.checks.quality import require_usable
+    from sysid.data.inspection import require_usable
     from sysid.data.preparation import read_prepared
 
     records, findings = read_prepared(logs, read, steps)

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.data.checks.quality import inspect_records
 from sysid.data.finding import Finding
+from sysid.data.inspection import inspect_records
 from sysid.data.record import Record
 from sysid.errors import UsageError
 from sysid.estimation import pem

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.data.checks.quality import inspect_records
+from sysid.data.inspection import inspect_records
 from sysid.diagnosis import findings
 from sysid.diagnosis.advise import experiment_between, experiment_on_ground, next_experiments
 from sysid.diagnosis.augment import model_of

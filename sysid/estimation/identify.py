@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from sysid.criteria.table import known_name
-from sysid.data.checks.quality import MIN_SAMPLES, inspect_records
 from sysid.data.facts import LogFacts
+from sysid.data.inspection import MIN_SAMPLES, inspect_records
 from sysid.data.record import Record
 from sysid.data.same_kind import require_same_kind
 from sysid.errors import DataError, UsageError

@@ -6,7 +6,7 @@ from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
 from sysid.criteria.information import information_criteria
-from sysid.data.checks.quality import inspect_records
+from sysid.data.inspection import inspect_records
 from sysid.data.record import Channel, Record
 from sysid.errors import SysidError, UsageError
 from sysid.estimation.identify import Request, identify
