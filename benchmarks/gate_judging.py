@@ -37,7 +37,7 @@ class SpeedLimits:
         hand: by hand; half as slow again is what a person who has just changed something wants
             to be told of.
         ci: in CI, where nobody looks and the machine is loaded. Below 2, as a measured doubling
-            scatters around 2: the lowest of twenty was 1.82.
+            scatters around 2: the lowest of twenty was 1.89.
         rounds: how often all rows are measured, one after another, before any is judged: a load
             that makes everything slow for seconds then meets no row every time.
         repeats: how often a row over its limit is measured again before it fails, at the end of the

@@ -92,7 +92,6 @@ class _EstimationData:
     Attributes:
         records: one or several a log.
         findings: what there is to say about the reading.
-        read: how they were read.
         base: the stored model to diagnose, if any.
         model: the model to diagnose, the base's or the plant's; None for the baseline.
     """
@@ -141,7 +140,7 @@ def _records(
     logs: list[Path], read: "ReadOptions", steps: "Preparation"
 ) -> "tuple[list[Record], tuple[Finding, ...]]":
     """The records of logs, and what there is to say about the reading."""
-    from sysid.data.checks.quality import require_usable
+    from sysid.data.inspection import require_usable
     from sysid.data.preparation import read_prepared
 
     records, findings = read_prepared(logs, read, steps)
@@ -160,10 +159,8 @@ def _run(
 
     Args:
         data: what effects are searched on.
-        holdout: validation records.
         drive: the mission and the vehicle.
         read_as: what there is to say about the reading.
-        bench: what a bench measured.
     """
     from sysid.data.finding import notes, warned
     from sysid.diagnosis.diagnose import diagnose

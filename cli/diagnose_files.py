@@ -23,8 +23,6 @@ def keep_models(
     """Keep the original and the augmented model; return their ids.
 
     Args:
-        place: the workspace.
-        result: the diagnosis.
         base: the stored model that was diagnosed, whose id is then that of the original model.
         origin: how the data were read, so that they can be read again.
         judged: the logs that judged, as ``judged_on`` of a report holds them.
@@ -41,8 +39,6 @@ def write_results(folder: Path, result: "Diagnosis", before: str, after: str) ->
     """Write schedules, page and document; return the document.
 
     Args:
-        folder: where to.
-        result: the diagnosis.
         before, after: ids of the models in the workspace.
 
     Raises:

@@ -157,9 +157,9 @@ def _identify(
 
     Notes are only shown; a finding that needs an action is a warning, which the models store.
     """
-    from sysid.data.checks.quality import require_usable
     from sysid.data.facts import LogFacts
     from sysid.data.finding import notes
+    from sysid.data.inspection import require_usable
     from sysid.data.preparation import read_prepared
     from sysid.estimation.identify import identify
 

@@ -30,8 +30,8 @@ def inspect(
     For a bag without --map it lists the topics and proposes a mapping.
     """
     from sysid.data.bags.opening import is_bag
-    from sysid.data.checks.quality import Severity, inspect_records, worst
     from sysid.data.facts import LogFacts
+    from sysid.data.inspection import Severity, inspect_records, worst
     from sysid.data.preparation import read_prepared
 
     if not read.map and len(logs) == 1 and is_bag(logs[0]):

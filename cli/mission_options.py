@@ -25,7 +25,6 @@ class Driven:
     """What is known of the drive that a log is of; None for what is not.
 
     Attributes:
-        mission: file of the mission.
         package: plant the mission was planned with.
         geometry: the vehicle's lengths.
     """

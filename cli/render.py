@@ -58,9 +58,7 @@ def table(
     """Print a table on stdout; columns of numbers are aligned on the right.
 
     Args:
-        headings: one for each column.
         rows: cells; floats are shown by :func:`number`, None as a dash.
-        title, caption: lines above and below.
     """
     from rich.table import Table
     from rich.text import Text
@@ -157,7 +155,6 @@ def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], N
     """Show a bar on stderr while the block runs; a line every ten seconds where it is piped.
 
     Args:
-        label: what is going on.
         total: number of steps; None when unknown.
 
     Yields:

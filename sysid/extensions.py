@@ -27,7 +27,6 @@ def loaded(point: "EntryPoint", what: str) -> Any:
     """Import what an entry point names.
 
     Args:
-        point: one of :func:`points`.
         what: what it should be, e.g. "criterion", for the sentence.
 
     Raises:
@@ -43,8 +42,6 @@ def unusable(point: "EntryPoint", what: str, why: str) -> UsageError:
     """The sentence about an extension that is not what its group holds.
 
     Args:
-        point: its entry point.
-        what: what it should be.
         why: e.g. "has no step".
     """
     package = point.dist.name if point.dist is not None else point.value

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.data.checks.quality import inspect_records
 from sysid.data.finding import Finding
+from sysid.data.inspection import inspect_records
 from sysid.data.record import Record
 from sysid.errors import UsageError
 from sysid.estimation import pem
@@ -121,9 +121,7 @@ def identify(
         orders: text, ranges such as ``"na=1:4 nb=1:4 nk=1"`` too; None to search.
         criterion: what ranks: fit, aic, bic …
         split: share of each record to fit on; the rest judges.
-        options: how to fit.
         detrend: treatment of offsets: auto, none, level, mean or linear.
-        jobs: processes.
 
     Returns:
         Judged models, the winner first (``assessments[0].model``), and why it is ahead.
@@ -222,8 +220,6 @@ def simulate_runs(
         mission: a mission, or the file that holds one.
         plant: what drives; a model's parameters are drawn from their covariance. Several models
             where they vary, the first nominal.
-        runs: how many.
-        seed: of the batch.
         vary: names of what varies; None for what the mission says.
 
     Raises:
@@ -295,7 +291,6 @@ def tune(
     Args:
         mission: a mission, or the file that holds one.
         plant: what drives; only a model has a covariance to draw other plants from.
-        trials: sets of gains.
         robust: plants that each set drives; 1 for the estimated one.
         seed: of sets, plants and sensor noise.
 
@@ -335,7 +330,6 @@ def diagnose(
         geometry: the vehicle's lengths, where the log has a pose.
         bench: file of ``sysid bench power``: effects of battery and bridge are looked for near what
             it measured.
-        seed: of every bootstrap.
 
     Raises:
         DataError: the logs are not usable.

@@ -11,6 +11,7 @@ from command_line import write_log
 from sysid.criteria.information import information_criteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel, Record
+from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.diagnose import require_apart
 from sysid.diagnosis.diagnosis import Diagnosis, Experiment, Trace
 from sysid.diagnosis.gap import measure_gap
@@ -49,6 +50,7 @@ def diagnose(
 ) -> Diagnosis:
     """What the engine would say of such a log: a dead zone, with its true numbers."""
     require_apart(estimation, held or ())
+    require_same_kind((*estimation[1:], *(held or ())), estimation[0])
     if progress:
         progress("looking", 0.5)
     if held is None:

@@ -33,7 +33,6 @@ class Followed:
 
     Attributes:
         found: the model, judged on the rows it stands on.
-        state: the last state.
         log: those rows as a file.
         ending: why following ended.
     """
@@ -56,10 +55,7 @@ def follow(
     """Follow one log until it is to end, and make the model.
 
     Args:
-        logs: the one to follow.
         how: until when, and how.
-        request: what to fit.
-        read: how to read it.
         workspace: where the rows are kept.
         stop: of ``stopping``: following ends when something stands there.
         quiet: whether nothing is to be shown.

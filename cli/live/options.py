@@ -16,7 +16,6 @@ class Following:
     """Whether and how a log is followed.
 
     Attributes:
-        on: whether it is.
         seconds: after which to end, None for never.
         idle: seconds without a row after which to end, None for never.
         every: seconds between two looks at the estimate.

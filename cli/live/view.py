@@ -56,15 +56,11 @@ def excitation_sentence(state: "LiveState") -> str:
     poor = [e for e in state.excitation if not e.enough]
     if not poor:
         least = min(e.smallest for e in state.excitation)
-        return f"Excitation sufficient (least information {least:.3g}, needed {poor_need(state)})."
+        need = state.excitation[0].need
+        return f"Excitation sufficient (least information {least:.3g}, needed {need:.3g})."
     return "Excitation not enough yet: " + " ".join(
         f"{e.output} {e.smallest:.3g} of {e.need:.3g}: {e.why}" for e in poor
     )
-
-
-def poor_need(state: "LiveState") -> str:
-    """What the least information must be."""
-    return f"{state.excitation[0].need:.3g}"
 
 
 def line(state: "LiveState", units: dict[str, str]) -> str:

@@ -18,7 +18,6 @@ class LawChoice:
     """Kinds of laws instead of a mission's; None leaves its own.
 
     Attributes:
-        guidance, navigation, motion: a kind.
         control: a kind, or one for each axis, as ``speed=pid,yaw=pd``.
     """
 

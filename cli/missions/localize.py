@@ -54,8 +54,8 @@ def localize(
 ) -> None:
     """Localize a robot from a log of its sensors: its path, with the uncertainty."""
     from sysid.mission.localize import localize as follow
-    from sysid.mission.localize import write_localization
     from sysid.mission.registry import kind_of
+    from sysid.mission.result import write_columns
     from sysid.mission.spec import load_mission
 
     targets.check_picture(plot)
@@ -73,7 +73,7 @@ def localize(
     targets.make_folder(target, "--to")
     facts: dict[str, Any] = {
         "navigation": kind_of("navigation", given.navigation),
-        "output": write_localization(localization, target),
+        "output": write_columns(localization.columns, target),
         "used": localization.used,
         "consistency": localization.consistency,
         "errors": localization.errors,

@@ -57,11 +57,8 @@ class Ride:
 
     Attributes:
         mission: with its own start and obstacles.
-        robot: what drives.
         known: what control takes it for.
         warnings: what was assumed.
-        seed: of the run.
-        noise_seed: of the sensors' noise.
     """
 
     mission: "Mission"

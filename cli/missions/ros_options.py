@@ -22,8 +22,6 @@ class OverRos:
     """How a command takes part in ROS.
 
     Attributes:
-        ros: whether it does.
-        topic: of what guidance asks.
         level: "references" or "pwm".
         wait: how long the other node may take to come [s].
     """

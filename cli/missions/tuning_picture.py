@@ -30,11 +30,7 @@ def draw_tuning(path: Path, name: str, given: "Mission", tuning: "Tuning", model
     """Draw the choice.
 
     Args:
-        path: the picture.
-        name: of the mission.
         given: the mission with its present gains.
-        tuning: the choice.
-        model: of the plant.
     """
     import numpy as np
 

@@ -70,7 +70,7 @@ def motor(
 ) -> None:
     """Characterise a DC motor: R, Kem, Kc, f, C0, J with errors, and a model of it."""
     from sysid.testbench.motor.characterise import MotorOptions, characterise_motor
-    from sysid.testbench.motor.model import bench_model, motor_report
+    from sysid.testbench.motor.model import bench_model
 
     targets.check_picture(plot)
     options = MotorOptions(
@@ -83,7 +83,7 @@ def motor(
     bench = characterise_motor(files, options)
     facts = bench.to_json()
     model = bench_model(bench, files, ts, (inputs, outputs))
-    stored = None if model is None else Workspace(workspace).save(model, motor_report(bench))
+    stored = None if model is None else Workspace(workspace).save(model, {"bench": bench.to_json()})
     if stored is not None:
         Workspace(workspace).remember("latest", [stored.id])
     facts |= {"model": None if stored is None else stored.id}

@@ -16,13 +16,7 @@ _FARTHEST = 3.0
 
 
 def draw_soil(path: Path, name: str, assessment: "SoilAssessment") -> None:
-    """Draw what a soil does to a vehicle.
-
-    Args:
-        path: the picture.
-        name: of the soil.
-        assessment: what it does.
-    """
+    """Draw what a soil does to a vehicle."""
     from sysid.report.plots import ResponsePicture, write_picture
 
     traction = assessment.traction

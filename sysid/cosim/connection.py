@@ -12,7 +12,6 @@ class Seen(NamedTuple):
 
     Attributes:
         t: when [s].
-        body: pose and velocity.
     """
 
     t: float

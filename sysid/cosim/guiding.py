@@ -169,7 +169,6 @@ def guide(
     Args:
         mission: its guidance, control, goal and obstacles.
         port: this end of the connection.
-        level: what to send.
         known: the robot plant, for laws that need a model; only they do.
         patience: how long the robot may say nothing [s].
 

@@ -147,7 +147,6 @@ class _AskedPwm:
     """PWM that the other half asks for, as a controller.
 
     Attributes:
-        half: what asks.
         period: the mission's.
     """
 
@@ -178,7 +177,6 @@ class _RobotLoop(Loop):
     def sample(
         self, state: LoopState, tick: Tick, draws: Sequence[Sequence[Real]] = ()
     ) -> tuple[LoopState, tuple[Real, ...]]:
-        """A sample of the loop."""
         state, row = super().sample(state, tick, draws)
         if self.half is not None and not tick.now:
             self.half.stream(tick.t, state.estimate)

@@ -187,7 +187,7 @@ def coloured_gram(columns: Signals, errors: Signals, order: int = 20) -> Array:
 
 
 def effective_sample_size(errors: Signals, order: int = 20) -> float:
-    """Number of independent samples that would tell the mean as well: N R(0) / Σ R(k).
+    """Number of independent samples that give the mean as well: N R(0) / Σ R(k).
 
     Below N for slow residuals, N for white ones, above N for alternating ones; R from
     :func:`ar_fit`, whose arguments and errors apply. N for residuals that are zero.

@@ -28,7 +28,6 @@ class FixedParameter:
     """A parameter that was not estimated.
 
     Attributes:
-        name: its name.
         value: the value it was held at.
         lower, upper: its bounds; one of them is the value where it stopped at a bound.
         stuck: whether a bound stopped it; False for a value that was given.

@@ -106,8 +106,6 @@ def further_tests(
         level: confidence level of each test.
         noise_model: False for structures without one: products of errors are then reported but
             not judged (coloured residuals fail).
-        output_name: name for the sentences.
-        input_names: names for the sentences.
         uncertain: G√P of parameters estimated from other data, (N, k), or one such array a record.
 
     Raises:

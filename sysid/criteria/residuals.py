@@ -80,9 +80,7 @@ def whiteness_test(
             such array a record.
         output: index of the tested output.
         n_parameters: parameters to discount when there is no Jacobian.
-        level: confidence level.
         judged: False for a structure without noise model.
-        output_names: names for the sentences.
         uncertain: G√P of parameters estimated from other data, (N, k), or one such array a record.
 
     Raises:
@@ -149,9 +147,6 @@ def independence_test(
         jacobian: ∂ŷ/∂θ of that output by what was estimated from these data, (N, n), or one such
             array a record. Without it a model fitted to these data passes too easily.
         lags: largest lag; lowered where there are fewer than 10 samples a correlation.
-        level: confidence level.
-        output_name: name for the sentence.
-        input_names: names for the sentence.
         uncertain: G√P of parameters estimated from other data, (N, k), or one such array a record.
 
     Means are removed: an offset is no dependence (whiteness shows it). The first ``lags`` samples
@@ -241,8 +236,6 @@ def residual_report(
         noise_model: False for OE and other noise-free structures: whiteness is then reported
             but not judged.
         level: confidence level of each kind of test over all outputs.
-        output_names: names for the sentences.
-        input_names: names for the sentences.
         uncertain: for each output G√P of what was estimated from other data, as ``jacobians``.
 
     Raises:
@@ -354,7 +347,7 @@ def _affordable(lags: int, keep: Sequence[Mask], signals: int) -> int:
     samples = sum(int(k.sum()) for k in keep)
     if samples < 20:
         raise DataError(
-            f"{samples} one-step errors are too few for residual tests, which need 20; "
+            f"{samples} one-step errors are too few to judge a model: at least 20 are needed; "
             "record longer, or lower the orders"
         )
     return max(min(lags, samples // (10 * max(signals, 1))), 1)

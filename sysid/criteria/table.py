@@ -118,7 +118,6 @@ class Criterion:
             models whose errors differ by no more than chance count as equal.
         value: the criterion of a loss; None for the figures of the free run (``fit``, ``rmse``),
             which are taken on held-out data.
-        smaller_is_better: its direction.
     """
 
     sentence: str
@@ -136,11 +135,6 @@ class Criterion:
         """Whether only differences of its values mean something: its zero is arbitrary."""
         return self.ratio in (ratio_of_deviances, ratio_of_logarithms)
 
-    @property
-    def best_is(self) -> str:
-        """What the best value is, as a word."""
-        return "lowest" if self.smaller_is_better else "highest"
-
     def cost(self, value: float) -> float:
         """A value as what is to be made small."""
         return value if self.smaller_is_better else -value
@@ -157,10 +151,6 @@ def _aic(loss: Loss) -> float:
 def _aicc(loss: Loss) -> float:
     n, room = loss.parameters, loss.samples - loss.parameters - 1
     return _aic(loss) + 2.0 * n * (n + 1) / room if room > 0 else math.inf
-
-
-def _naic(loss: Loss) -> float:
-    return loss.log + 2.0 * loss.parameters / loss.samples
 
 
 def _bic(loss: Loss) -> float:
@@ -183,7 +173,7 @@ BUILT_IN: Mapping[str, Criterion] = MappingProxyType(
         "naic": Criterion(
             "Akaike per sample, without its constant; ranks like AIC.",
             ratio_of_logarithms,
-            _naic,
+            lambda loss: loss.log + 2.0 * loss.parameters / loss.samples,
         ),
         "bic": Criterion(
             "Schwarz: penalises size more; finds the true order as N grows.", value=_bic

@@ -75,7 +75,6 @@ class ScoredTest:
     Attributes:
         score: statistic, and what is behind it.
         dof: degrees of freedom that count.
-        level: confidence level.
         names: of the signals tested against.
         lags: those tested where they are to be shown one by one.
     """
@@ -113,7 +112,7 @@ class ScoredTest:
         return f"p = {p:.2g}" if p >= 1e-12 else "p < 1e-12"
 
     def test(self, name: str, output: str, judged: bool, sentence: str) -> ResidualTest:
-        """The result, with the sentence it is told by."""
+        """The result, with the sentence that states it."""
         parts = None
         if self.lags is not None:
             parts = LagParts(tuple(self.lags), self.names, self.score.parts)

@@ -118,7 +118,7 @@ class LogFacts:
 
     @cached_property
     def delays(self) -> tuple[Delay, ...] | None:
-        """The delay of every pair; within the sample only where no controller answers."""
+        """The delay of every pair; within the sample only where no controller responds."""
         shortest_record = min(len(r) for r in self.sample)
         longest = min(LONGEST_DELAY, max(shortest_record // 20, 2))
         try:

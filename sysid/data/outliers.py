@@ -95,7 +95,7 @@ def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np
     threshold · s, with s = 1.4826 · median|r| taken in a window ten times as wide and over the
     whole record, whichever is larger, and not below the signal's resolution. A flagged sample must
     also leave both neighbours in the same direction, and the larger part of it must be an
-    innovation of a short regression on past outputs and the inputs, so that a fast answer to a
+    innovation of a short regression on past outputs and the inputs, so that a fast response to a
     short command is none. (Hampel 1974; Pearson 2002, IEEE Trans. Control Syst. Technol. 10(1).)
     """
     width = 2 * half_width + 1

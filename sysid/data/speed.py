@@ -13,7 +13,7 @@ from sysid.errors import DataError
 
 @dataclass(frozen=True)
 class Speed:
-    """How fast an output answers.
+    """How fast an output responds.
 
     Attributes:
         output: channel name.
@@ -38,27 +38,27 @@ TRUSTED = 0.4
 def estimate_speed(records: Sequence[Record]) -> tuple[Speed, ...]:
     """Time to 63 % of the step response of each output, from its strongest input.
 
-    The samples are averaged in blocks of 1, 2, 4, … until the answer takes fewer than ten blocks:
+    The samples are averaged in blocks of 1, 2, 4, … until the response takes fewer than ten blocks:
     a regression on samples much faster than the plant only sees the noise.
     """
-    answers: dict[int, Speed] = {}
+    speeds: dict[int, Speed] = {}
     dt, names = records[0].dt, records[0].output_names
     factor, current = 1, list(records)
-    while len(answers) < len(names):
+    while len(speeds) < len(names):
         part = shortened(current, SAMPLES)
         candidates = _step_responses(part)
         if not candidates:
             break
         spread = np.concatenate([r.u - r.u.mean(axis=0) for r in part]).std(axis=0)
         for j, name in enumerate(names):
-            if j not in answers:
+            if j not in speeds:
                 step = _simplest_good(candidates, j)
                 samples = None if step is None else _rise(step[:, j, :] * spread)
                 if samples is not None and samples < 10:
-                    answers[j] = Speed(name, samples * factor * dt, True)
+                    speeds[j] = Speed(name, samples * factor * dt, True)
         factor *= 2
         current = [_blocks(r, 2) for r in current if len(r) >= 40]
-    return tuple(answers.get(j, Speed(n, None, False)) for j, n in enumerate(names))
+    return tuple(speeds.get(j, Speed(n, None, False)) for j, n in enumerate(names))
 
 
 def _step_responses(records: Sequence[Record]) -> list[tuple[Array, Array]]:
@@ -92,10 +92,10 @@ def _explained(records: Sequence[Record], step: Array) -> Array:
     for r in records:
         u = r.u - r.u.mean(axis=0)
         for j in range(r.ny):
-            answer = sum(
+            predicted = sum(
                 signal.fftconvolve(u[:, i], impulse[:, j, i])[: len(r)] for i in range(r.nu)
             )
-            error = r.y[:, j] - answer
+            error = r.y[:, j] - predicted
             unexplained[j] += np.sum((error - error.mean()) ** 2)
             total[j] += np.sum((r.y[:, j] - r.y[:, j].mean()) ** 2)
     return np.asarray(1.0 - unexplained / np.where(total > 0, total, 1.0))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.data.checks.quality import inspect_records
+from sysid.data.inspection import inspect_records
 from sysid.diagnosis import findings
 from sysid.diagnosis.advise import experiment_between, experiment_on_ground, next_experiments
 from sysid.diagnosis.augment import model_of
@@ -72,6 +72,7 @@ def assemble(result: SelectionResult, model: Model | None, pose: PoseDiagnosis |
     )
     reported = replace(remaining, gap=gap) if pose is not None and pose.effects else remaining
     unseen = _unseen(session, selection, pose, ids)
+    described = _description(session, selection, remaining, traces, bool(effects))
     silent = verdict != "unexplained" and set(ids) <= set(OF_THE_LOG) and not poor
     return Diagnosis(
         verdict=verdict,
@@ -95,11 +96,7 @@ def assemble(result: SelectionResult, model: Model | None, pose: PoseDiagnosis |
         residuals=tuple(
             r.verdict(name) for name, r in (("before", before), ("after", after)) if r is not None
         ),
-        description="; ".join(
-            text
-            for text in (linear, _description(session, selection, remaining, traces, bool(effects)))
-            if text
-        ),
+        description="; ".join(filter(None, (linear, described))),
         warnings=_warnings(session, selection, pose, samples.hidden),
         traces=traces,
         geometry=pose.geometry if pose is not None else None,

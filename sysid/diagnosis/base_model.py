@@ -48,6 +48,7 @@ class Parts:
         weights: weight of each sample of both, (N, ny) a record.
         words: how the data were divided.
         samples: what the measurements of the estimation part show by themselves.
+        whole: what is known of all logs together.
     """
 
     facts: LogFacts
@@ -55,6 +56,7 @@ class Parts:
     weights: tuple[tuple[Array, ...], tuple[Array, ...]]
     words: str
     samples: SampleEffects
+    whole: LogFacts
 
     @property
     def estimation(self) -> tuple[Record, ...]:
@@ -65,6 +67,13 @@ class Parts:
     def holdout(self) -> tuple[Record, ...]:
         """The held-out records; the estimation records where blocks of them are held out."""
         return self.holdout_facts.records
+
+    def facts_of(self, records: Sequence[Record]) -> LogFacts:
+        """What is known of some of the records: of a whole part it is known already."""
+        same = [id(r) for r in records]
+        parts = (self.facts, self.holdout_facts)
+        known = (f for f in parts if [id(r) for r in f.records] == same)
+        return next(known, LogFacts(tuple(records)))
 
 
 Inspection = Callable[[LogFacts], SampleEffects]
@@ -86,15 +95,16 @@ def divided(
     weights = seen.weights
     if holdout:
         holdout_facts = LogFacts.of(holdout)
+        whole = LogFacts((*facts.records, *holdout_facts.records))
         judging = inspect(holdout_facts).weights
         if inspect is inspect_samples:
-            seen = with_steps_of(seen, (*facts.records, *holdout_facts.records))
-        return Parts(facts, holdout_facts, (weights, judging), "the validation data", seen)
+            seen = with_steps_of(seen, whole)
+        return Parts(facts, holdout_facts, (weights, judging), "the validation data", seen, whole)
     cut = hold_out(facts.records)
     masks = [m[:, None].astype(np.float64) for m in cut.counted]
     judging = tuple(w * m for w, m in zip(weights, masks, strict=True))
     weights = tuple(w * (1.0 - m) for w, m in zip(weights, masks, strict=True))
-    return Parts(facts, facts, (weights, judging), cut.words, seen)
+    return Parts(facts, facts, (weights, judging), cut.words, seen, facts)
 
 
 def _divided_rates(

@@ -175,13 +175,13 @@ def inspect_samples(data: Sequence[Record] | LogFacts) -> SampleEffects:
     return SampleEffects(tuple(coarse), tuple(lost), tuple(weights), tuple(stale))
 
 
-def with_steps_of(seen: SampleEffects, records: Sequence[Record]) -> SampleEffects:
+def with_steps_of(seen: SampleEffects, data: Sequence[Record] | LogFacts) -> SampleEffects:
     """What was seen in some logs, with the steps of its sensors that more logs show.
 
     A sensor is the same in all logs, and a command of few sizes shows its steps in none alone.
     """
     known = {c.output for c in seen.coarse}
-    more = tuple(c for c in inspect_samples(records).coarse if c.output not in known)
+    more = tuple(c for c in inspect_samples(data).coarse if c.output not in known)
     return replace(seen, coarse=(*seen.coarse, *more)) if more else seen
 
 

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 
 from sysid.data.column_words import may_move
-from sysid.data.facts import LogFacts
 from sysid.data.record import Array
 from sysid.diagnosis import findings
 from sysid.diagnosis.base_model import Base
@@ -409,15 +408,14 @@ def noise_of(base: Base) -> NoiseFloor:
     parts, errors = base.parts, base.model.errors
     slow = float(np.max(np.abs(poles_of(base)), initial=0.0))
     if parts.holdout_facts is parts.facts:  # blocks of the same logs: together they are whole
-        facts, pairs = parts.facts, zip(errors.estimation, errors.holdout, strict=True)
+        pairs = zip(errors.estimation, errors.holdout, strict=True)
         residuals = [np.where(np.isfinite(a), a, b) for a, b in pairs]
     else:
-        facts = LogFacts((*parts.estimation, *parts.holdout))
         residuals = [*errors.estimation, *errors.holdout]
     steps = {c.output: c.step for c in parts.samples.coarse}
-    rounding = np.array([steps.get(name, 0.0) for name in facts.records[0].output_names])
+    rounding = np.array([steps.get(name, 0.0) for name in parts.estimation[0].output_names])
     rounding /= np.sqrt(12.0)
-    return floor_of(facts, residuals, slow).at_least(rounding)
+    return floor_of(parts.whole, residuals, slow).at_least(rounding)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 """Effects between the command and the motor: they change the drive d = u / full scale."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from sysid.effects import inverses
@@ -42,11 +43,6 @@ def _twist(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, Stat
     # the larger side is brought to its limit, and the other one by the same share: the curve stays
     largest = xp.maximum(xp.abs(kept[..., :1]), xp.abs(kept[..., 1:]))
     return kept * xp.minimum(p["side"] / xp.maximum(largest, 1e-9), 1.0), s
-
-
-def _within_twist(xp: Any, d: Signal, p: P, c: Context) -> Signal:
-    """No command does more."""
-    return _twist(xp, d, (), p, c)[0]
 
 
 def _concave(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -140,6 +136,20 @@ INPUT_DELAY = Effect(
 )
 
 
+_EDGE = EffectParameter(
+    "plus",
+    "drive",
+    0.0,
+    0.0,
+    0.8,
+    (0.08, 0.2, 0.4, 0.08, 0.2, 0.4),
+    "drive",
+    jumps=True,
+    edge=1,
+    at_null=True,
+    measured_as="dead_band_forward",
+)
+
 EFFECTS = (
     INPUT_DELAY,
     Effect(
@@ -192,7 +202,7 @@ EFFECTS = (
         _twist,
         shared=True,
         couples=True,
-        inverse=_within_twist,
+        inverse=lambda xp, d, p, c: _twist(xp, d, (), p, c)[0],
         ties=("input-saturation", "cross-coupling", "inertial-coupling"),
         programmes=(ONE_AND_OTHER, TOP),
         weakens=True,
@@ -215,31 +225,8 @@ EFFECTS = (
         "No motion at small commands; steady speed is a straight line that misses zero.",
         "A slow staircase through zero in both directions.",
         (
-            EffectParameter(
-                "plus",
-                "drive",
-                0.0,
-                0.0,
-                0.8,
-                (0.08, 0.2, 0.4, 0.08, 0.2, 0.4),
-                "drive",
-                jumps=True,
-                edge=1,
-                at_null=True,
-                measured_as="dead_band_forward",
-            ),
-            EffectParameter(
-                "minus",
-                "drive",
-                0.0,
-                0.0,
-                0.8,
-                (0.08, 0.2, 0.4, 0.08, 0.2, 0.4),
-                "drive",
-                jumps=True,
-                edge=-1,
-                measured_as="dead_band_backward",
-            ),
+            _EDGE,
+            replace(_EDGE, name="minus", edge=-1, at_null=False, measured_as="dead_band_backward"),
             EffectParameter(
                 "jump",
                 "drive",

@@ -26,7 +26,6 @@ class Identified:
     """The effects of a plant that act between its commands and the torques, T = K d.
 
     Attributes:
-        effects: ids.
         parameters: effect → parameter → value of each track, (tracks,).
         gain: K, steady speed at full drive, (tracks,).
         full: command at full drive, (tracks,).
@@ -53,7 +52,6 @@ class Identified:
             wanted: drive, (tracks,).
             speed: of the tracks, (tracks,).
             t: time [s].
-            xp: array namespace.
 
         Returns:
             d, (tracks,), and the part of it that makes up for effects of the torque, (tracks,).

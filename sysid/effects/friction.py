@@ -4,6 +4,7 @@ Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from sysid.effects import inverses
@@ -98,6 +99,19 @@ LOAD_BIAS = Effect(
     level=True,
 )
 
+_LEVEL = EffectParameter(
+    "level",
+    "speed",
+    0.0,
+    0.0,
+    HEAVIEST,
+    (0.04, 0.1),
+    "speed",
+    kinks=True,
+    at_null=True,
+    as_command=True,
+)
+
 EFFECTS = (
     Effect(
         "quadratic-drag",
@@ -152,18 +166,7 @@ EFFECTS = (
         "No motion at small commands, and early stops.",
         "A slow staircase through zero, and coasting from speed.",
         (
-            EffectParameter(
-                "level",
-                "speed",
-                0.0,
-                0.0,
-                HEAVIEST,
-                (0.05, 0.15, 0.3, 0.03, 0.03, 0.03, 0.1, 0.3),
-                "speed",
-                kinks=True,
-                at_null=True,
-                as_command=True,
-            ),
+            replace(_LEVEL, starts=(0.05, 0.15, 0.3, 0.03, 0.03, 0.03, 0.1, 0.3)),
             EffectParameter(
                 "of_load", "", 0.0, 0.0, 0.6, (0.0,) * 3 + (0.1, 0.25) + (0.0,) * 3, kinks=True
             ),
@@ -203,29 +206,8 @@ EFFECTS = (
         "It starts with a jump at a higher command than the one at which it stops.",
         "Slow ramps up from rest and down to rest.",
         (
-            EffectParameter(
-                "level",
-                "speed",
-                0.0,
-                0.0,
-                HEAVIEST,
-                (0.04, 0.1),
-                "speed",
-                kinks=True,
-                at_null=True,
-                as_command=True,
-            ),
-            EffectParameter(
-                "excess",
-                "speed",
-                0.0,
-                0.0,
-                HEAVIEST,
-                (0.08, 0.15),
-                "speed",
-                kinks=True,
-                as_command=True,
-            ),
+            _LEVEL,
+            replace(_LEVEL, name="excess", starts=(0.08, 0.15), at_null=False),
             EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), "speed", kinks=True),
         ),
         _stiction,

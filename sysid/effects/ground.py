@@ -115,7 +115,6 @@ class Ground:
         Args:
             forward: speed [m/s] of tracks that roll at what ``rolled`` or ``step`` leave.
             yaw_rate: of the same [rad/s].
-            xp: array namespace.
         """
         return sum(
             e.sideways(xp, forward, yaw_rate, self.parameters[e.id])
@@ -190,7 +189,6 @@ def slipping(ground: Ground, share: Any) -> Ground:
     """The ground with more slip where the vehicle turns.
 
     Args:
-        ground: what is there.
         share: of the way that is lost in a turn on the spot, added to what is lost already.
     """
     from sysid.effects.vehicle import SLIP, SLIP_SHARE

@@ -25,10 +25,7 @@ def lagging(xp: Any, p: Mapping[str, Signal], dt: float, kept: Signal) -> dict[s
         y(k) = decay y(k−1) + earlier x(k−1) + now x(k)
 
     Args:
-        xp: array namespace.
-        p: parameters of the effect.
         dt: time since the sample before [s].
-        kept: not used.
     """
     x = xp.maximum(dt / xp.maximum(p["lag"], SHORTEST), NO_TIME)
     decay = xp.exp(-x)
@@ -47,7 +44,6 @@ def lagging_drive(xp: Any, p: Mapping[str, Signal], dt: float, kept: Signal) -> 
     x = dt/λ, z = dt/T, α = e^(−z). Without a motion behind it, late is the mean, (1 − e^(−x))/x.
 
     Args:
-        xp: array namespace.
         p: parameters of the effect; ``lag`` [s].
         dt: time since the sample before [s].
         kept: α, the share of its speed that a track keeps in a sample.

@@ -57,7 +57,6 @@ def within(effects: Sequence[Effect], measured: Mapping[str, Measured]) -> tuple
     """The effects with the measured parameters as starts, and bounds of three standard errors.
 
     Args:
-        effects: of the catalogue.
         measured: by key of ``vehicle.supply``.
     """
     return tuple(

@@ -13,10 +13,6 @@ from sysid.effects.supply import USUAL_EMF
 P = Mapping[str, Signal]
 
 
-def _warming(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
-    return {"warming": 1.0 - xp.exp(-dt / p["time"])}
-
-
 def _thermal(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
     # a warm winding resists its current T − ε ω, ω amid the sample: a linear equation for T
     by_current = p["by_current"] > 0.5
@@ -28,10 +24,6 @@ def _thermal(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signa
     heats = xp.where(by_current, current**2 * (1.0 + warm), c.drive**2)
     heat = s[0] + p["warming"] * (heats - s[0])
     return xp.where(by_current, remaining, torque * (1.0 - warm)), (heat,)
-
-
-def _cold(w: Signal, d: Signal) -> State:
-    return (0.0 * w,)
 
 
 def _coast(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -77,10 +69,6 @@ def _freewheel(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, 
     return w + released * (side * rolling - w) + side * slower, (c.drive + 0.0 * s[0],)
 
 
-def _last_command(w: Signal, d: Signal) -> State:
-    return (d + 0.0 * w,)
-
-
 _NUMBERS = ("rate", "viscous")
 
 
@@ -101,9 +89,9 @@ EFFECTS = (
             EffectParameter("by_current", "", 0.0, 0.0, 1.0, (0.0,) * 3 + (1.0,) * 2, choice=True),
         ),
         _thermal,
-        _warming,
+        lambda xp, p, dt, kept: {"warming": 1.0 - xp.exp(-dt / p["time"])},
         states=1,
-        at_rest=_cold,
+        at_rest=lambda w, d: (0.0 * w,),
         programmes=(HOT, REPEAT),
         laws=(
             Law(("loss", "time"), choices={"by_current": 0.0}),
@@ -169,7 +157,7 @@ EFFECTS = (
         _freewheel,
         _rolling,
         states=1,
-        at_rest=_last_command,
+        at_rest=lambda w, d: (d + 0.0 * w,),
         ties=("coast-asymmetry",),
         programmes=(COASTING, LEVELS),
         laws=(

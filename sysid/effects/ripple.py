@@ -27,9 +27,6 @@ def _wave(xp: Any, p: P, c: Context, names: tuple[str, str, str], part: Signal) 
     """A wave over the angle, its mean over the sample that follows.
 
     Args:
-        xp: array namespace.
-        p: parameters of the effect.
-        c: its context.
         names: parameters of cosine, sine and waves a rad.
         part: what the counted angle lacks at the start of the sample [rad].
     """
@@ -42,10 +39,6 @@ def _wave(xp: Any, p: P, c: Context, names: tuple[str, str, str], part: Signal) 
 
 def _kept(xp: Any, p: P, dt: float, kept: Signal) -> dict[str, Signal]:
     return {"kept": kept}
-
-
-def _still(w: Signal, d: Signal) -> State:
-    return (0.0 * w,)
 
 
 def _ripple(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -147,7 +140,7 @@ EFFECTS = (
         _ripple,
         _kept,
         states=1,
-        at_rest=_still,
+        at_rest=lambda w, d: (0.0 * w,),
         ties=("gravity-load",),
         programmes=(CRUISE, LEVELS),
         starts_from=StartsFrom.WAVES,

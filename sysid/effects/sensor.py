@@ -7,7 +7,6 @@ from sysid.effects.base import (
     Context,
     Effect,
     EffectParameter,
-    Past,
     Place,
     Signal,
     StartsFrom,
@@ -23,10 +22,6 @@ def _lag(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]
     # s: last reading, last speed
     read = p["decay"] * s[0] + p["earlier"] * s[1] + p["now"] * y
     return read, (read, y)
-
-
-def _unsigned(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    return y + p["on"] * (xp.abs(y) - y), s
 
 
 def _saturation(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
@@ -67,7 +62,7 @@ EFFECTS = (
         "No measurement is negative although the command reverses.",
         "Reversals.",
         (EffectParameter("on", "", 0.0, 0.0, 1.0, (1.0,), choice=True),),
-        _unsigned,
+        lambda xp, y, s, p, c: (y + p["on"] * (xp.abs(y) - y), s),
         programmes=(REVERSALS, LEVELS),
         reverses=True,
         starts_from=StartsFrom.SIGNS,
@@ -111,10 +106,6 @@ def _counted(xp: Any, y: Signal, s: State, p: P, c: Context) -> tuple[Signal, St
     return y + p["share"] * (s[0] - y), (y,)
 
 
-def _counted_on(xp: Any, y: Signal, past: Past, p: P, c: Context) -> Signal:
-    return y + p["share"] * (past(y, xp.ones_like(p["share"])) - y)
-
-
 MOST_SAMPLED = 0.55
 """The latest that a log's making leaves a reading [samples]: a speed counted over a sample is half
 of one late; the rest is for what the machine does within a sample (the inductance of a motor)."""
@@ -131,7 +122,7 @@ SAMPLING = Effect(
     (EffectParameter("share", "1", 0.0, 0.0, MOST_SAMPLED, (0.5,), at_limit=True),),
     _counted,
     states=1,
-    on_past=_counted_on,
+    on_past=lambda xp, y, past, p, c: y + p["share"] * (past(y, xp.ones_like(p["share"])) - y),
 )
 """How the log was made, no effect of the machine: searched beside effects and by the same rule, so
 that neither takes what is the other's, and then held by the original model as by the one after. A

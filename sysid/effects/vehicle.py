@@ -3,7 +3,7 @@
 Forward speed v = r(ω_L + ω_R)/2 and yaw rate ψ̇ = r(ω_R − ω_L)/B before slip.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -117,6 +117,42 @@ def _sideways(xp: Any, forward: Signal, yaw_rate: Signal, p: P) -> Signal:
     return -(p["ahead"][..., 0] + p["drift"][..., 0] * forward) * yaw_rate
 
 
+def _in_numbers(text: str, scale: int = 1) -> Callable[[float, float, int], str]:
+    """A sentence with value and standard error, both times ``scale``, in its places."""
+    return lambda value, error, side: text.format(scale * value, scale * error)
+
+
+_drift_in_numbers = _in_numbers(
+    "The vehicle slides outwards in turns that it drives, {:.3g} ± {:.2g} mm/s for each m/s² of "
+    "centripetal acceleration; a position that comes as many ms later than the heading looks "
+    "alike.",
+    1000,
+)
+_share_in_numbers = _in_numbers(
+    "Wheels or tracks slip in straight drive, too: they lose {:.3g} ± {:.2g} % of the distance at "
+    "any speed, if the given radius is right.",
+    100,
+)
+_growth_in_numbers = _in_numbers(
+    "Wheels or tracks slip more the faster they turn: at 10 rad/s they lose {:.3g} ± {:.2g} % of "
+    "the distance; no radius does that.",
+    1000,
+)
+_load_in_numbers = _in_numbers(
+    "Wheels or tracks slip while they speed up and slow down: the vehicle's speed follows theirs "
+    "with a lag of {:.3g} ± {:.2g} s; no radius does that.",
+)
+_scrub_in_numbers = _in_numbers(
+    "Turning follows the wheels with a lag, as wheels or tracks scrub and the body's inertia holds "
+    "it: {:.3g} ± {:.2g} s.",
+)
+_slip_in_numbers = _in_numbers(
+    "Wheels or tracks slip where the robot turns: on the spot they lose {:.3g} ± {:.2g} % of the "
+    "distance.",
+    100,
+)
+
+
 def _ahead_in_numbers(value: float, error: float, side: int) -> str:
     where = "ahead of" if value > 0.0 else "behind"
     return (
@@ -126,53 +162,10 @@ def _ahead_in_numbers(value: float, error: float, side: int) -> str:
     )
 
 
-def _drift_in_numbers(value: float, error: float, side: int) -> str:
-    return (
-        "The vehicle slides outwards in turns that it drives, "
-        f"{1000 * value:.3g} ± {1000 * error:.2g} mm/s for each m/s² of centripetal acceleration; "
-        "a position that comes as many ms later than the heading looks alike."
-    )
-
-
-def _share_in_numbers(value: float, error: float, side: int) -> str:
-    return (
-        f"Wheels or tracks slip in straight drive, too: they lose {100 * value:.3g} ± "
-        f"{100 * error:.2g} % of the distance at any speed, if the given radius is right."
-    )
-
-
-def _growth_in_numbers(value: float, error: float, side: int) -> str:
-    return (
-        "Wheels or tracks slip more the faster they turn: at 10 rad/s they lose "
-        f"{1000 * value:.3g} ± {1000 * error:.2g} % of the distance; no radius does that."
-    )
-
-
 def _spin_in_numbers(value: float, error: float, side: int) -> str:
     return (
         "Wheels or tracks spin and slide where they change their speed faster than the ground can "
         f"carry the vehicle along: by {1.0 / value:.3g} ± {error / value**2:.2g} rad/s each second."
-    )
-
-
-def _load_in_numbers(value: float, error: float, side: int) -> str:
-    return (
-        "Wheels or tracks slip while they speed up and slow down: the vehicle's speed follows "
-        f"theirs with a lag of {value:.3g} ± {error:.2g} s; no radius does that."
-    )
-
-
-def _scrub_in_numbers(value: float, error: float, side: int) -> str:
-    return (
-        "Turning follows the wheels with a lag, as wheels or tracks scrub and the body's inertia "
-        f"holds it: {value:.3g} ± {error:.2g} s."
-    )
-
-
-def _slip_in_numbers(value: float, error: float, side: int) -> str:
-    return (
-        f"Wheels or tracks slip where the robot turns: on the spot they lose "
-        f"{100 * value:.3g} ± {100 * error:.2g} % of the distance."
     )
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from sysid.criteria.table import known_name
-from sysid.data.checks.quality import MIN_SAMPLES, inspect_records
 from sysid.data.facts import LogFacts
+from sysid.data.inspection import MIN_SAMPLES, inspect_records
 from sysid.data.record import Record
 from sysid.data.same_kind import require_same_kind
 from sysid.errors import DataError, UsageError
@@ -33,12 +33,9 @@ class Request:
     Attributes:
         structures: names; empty for the four linear ones.
         orders: text such as ``na=2 nb=2 nk=1`` or ``na=1:4 nb=1:4 nk=1``; None to search.
-        options: how to fit.
         detrend: what is done about levels, one of ``offsets.choice.POLICIES``.
         criterion: what ranks orders and structures.
         split: share of each record used for estimation, None for all of it.
-        policy: how figures are made.
-        jobs: processes.
     """
 
     structures: tuple[str, ...] = ()
@@ -76,7 +73,6 @@ def identify(
     Args:
         data: all records of the estimation logs, or what is known of them.
         validation: records of separate validation logs, may be empty.
-        request: what to do.
         progress: called with (share done, what).
         inspect: whether the data are inspected, and what matters to a model said with it. With
             orders given, the one slow check is left to the residual tests of the fit.

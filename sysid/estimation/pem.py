@@ -39,7 +39,6 @@ def fit(
     Minimises Σ ε(k, θ)² (Ljung 1999, ch. 7 and 10) from every start known for the structure.
 
     Args:
-        structure: what to fit.
         data: experiments with equal channels and sample time, or what is known of them.
         options: focus, initial states, loss, constraints.
         detrend: a policy as ``sysid fit`` knows them (see ``offsets.choice.POLICIES``), offsets
@@ -223,9 +222,7 @@ def model_of(
     """The model that an outcome stands for.
 
     Args:
-        outcome: what was found.
         records, plain: the data, as read and without their offsets.
-        options: how it was found.
         detrend, operating_point: the offsets, and what they are.
     """
     structure, theta, parameters = outcome.structure, outcome.theta, outcome.parameters

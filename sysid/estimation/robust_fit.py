@@ -15,7 +15,7 @@ from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.outcome import FitOutcome, Fitter, InitialGuesses
 
 ROUNDS = 4
-"""Fits at most. Outliers are told apart ever better as the model becomes free of them; from one
+"""Fits at most. Outliers are detected ever better as the model becomes free of them; from one
 round to the next only a per cent of the data changes, so that few rounds settle it."""
 
 WHOLE_ROUNDS = 2
@@ -55,11 +55,8 @@ def without_outliers(
     as without this search.
 
     Args:
-        structure: what to fit.
         records: experiments, offsets removed.
-        options: how to fit.
         parameters: names, bounds and fixed values.
-        initial_guesses: further starts.
 
     Returns:
         The fit, with what was left out of each record.

@@ -1,6 +1,7 @@
 """Reasons against a model: an unbounded free run, an unobservably slow mode, an unfinished search.
 
-A model can be ahead by its figures and still be of no use for what comes next. Three things tell:
+A model can be ahead by its figures and still be of no use for what comes next. Three things show
+it:
 
 - its free run grows for ever, or nearly so: a pole outside the unit circle;
 - it has a mode slower than the longest record is long: over that record the mode is a level or a
@@ -62,8 +63,6 @@ def motion_doubts(s: Dynamics, theta: Array, longest: int, dt: float) -> tuple[s
     """What speaks against the motion of a structure with these parameters.
 
     Args:
-        s: the structure.
-        theta: its parameters.
         longest: samples of the longest record it was fitted to.
         dt: sample time [s].
     """
@@ -89,7 +88,7 @@ def bounded_run(s: Dynamics, theta: Array) -> bool:
 
 
 def largest_radius(s: Dynamics, theta: Array) -> float:
-    """Radius of the largest pole; infinite where the structure has none to tell of."""
+    """Radius of the largest pole; infinite where the structure has none."""
     radii = np.abs(s.poles(theta))
     return float(np.max(radii)) if len(radii) else float("inf")
 
@@ -98,10 +97,8 @@ def relative_gap(name: str, value: float, best: float, samples: int, ny: int) ->
     """By which fraction RMS errors exceed the best ones, as a criterion sees them.
 
     Args:
-        name: of the criterion.
         value, best: of the model and of the best one.
         samples: N behind them.
-        ny: number of outputs.
     """
     ratio = criterion(name).ratio(value, best, samples, ny)
     return ratio - 1.0 if np.isfinite(ratio) else float("inf")

@@ -50,10 +50,6 @@ def write_package(
 
     Args:
         model, report, name, formats, form: see :func:`package_files`.
-        path: the folder or zip.
-
-    Returns:
-        The path written.
 
     Raises:
         UsageError: something that is no package stands at ``path``, or a format does not exist.
@@ -75,7 +71,6 @@ def package_files(
     The same model and report give the same bytes.
 
     Args:
-        model: a fitted model.
         report: what ``fit`` had to say (its ``validation`` or ``estimation`` figures are kept).
         name: what to call the plant; the structure's name unless given.
         formats: names of exporters. None writes the usual ones, and one of these that cannot write

@@ -13,5 +13,4 @@ class PackageOnly(Exporter):
     title: ClassVar[str] = "further file"
 
     def files(self, source: Source) -> Mapping[str, str | bytes]:
-        """No further file."""
         return {}

@@ -74,8 +74,6 @@ def descend_together(
         start: θ of all fits, (fits, n).
         free: which of it moves; a fit without any rests where it starts.
         bounds: least and greatest θ, each (fits, n) or broadcast to it.
-        rule: of the damping.
-        rounds: most steps.
         gain: a fit is over when a step lowers its cost by less than this share.
 
     Returns:

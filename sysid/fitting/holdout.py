@@ -55,7 +55,6 @@ class HoldOut:
         whole: the records uncut: a free run goes through all of a record, because a state fitted
             to the head of a short block would hide a model that drifts.
         counted: by record, the samples of ``whole`` that are held out, (N,) each.
-        words: what was done.
         one_step: whether held-out samples are judged one step ahead instead of in free run, as
             data of a closed loop have to be.
     """

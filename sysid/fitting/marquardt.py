@@ -75,7 +75,6 @@ class Conditions:
         limit: residual evaluations at most.
         lower, upper: bounds, (n,) each; None for none.
         huber: width of Huber's loss for each residual, (M,); None for the quadratic loss.
-        method: which step is taken.
         least_scale: D is at least this times ‖r‖, (n,): a parameter that is hardly felt cannot
             run away with every step.
     """

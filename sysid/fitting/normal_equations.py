@@ -155,7 +155,6 @@ def solve_by_blocks(
     """The same problem by QR over blocks of the regressor: full precision, little memory.
 
     Args:
-        records: experiments.
         start: first instant used.
         target: signal (outputs first, then inputs) at lag 0.
         regressors: (signal, lag) pairs.

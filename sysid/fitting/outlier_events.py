@@ -21,7 +21,6 @@ class Event:
 
     Attributes:
         sample: when.
-        output: at which output.
         bad_measurement: whether the measurement is bad; otherwise the plant was disturbed.
     """
 

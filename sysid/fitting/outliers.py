@@ -31,7 +31,7 @@ FALSE_ALARMS = 0.5
 """Good errors of a whole record, expected to lie beyond the threshold."""
 
 TAIL = (0.8, 0.9)
-"""Quantiles of the errors' size that, with the median, tell how heavy their tail is. Before the bad
+"""Quantiles of the errors' size that, with the median, show how heavy their tail is. Before the bad
 measurements are replaced only the first counts: one in twenty spoils a sixth of the errors where
 two past outputs are looked at."""
 
@@ -120,7 +120,6 @@ def find_outliers(errors: Errors, record: Record, first: int = 0) -> Outliers:
 
     Args:
         errors: the model's errors on this record's inputs for any outputs.
-        record: the record, offsets removed.
         first: samples before this one have no error of their own.
     """
     return _Search(errors, record, first).run()
@@ -137,7 +136,7 @@ def limits_of(errors: Array, resolution: Array, tail: Sequence[float] = TAIL) ->
     Args:
         errors: (N, ny); NaN are left out.
         resolution: step q in which each output is read, (ny,).
-        tail: quantiles of the errors' size that tell how heavy their tail is.
+        tail: quantiles of the errors' size that show how heavy their tail is.
     """
     from scipy.special import ndtri
 

@@ -112,7 +112,6 @@ def profiled(rise: Rise, p: Array, k: int, error: float, lower: float, upper: fl
     Args:
         rise: fits the others with entry k held.
         p: the estimate, shape (n,).
-        k: entry.
         error: its standard error by slopes, where the ends are looked for first.
         lower, upper: its bounds; a side ends there.
     """

@@ -55,7 +55,6 @@ def huber_widths(problem: Problem, errors: Array) -> Array:
     """Huber's threshold of every residual of a problem, (M,): outputs have scales of their own.
 
     Args:
-        problem: whose residuals they are.
         errors: residuals near the solution, (M,).
     """
     width = np.full(len(errors), UNBOUNDED)
@@ -119,11 +118,9 @@ class Weighted(Problem):
         return self._root[:, None] * self._problem.initial_columns(p)
 
     def given(self, theta: Array) -> Problem:
-        """The same with the entries outside ``index`` from ``theta``."""
         return Weighted(self._problem.given(theta), self._weights)
 
     def initial_guess(self, theta: Array) -> Array:
-        """As the problem has it."""
         return self._problem.initial_guess(theta)
 
 
@@ -131,7 +128,6 @@ def weighted(problem: Problem, records: Sequence[Record], more: int = 0) -> Prob
     """The problem with the weights its records carry; itself where they carry none.
 
     Args:
-        problem: the problem.
         records: the data it was made of.
         more: residuals after those of the data, which count fully.
 

@@ -28,8 +28,6 @@ class Solution:
         residual: r(p).
         jacobian: ∂r/∂p at the solution, shape (M, len(p)), all columns.
         weights: weight of each residual: 1 for the quadratic loss, 0 where it does not count.
-        termination: why it stopped.
-        evaluations: residual evaluations.
         at_bound: entries of p that ended on a bound.
     """
 
@@ -89,7 +87,6 @@ def levenberg_marquardt(problem: Problem, p0: Array, how: Descent) -> Solution:
     """Minimise ½‖r(p)‖², or Huber's loss, over the free entries of p, within bounds.
 
     Args:
-        problem: residuals and Jacobian.
         p0: start, fixed entries included.
         how: what is free, bounds, loss, tolerances and method.
     """
@@ -192,8 +189,6 @@ class Ending:
     Attributes:
         z: parameters.
         cost: ½‖r‖² there, None where it is not finite.
-        iterations: Levenberg-Marquardt iterations.
-        termination: why it stopped.
     """
 
     z: Array

@@ -49,7 +49,6 @@ class WatchedStates(Problem):
         self.problem, self.size = problem, size
 
     def residual(self, p: Array) -> Array:
-        """Those of the problem."""
         return self.problem.residual(p)
 
     def jacobian(self, p: Array) -> Array:
@@ -103,7 +102,6 @@ def descend_with_prior(
 
     Args:
         problem: errors linear in the initial states, the last entries of p.
-        start: first p.
         size: ‖y‖ of the problem's outputs.
         descend: minimises any problem from any start.
         huber: threshold of the Huber loss for each residual, None for the quadratic one.

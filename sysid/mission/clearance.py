@@ -17,7 +17,6 @@ def step_clearance(scene: Scene, a: Pose, b: Pose, t: Real, dt: Real, xp: Any) -
         scene: its obstacles and walls; infinity without any.
         a, b: poses at ``t`` − ``dt`` and at ``t`` [s].
         t, dt: instant of ``b`` and time since ``a`` [s].
-        xp: array namespace.
     """
     clearance = xp.inf + 0.0 * a.x  # of the shape of the poses
     for o in scene.obstacles:

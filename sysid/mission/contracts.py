@@ -110,11 +110,9 @@ class Scene(NamedTuple):
     """What one run is about; it stays the same during a run and may differ between runs.
 
     Attributes:
-        start: initial pose.
         goal: X, Y to reach [m].
         tolerance: the goal counts as reached within this distance [m].
         obstacles, walls: what to keep clear of.
-        geometry: lengths of the vehicle.
         way: points to pass on the way to the goal.
         path: points of the line to follow to the goal, for laws that follow one.
         limits: what the plant can do.

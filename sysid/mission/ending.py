@@ -45,9 +45,7 @@ def sentence(
     """One sentence on the end of a mission, with the next step.
 
     Args:
-        outcome: how it ended.
         mission: what was to be done, by which laws.
-        log: columns of its log.
         last: references at the end.
     """
     guidance = mission.guidance.advice
@@ -78,7 +76,6 @@ def stuck(mission: Mission, log: Mapping[str, Array], last: References) -> Stuck
 
     Args:
         mission: what was to be done, by which laws.
-        log: columns of its log.
         last: references at the end.
     """
     place = float(log["x"][-1]), float(log["y"][-1])

@@ -13,7 +13,6 @@ from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import DataError
 from sysid.mission.contracts import Body, NavigationInputs, Pose, Reporting, Scene
 from sysid.mission.registry import law
-from sysid.mission.result import write_columns
 from sysid.mission.spec import Mission
 
 MEASUREMENTS = (
@@ -48,9 +47,7 @@ class Localization:
     """The pose over time as navigation sees it.
 
     Attributes:
-        log: what the sensors read.
         columns: ``t``, the estimate and what the law reports, by name, (N,) each.
-        used: sensors that were read.
         consistency: ``nis_mean``, ``nis_bounds``, and where the log holds the true pose
             ``nees_mean``, ``nees_bounds``; empty where the law reports no covariance.
         errors: of the estimate where the log holds the true pose: ``position_rms_m``,
@@ -214,15 +211,6 @@ def _errors(columns: Mapping[str, Array], pose: Array) -> dict[str, float]:
         "position_end_m": float(distance[-1]),
         "heading_rms_rad": float(np.sqrt(np.mean(angle**2))),
     }
-
-
-def write_localization(localization: Localization, path: str | Path) -> Path:
-    """Write the estimate as CSV, a row for each row of the log; numbers survive unrounded.
-
-    Raises:
-        DataError: the file cannot be written there.
-    """
-    return write_columns(localization.columns, path)
 
 
 def _consistency(columns: Mapping[str, Array], pose: Array | None) -> dict[str, Any]:

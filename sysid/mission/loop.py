@@ -176,7 +176,6 @@ class Loop:
     """The parts of one closed loop.
 
     Attributes:
-        guidance, control, navigation, motion: the laws.
         plant: two PWM inputs [µs], two wheel speeds [rad/s].
         scene: what the run is about.
         timeout: it is given up after this time [s].
@@ -257,8 +256,6 @@ class Loop:
         motion that turns the tracks gives it itself, before anything is read.
 
         Args:
-            state: after the sample before.
-            tick: the sample.
             draws: standard normal numbers of this sample, a row for each sensor.
 
         Returns:
@@ -298,8 +295,6 @@ class Loop:
         """Navigation, guidance and control at one sample: the part of a robot's computer.
 
         Args:
-            state: after the sample before.
-            tick: the sample.
             measurements: what the sensors read at it, the wheels among them.
 
         Returns:

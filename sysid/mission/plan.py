@@ -57,7 +57,6 @@ class Curves:
     """One quantity against a distance, for several values of one gain.
 
     Attributes:
-        gain: key of the gain.
         values: of the gain, the mission's own in the middle.
         distance: to the goal or to an obstacle's point [m], (N,).
         quantity: (values, N).

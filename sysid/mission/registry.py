@@ -167,7 +167,6 @@ def law(role: str, section: Any) -> Any:
     """The law that a section of a mission file describes.
 
     Args:
-        role: of :data:`ROLES`.
         section: a law, which is returned as it is; a mapping of its keys with its ``kind``, the
             default where it names none; None for the default with its default keys.
 

@@ -39,7 +39,6 @@ class Stuck:
     """Why and where a robot got nowhere.
 
     Attributes:
-        reason: why.
         place: where: X, Y [m].
     """
 
@@ -57,7 +56,6 @@ class MissionResult:
     """What a mission came to.
 
     Attributes:
-        outcome: how it ended.
         time_s: when [s].
         final: the last X [m], Y [m], ψ [rad].
         path_length_m: length of the path driven [m].
@@ -107,11 +105,7 @@ def write_columns(columns: Mapping[str, Array], path: str | Path) -> Path:
     """Write columns of equal length as CSV; numbers survive unrounded, what is none is left empty.
 
     Args:
-        columns: by name.
         path: the file; it appears complete or not at all.
-
-    Returns:
-        The path written.
 
     Raises:
         DataError: the file cannot be written there.

@@ -16,7 +16,6 @@ def on_ground(
 
     Args:
         ground: what stands between tracks and ground.
-        state: what it remembers.
         omega: speeds of the left and the right track [rad/s].
         at: instant, and time since the sample before [s].
         scene: what the run is about.

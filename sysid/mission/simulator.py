@@ -115,7 +115,6 @@ def result_of(
 
     Args:
         mission: what was to be done.
-        loop: what ran.
         state, table: its last state and the rows of its log.
         ended: the outcome of a run that another one ended; its own verdict goes first.
 
@@ -152,7 +151,6 @@ def shaper_of(mission: Mission, known: SteppablePlant) -> CommandShaper:
     """What makes PWM of a mission's commands, the effects undone that are to be compensated.
 
     Args:
-        mission: its controller says which.
         known: the robot plant that holds them, as it was identified.
 
     Raises:
@@ -213,7 +211,6 @@ def run(loop: Loop, seed: int, clock: Iterator[Tick] | None = None) -> tuple[Loo
     """Sample until the mission ends, or its clock does; the last state and the log's rows.
 
     Args:
-        loop: what runs.
         seed: of the sensors' noise.
         clock: its ticks; None for those of both clocks, one straight after the other.
 

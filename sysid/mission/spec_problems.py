@@ -15,7 +15,6 @@ def first_problem(error: ValidationError, source: YamlSource, model: type[BaseMo
     """Word the problem that comes first in the file, and name the lines of the others.
 
     Args:
-        error: what pydantic found.
         source: the file, for line numbers.
         model: the model of the whole file, for the keys there are.
 

@@ -87,7 +87,6 @@ def feed_of(supply: Supply | None, identified: Sequence[str]) -> Feed | None:
     """What acts between command and plant; None where nothing does.
 
     Args:
-        supply: of the mission's vehicle.
         identified: effects that the plant was identified with: these it has itself.
     """
     if supply is None:
@@ -102,7 +101,6 @@ def supply_notes(
     """What is done with a mission's ``vehicle.supply``, in sentences.
 
     Args:
-        supply: of the mission's vehicle.
         identified: effects that the plant was identified with.
         by_voltage: whether the plant's inputs are voltages.
     """

@@ -126,7 +126,6 @@ class Variation(Settings):
         parameters: factor of the standard errors with which the plant's parameters were
             estimated; 1 takes them as they are, with their correlations.
         noise: whether each run has its own sensor noise.
-        start: the start pose.
         obstacles: X and Y of every obstacle [m]; a tape measure and a hand are that good.
         friction: dry friction of the plant, and slip on the ground.
         soil: factor of the standard deviations that the numbers of soils come with, where the

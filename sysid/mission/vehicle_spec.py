@@ -33,10 +33,6 @@ def _soil(value: Any) -> Soil:
         raise ValueError(str(error)) from None
 
 
-def _soil_or_none(value: Any) -> Soil | None:
-    return None if value is None else _soil(value)
-
-
 def _point(value: Any, name: str, n: int = 2) -> tuple[float, ...]:
     numbers = isinstance(value, list | tuple) and all(type(v) in (int, float) for v in value)
     if not numbers or len(value) != n:
@@ -107,7 +103,9 @@ class Physics(Settings):
         height: of the centre of mass above the floor [m].
     """
 
-    soil: Annotated[Soil | None, PlainValidator(_soil_or_none)] = None
+    soil: Annotated[
+        Soil | None, PlainValidator(lambda value: None if value is None else _soil(value))
+    ] = None
     patches: Annotated[tuple[Patch, ...] | None, PlainValidator(_patches)] = None
     slope: Annotated[tuple[Slope, Slope], Field(strict=False)] | None = None
     mass: Positive | None = None
@@ -153,9 +151,7 @@ def assumed(given: Mapping[str, Any], wanted: Sequence[str], car: TrackedVehicle
     """Which of the wanted numbers were taken and not given, in one sentence; empty for none.
 
     Args:
-        given: keys that were given.
         wanted: keys that the motion takes.
-        car: what was taken.
     """
     words = {
         "soil": f"the floor is {DEFAULT_SOIL}",

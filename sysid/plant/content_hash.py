@@ -16,7 +16,6 @@ def content_hash(described: Mapping[str, Any], files: Mapping[str, bytes]) -> st
     versions and for zips change without asking, do not count.
 
     Args:
-        described: the content of plant.json.
         files: the other files that count, by name.
 
     Returns:

@@ -27,7 +27,6 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
     """The content of plant.json: blocks, channels, domain of validity, origin and fit.
 
     Args:
-        model: a fitted model.
         report: what ``fit`` had to say; its ``validation``, else its ``estimation``, is kept.
         name: what to call the plant.
 

@@ -15,7 +15,6 @@ def model_card(model: Model, described: Mapping[str, Any], usage: str) -> str:
     """The card as Markdown.
 
     Args:
-        model: the model exported.
         described: the content of plant.json (see ``description.describe``).
         usage: how to use what exporters wrote beside it, Markdown.
     """

@@ -45,9 +45,7 @@ def assembled(
     The same values give the same bytes.
 
     Args:
-        model: a fitted model.
         described: what plant.json says of it, see ``description.describe``.
-        test: its self-test.
         files: what exporters wrote, by name inside the package.
         usage: how to use these files, Markdown for the model card.
 
@@ -71,9 +69,6 @@ def write(path: str | Path, files: Files) -> Path:
 
     It appears whole or not at all, and replaces a package that is there already.
 
-    Returns:
-        The path written.
-
     Raises:
         UsageError: something that is no package stands at ``path``.
         DataError: the place cannot be written.
@@ -92,7 +87,6 @@ class Package:
 
     Attributes:
         where: the folder or zip, as it is named in sentences.
-        description: the content of plant.json.
         notes: sentences about its hash: there is none, or what was changed was accepted.
     """
 

@@ -57,7 +57,6 @@ def read_for(plant: Plant, path: str | Path, options: "ReadOptions | None" = Non
 
     Args:
         plant: names the columns; its sample time is used where the log has none.
-        path: CSV or Parquet.
         options: how to read it; the columns are the plant's unless they are named here.
 
     Raises:
@@ -83,7 +82,6 @@ def replay(plant: Plant, record: Record) -> Replay:
     The log's channels are brought to the plant's units by the scale that is stored with the plant.
 
     Args:
-        plant: any plant.
         record: a log with the plant's inputs and outputs.
 
     Raises:

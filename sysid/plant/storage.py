@@ -25,30 +25,20 @@ MAX_MEMBER = 64 * 1024**2
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
-def is_zip_name(path: Path) -> bool:
-    """Whether a path asks for one zip file rather than a folder."""
-    return path.suffix.lower() == ".zip"
-
-
 def write_files(path: Path, files: Files, known: frozenset[str]) -> Path:
     """Write a package as a folder, or as one zip where ``path`` ends in ``.zip``.
 
     A package that is there already is replaced; anything else is left alone and refused.
 
     Args:
-        path: the folder or zip.
-        files: its contents.
         known: names a package may hold; other files in a folder belong to somebody else.
-
-    Returns:
-        The path written.
 
     Raises:
         UsageError: something that is no package stands at ``path``.
         DataError: the place cannot be written.
     """
     path = Path(path)
-    if is_zip_name(path):
+    if path.suffix.lower() == ".zip":
         if path.is_file() and not _has_member(path, MARK):
             raise UsageError(
                 f"{path} is not a plant package and was not changed; choose another name"

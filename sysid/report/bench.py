@@ -31,7 +31,6 @@ def motor_picture(bench: MotorBench, load: float = THESIS_LOAD) -> ResponsePictu
     """Characteristics, steps and steady states of a motor of the bench.
 
     Args:
-        bench: results of its experiments.
         load: torque at the output shaft of the loaded step [Nm].
     """
     c, voltages = bench.constants, voltages_of(bench)

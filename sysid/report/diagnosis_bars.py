@@ -23,8 +23,6 @@ class Look:
     """How words beside a bar look.
 
     Attributes:
-        bold: heavy letters.
-        faint: small grey letters.
         size: of the letters where they are not faint [pt].
         room: width they may take [in].
     """

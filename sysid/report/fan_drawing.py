@@ -41,7 +41,6 @@ class FanPicture:
         scene: the measured drive as a mission's picture shows it: path, goal, obstacles.
         ways: x, y of some runs, (K, M, 2) [m].
         t: instants [s], (M,).
-        panels: four of them.
         leaves: row at which the drive leaves the fan; None where it stays.
         headline, facts: title and what stands below it.
     """

@@ -60,8 +60,6 @@ class FitPicture:
 
     Attributes:
         title: the model, for instance ``oe-1: OE, nb = 2, nf = 2, nk = 1``.
-        outputs: the ny output channels.
-        inputs: the nu input channels.
         segments: stretches of data in the order drawn. A stretch that starts where the one
             before it ended continues it (a split record); any other starts behind a separator.
         horizon: how the model's output was made; shown in the subtitle.

@@ -144,7 +144,6 @@ def arrange(
     the drawing.
 
     Args:
-        figure: that holds them.
         rows: from the top, one a panel.
         panels: in the order of the rows.
         top: room kept free at the top [in].

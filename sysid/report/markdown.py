@@ -13,7 +13,6 @@ def table(headers: Sequence[str], rows: Sequence[Sequence[str]], align: str = ""
     """Return a GitHub-flavoured table whose columns also line up in the source.
 
     Args:
-        headers: the n column titles.
         rows: cells as text, n per row; numbers are formatted by the caller, so that a table
             never changes because a float printed differently.
         align: n letters of ``l``, ``r``, ``c``; empty means left for all.

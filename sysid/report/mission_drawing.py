@@ -53,7 +53,6 @@ class MissionPicture:
     """What a picture of a mission shows.
 
     Attributes:
-        name: the mission's name.
         outcome: ``arrived``, ``timeout``, ``collision`` or ``stuck``.
         t: instants [s], shape (N,), N ≥ 1.
         pose: x [m], y [m], ψ [rad, counter-clockwise], shape (N, 3).
@@ -61,7 +60,6 @@ class MissionPicture:
         pwm: left and right pulse width [µs], shape (N, 2).
         goal: x, y [m].
         tolerance: distance to the goal at which the robot has arrived [m].
-        obstacles: the round ones.
         walls, polygons: lines and areas to keep clear of, each by its points, shape (n, 2) [m].
         waypoints, course: points to pass, and those of the line to follow, shape (n, 2) [m].
         influence: range of the repulsive field around an obstacle's centre [m]; 0 draws none.

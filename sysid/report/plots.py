@@ -143,7 +143,6 @@ def inline_svg(
     Args:
         name: letters that no other picture of the page has: they head its ids.
         size: width and height [in].
-        draw: draws on the figure.
         label: what it shows, for those who do not see it.
     """
     svg = _render("svg", size, draw).decode()

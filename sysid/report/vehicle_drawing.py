@@ -35,7 +35,6 @@ class WheelMark:
     """One wheel as it is drawn.
 
     Attributes:
-        name, kind: of the wheel.
         axis: x, y of its axis [m].
         contact: x, y of its contact [m].
         direction: in which it rolls [rad].
@@ -62,8 +61,6 @@ class VehiclePicture:
     """What a picture of a vehicle shows.
 
     Attributes:
-        title, subtitle: the headline.
-        wheels: all of them.
         box: x and y of the body's middle, length, width [m]; None where it is not known.
         centre: of turning [m], or a point of the line of possible ones.
         line: direction of that line, or None.

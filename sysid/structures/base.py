@@ -40,6 +40,8 @@ class Structure(Dynamics):
     """Whether unstable parameters mean nothing: such a predictor cannot be evaluated for long."""
     begins_at_values: ClassVar[bool] = False
     """Whether a fit begins at values it is given, and at no others."""
+    chooses_products: ClassVar[bool] = False
+    """Whether a fit chooses among products of past signals."""
     takes_inputs: ClassVar[bool] = True
     """Whether it is driven by inputs; one that is not models a signal from its own past."""
 
@@ -166,7 +168,6 @@ class NamedStructure(Structure):
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
-        """Undo ``to_json``."""
         return cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
 
 

@@ -12,7 +12,6 @@ class CStep:
     ``state``, ``u`` and ``y`` are taken.
 
     Attributes:
-        n_states: how many states.
         words: lines of the comment at the head of the file: how the code works.
         body: lines between reading the inputs and writing the outputs.
         support: constant tables and functions that the body needs.

@@ -123,7 +123,7 @@ class Dynamics(ABC):
         return Ground()
 
     def torque(self, theta: Array) -> TorqueSource | None:
-        """The motors as sources of torque; None where the dynamics tell speeds only."""
+        """The motors as sources of torque; None where the dynamics give speeds only."""
         return None
 
     def identified(self, theta: Array) -> Identified:

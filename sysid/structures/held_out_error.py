@@ -36,14 +36,14 @@ def free_run_error(
     parts = []
     measured = []
     with np.errstate(over="ignore", invalid="ignore"):
-        for r, held in zip(records, counted, strict=True):
+        for r, samples in zip(records, counted, strict=True):
             if one_step or not s.nu:  # nothing drives it: how far ahead it sees is one step
                 e = s.errors(theta, r.u, r.y, window)
-                held = held & ~np.isnan(e).any(axis=1)
+                samples = samples & ~np.isnan(e).any(axis=1)
             else:
                 e = r.y - s.simulate(theta, r.u, s.fitted_state(theta, r.u, r.y, window))
-            parts.append(e[held])
-            measured.append(r.y[held])
+            parts.append(e[samples])
+            measured.append(r.y[samples])
         errors = np.concatenate(parts)
         if robust:
             limit = OUTLYING * 1.4826 * np.median(np.abs(errors), axis=0)

@@ -74,9 +74,7 @@ class Provenance:
     """Where a model came from: enough to make it again.
 
     Attributes:
-        data: the experiments.
         options: focus, initial states, loss, detrending, how the files were read …
-        version: version of the tool.
     """
 
     data: tuple[Source, ...] = ()
@@ -125,7 +123,7 @@ class _ModelFile:
     starts: tuple[StartReport, ...]
     warnings: tuple[str, ...]
     provenance: Provenance
-    level: Mapping[str, Any] | None = None  # of 0.1.0, the first models told none
+    level: Mapping[str, Any] | None = None  # of 0.1.0, the first models had none
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +131,6 @@ class Model:
     """A fitted structure.
 
     Attributes:
-        structure: what was fitted.
         theta: parameters, shape (n,).
         covariance: covariance of θ, (n, n); infinite where the data hold no information.
         parameters: names, units, bounds and fixed values of θ.
@@ -144,14 +141,11 @@ class Model:
         n_estimated: number of estimated numbers, initial states included.
         criteria: criteria of the one-step errors on the estimation data, by name; an older model
             may lack those that came later.
-        termination: how the fit ended.
         initial_states: free-run state at the start of each experiment.
         ranges: lowest and highest value of each input and output seen, (nu + ny, 2).
         at_bound: names of the parameters that ended on a bound.
         null_directions: directions of θ without information, each as {name: weight}.
-        starts: every start tried.
         warnings: what a user should know about this fit.
-        provenance: data, options, version.
         operating_point: how the offsets in ``detrend`` were found, and their standard errors.
     """
 
@@ -248,7 +242,6 @@ class Model:
         """k-step-ahead predictions (N, ny), NaN where they need samples before the record.
 
         Args:
-            record: measured inputs and outputs.
             horizon: k ≥ 1; the free run is ``simulate``.
             window: samples at the head from which unknown initial states are fitted; as many as
                 the model remembers unless given.
@@ -283,9 +276,7 @@ class Model:
         """Answer to a step of one input from rest at the operating point.
 
         Args:
-            samples: how many.
             size: of the step, in the input's unit.
-            channel: number of the input.
 
         Returns:
             Time (N,) in s and outputs (N, ny) in their units.

@@ -37,9 +37,7 @@ class FitOutcome:
         covariance: their covariance, (n, n), infinite where the data say nothing.
         null: directions without information, (n, n_null).
         n_states: initial states that were estimated.
-        termination: how it ended.
         at_bound: names of the parameters that ended on a bound.
-        starts: every start tried.
         warnings: what the user should know.
         outliers: what was left out of each record, empty where nothing was looked for.
     """

@@ -28,7 +28,6 @@ def in_generic_names(text: str, inputs: Sequence[Channel], outputs: Sequence[Cha
 
     Args:
         text: expressions, divided by commas and semicolons.
-        inputs, outputs: channels of the log.
     """
     generic = {c.name: f"y{k}" for k, c in enumerate(outputs, 1)}
     generic |= {c.name: f"u{k}" for k, c in enumerate(inputs, 1)}

@@ -24,8 +24,6 @@ class Plant:
 
     Attributes:
         dt: sample time [s].
-        inputs, outputs: channels.
-        n_states: length of the state.
         core: (x, u) → (x⁺, y) about the operating point.
         core_readout: (x, u) → y, for whoever needs y before u is settled; core's own when None.
         u_offset, y_offset: the operating point, shapes (nu,) and (ny,).
@@ -35,7 +33,7 @@ class Plant:
         ground: effects between tracks and ground, for whoever moves a vehicle by the outputs.
         identified: effects between commands and torques, for whoever makes up for them.
         torque: its motors as sources of torque, for whoever lets the ground answer them; None where
-            the core tells speeds only.
+            the core gives speeds only.
     """
 
     dt: float

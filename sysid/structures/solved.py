@@ -30,7 +30,6 @@ def with_covariance(
     """A solved problem with the uncertainty of what it determined.
 
     Args:
-        problem, solution: as they are.
         which: entries of the solution's p that were free.
         samples: errors of the data, which come first; all where None.
     """
@@ -70,10 +69,7 @@ def outcome_of(
     """The outcome of solved problems that together determine θ.
 
     Args:
-        structure, parameters: as fitted.
         theta: estimates, (n,).
-        parts: the problems.
-        starts: every start tried.
         warnings: what the user should know.
     """
     covariance, null = assembled(parts, len(theta))

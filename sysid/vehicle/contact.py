@@ -37,12 +37,9 @@ def grip(
     """What the soil under the middle of a track gives.
 
     Args:
-        floor: soils.
         at: X, Y of the middle of the track [m].
         load: normal load on it [N].
         slip: i [1].
-        car: lengths of the tracks.
-        xp: array namespace.
     """
     chosen = _on(floor.soil, load, slip, car, xp)
     for patch in floor.patches:
@@ -68,7 +65,6 @@ def tracks_at(x: Real, y: Real, heading: Pair, car: TrackedVehicle) -> tuple[Pai
     Args:
         x, y: of the vehicle's middle [m].
         heading: cos ψ and sin ψ.
-        car: its track distance.
     """
     cos, sin = heading
     half = 0.5 * car.geometry.B
@@ -83,7 +79,6 @@ def loads(car: TrackedVehicle, into: Real, outward: Real, xp: Any) -> Pair:
         into: acceleration of free fall into the floor [m/s²].
         outward: what pushes the vehicle to its right: v_xψ̇ of a turn to the left, less what a
             slope pulls to the left [m/s²].
-        xp: array namespace.
     """
     half = 0.5 * car.mass * into
     moved = car.mass * outward * car.height / car.geometry.B

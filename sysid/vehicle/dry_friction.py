@@ -41,7 +41,6 @@ def decay(xp: Any, inertia: tuple[Any, Any], h: float) -> tuple[Any, Any]:
     """I − Φ = I − exp(−T⁻¹ h).
 
     Args:
-        xp: numpy or jax.numpy.
         inertia: T: time constants [s], (motors, runs), and their coupling [s].
         h: step [s].
     """
@@ -84,7 +83,6 @@ def friction(
     """(f, stands): what friction takes in one step, and which motors stand at its end.
 
     Args:
-        xp: the namespace.
         gain: I − Φ.
         w_free: Φ w + (I − Φ) e, the speed reached without friction.
         low, high: largest friction against backward and against forward motion, both ≥ 0.

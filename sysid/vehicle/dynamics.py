@@ -64,7 +64,6 @@ class VehicleState(NamedTuple):
         vx, vy: velocity of the centre of mass along the body's axes [m/s].
         yaw_rate: ψ̇ [rad/s].
         omega: sprocket speeds, left and right [rad/s].
-        forces: of the last step.
     """
 
     x: Real = 0.0
@@ -133,7 +132,6 @@ class _Part(NamedTuple):
         mass, inertia: h/m, h/J.
         grip: own change of slip by a thrust, without the law of shear, of each track.
         limits: of the motors' friction, (back, forth) of each.
-        contact: of each track.
         q: lateral friction per metre [N/m].
     """
 
@@ -177,10 +175,7 @@ def step(
         drive: share of full drive of the left and the right motor [1].
         dt: duration [s]; 0 changes nothing.
         vehicle: lengths, mass and inertia.
-        motors: left and right.
         floor: soil, patches, slope.
-        xp: array namespace.
-        scheme: how finely.
 
     Returns:
         The state after it, with the forces of its last part.

@@ -48,7 +48,6 @@ def nearest(
         q: friction per metre of length, both tracks together [N/m].
         half: L/2 [m].
         ease: w₁, w₂: motion that a unit of each changes, 1/m and 1/J.
-        xp: array namespace.
     """
     force, moment = xp.abs(wanted[0]), xp.abs(wanted[1])
     q = xp.maximum(q, 1e-12)  # no friction at all takes nothing: the lens is a point

@@ -107,9 +107,7 @@ def friction_limits(motor: Motor, omega: Real, xp: Any) -> tuple[Real, Real]:
     """Largest friction against backward and against forward motion at a speed.
 
     Args:
-        motor: which.
         omega: ω [rad/s].
-        xp: array namespace.
 
     Returns:
         Two torques, both ≥ 0 [Nm].
@@ -126,9 +124,7 @@ def applied_torque(motor: Motor, drive: Real, xp: Any) -> Real:
     """S (sat(d) − o): torque before damping and friction [Nm].
 
     Args:
-        motor: which.
         drive: d, share of full drive [1].
-        xp: array namespace.
     """
     within = xp.minimum(xp.maximum(drive, -motor.limit), motor.limit)
     return motor.torque * (within - motor.offset)

@@ -29,7 +29,6 @@ class Pressure:
     """Distribution of a track's load along its length.
 
     Attributes:
-        distribution: its shape.
         centre: how far the load's centre lies ahead of the middle of the track [m].
         wheels: number of road wheels, evenly spaced [1].
         depth: A, how far pressure falls between wheels: 0 not at all, 1 to nothing [1].
@@ -114,7 +113,6 @@ class Pressure:
             x: from the front of the track, 0 to L [m].
             load: W of this track [N].
             length, width: L and b [m].
-            xp: array namespace.
         """
         mean = load / (width * length)
         if self.distribution == Distribution.LINEAR:

@@ -31,7 +31,6 @@ def integrate(
         f: takes places x of shape (nodes, parts, …) and gives values of that shape.
         parts: (begin, end) of each [m], numbers or arrays with ``axes`` axes; an empty one adds 0.
         axes: how many axes the arrays have that a single value would be for one run.
-        xp: array namespace.
 
     Returns:
         The integrals, without the axes of nodes and parts.

@@ -16,9 +16,7 @@ def largest_stress(soil: Soil, pressure: Real, xp: Any = np) -> Real:
     """Largest shear stress the ground bears: τ_max = c + σ tan φ (thesis 2.27, Mohr–Coulomb).
 
     Args:
-        soil: ground.
         pressure: σ, normal pressure [Pa].
-        xp: array namespace.
 
     Returns:
         τ_max [Pa].
@@ -37,9 +35,7 @@ def mobilised_share(soil: Soil, displacement: Real, xp: Any = np) -> Real:
     up to 7.5 % (K_r → 0): that is how the law is published.
 
     Args:
-        soil: ground.
         displacement: j [m]; its sign does not matter.
-        xp: array namespace.
 
     Returns:
         The share [1], from 0.
@@ -56,10 +52,8 @@ def shear_stress(soil: Soil, pressure: Real, displacement: Real, xp: Any = np) -
     """Shear stress under a pressure, odd in the displacement [Pa] (thesis 2.28–2.30).
 
     Args:
-        soil: ground.
         pressure: σ [Pa].
         displacement: j [m].
-        xp: array namespace.
     """
     share = mobilised_share(soil, displacement, xp)
     return xp.sign(displacement) * largest_stress(soil, pressure, xp) * share
@@ -75,9 +69,7 @@ def mean_share(soil: Soil, reach: Real, xp: Any = np) -> Real:
     K_r (a e ψ(2u) − (a e − 1) ψ(u))                 (2.30), a = 1/(K_r (1 − 1/e)) − 1
 
     Args:
-        soil: ground.
         reach: u = |i| L / K [1], at least 0.
-        xp: array namespace.
 
     Returns:
         The mean share [1].

@@ -36,7 +36,6 @@ def slipping_velocity(
     Args:
         omega: sprocket speeds, left and right [rad/s].
         slips: i_L, i_R [1].
-        geometry: lengths of the vehicle.
         side_slip: α, 0 at low speed [rad].
         xp: array namespace; needed where α is not 0.
     """
@@ -66,9 +65,7 @@ def balanced_velocity(
     Args:
         omega: sprocket speeds, left and right [rad/s].
         pose: X, Y [m] and ψ [rad]: which soil is under which track.
-        car: vehicle.
         floor: soils; its slope is not looked at.
-        xp: array namespace.
     """
     x, y, psi = pose
     gravity = floor.gravity(xp)[2]

@@ -28,11 +28,9 @@ def uniform_thrust(
     An odd function of the slip: a track that is dragged brakes as much as it would drive.
 
     Args:
-        soil: ground.
         load: W, normal load on the track [N].
         slip: i [1].
         length, width: L and b of the contact area [m].
-        xp: array namespace.
 
     Returns:
         F [N].
@@ -58,12 +56,10 @@ def thrust(
     are arrays broadcast, numbers of the soil included.
 
     Args:
-        soil: ground.
         load: W, normal load on the track [N].
         slip: i [1].
         length, width: L and b [m].
         pressure: how the load is spread; uniform where none is given.
-        xp: array namespace.
 
     Returns:
         F [N].

@@ -69,8 +69,6 @@ class StoredModel:
 
     Attributes:
         id: structure and the head of the hash of the model, e.g. ``arx-1f00ba``.
-        path: its file.
-        model: the model.
         report: what ``fit`` had to say about it, JSON-able.
     """
 

@@ -330,7 +330,7 @@ def test_short_records_get_fewer_lags(samples: int) -> None:
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda e, u, j: independence_test(e[:10], u[:10], j[:10]), "which need 20"),
+        (lambda e, u, j: independence_test(e[:10], u[:10], j[:10]), "at least 20 are needed"),
         (lambda e, u, j: independence_test(e, u[:-1], j), "inputs of"),
         (lambda e, u, j: independence_test(e, u, j[:-1]), "Jacobians of"),
         (lambda e, u, j: independence_test(e, np.where(u > 1, np.nan, u), j), "not finite"),
@@ -338,7 +338,7 @@ def test_short_records_get_fewer_lags(samples: int) -> None:
         (lambda e, u, j: whiteness_test(np.where(e > 1, np.inf, e)), "unstable"),
         (lambda e, u, j: independence_test(u, u), "one output"),
         (lambda e, u, j: feedback_test(np.full(400, np.nan), u), "no residual"),
-        (lambda e, u, j: whiteness_test(np.full(400, np.nan)), "which need 20"),
+        (lambda e, u, j: whiteness_test(np.full(400, np.nan)), "at least 20 are needed"),
         (lambda e, u, j: residual_report(u, u, [j]), "one for each"),
         (lambda e, u, j: cross_correlation(e, u[:5]), "inputs of"),
     ],

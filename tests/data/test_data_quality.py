@@ -15,9 +15,9 @@ from scipy import signal
 
 from sysid.data.checks.delay import estimate_delays
 from sysid.data.checks.feedback import feedback_tests
-from sysid.data.checks.quality import excitation_order, inspect_records, require_usable
 from sysid.data.finding import Finding, Severity, worst
 from sysid.data.impulse import long_regression
+from sysid.data.inspection import excitation_order, inspect_records, require_usable
 from sysid.data.io import read_log
 from sysid.data.record import PWM_FULL_SCALE, Channel, Record
 from sysid.data.speed import estimate_speed
@@ -388,7 +388,7 @@ def test_feedthrough_in_open_loop_is_noted_and_no_feedback() -> None:
     findings = inspect_records([motor(delay=0)])
     (note,) = [f for f in findings if f.code == "delay"]
     assert note.severity is Severity.NOTE
-    assert "a controller answers within the sample" in note.advice
+    assert "a controller responds within the sample" in note.advice
     assert "feedback" not in alarms(findings)
 
 

@@ -6,8 +6,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import sysid_datasets
+from scipy.signal import lfilter
 from source_statements import statements_of
 from sysid_cli.app import main
 
@@ -70,7 +72,15 @@ def test_a_fit_computes_no_fact_twice(
 
 @pytest.mark.slow
 def test_a_diagnosis_computes_no_fact_twice(tmp_path: Path, calls: Counter[str]) -> None:
-    logs = [str(LOGS / "rotation.csv"), "--val", str(LOGS / "rotation_val.csv")]
+    """Two logs of a motor with a dead zone; the records of a pose are new ones."""
+    rng = np.random.default_rng(1)
+    for name in ("log", "val"):
+        u = np.repeat(rng.uniform(-1.0, 1.0, 40), 15)
+        acting = np.sign(u) * np.maximum(np.abs(u) - 0.15, 0.0)
+        y = lfilter([0.0, 0.2], [1.0, -0.8], acting) + 0.003 * rng.standard_normal(600)
+        rows = np.column_stack([0.05 * np.arange(600), u, y])
+        np.savetxt(tmp_path / f"{name}.csv", rows, "%.6g", ",", header="t,u,y", comments="")
+    logs = [str(tmp_path / "log.csv"), "--val", str(tmp_path / "val.csv")]
     assert main(["diagnose", *logs, "-o", str(tmp_path / "d"), "--workspace", str(tmp_path)]) == 0
     assert any(name.startswith("measurement_noise") for name in calls)
     assert {name: n for name, n in calls.items() if n > 1} == {}

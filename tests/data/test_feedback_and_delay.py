@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 
 from sysid.data.checks.delay import estimate_delays
 from sysid.data.checks.feedback import feedback_tests
-from sysid.data.checks.quality import inspect_records
 from sysid.data.facts import LogFacts
+from sysid.data.inspection import inspect_records
 from sysid.data.record import Channel, Record
 from sysid.estimation.identify import Request, identify
 from sysid.estimation.offsets.choice import start_of

@@ -6,7 +6,7 @@ from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
 from sysid.criteria.information import information_criteria
-from sysid.data.checks.quality import inspect_records
+from sysid.data.inspection import inspect_records
 from sysid.data.record import Channel, Record
 from sysid.errors import SysidError, UsageError
 from sysid.estimation.identify import Request, identify
@@ -143,7 +143,7 @@ def test_the_oscillation_of_a_signal_is_said(tmp_path, capsys: Capture) -> None:
     log = write_log(tmp_path / "vibration.csv", ["tilt"], [record.y[:, 0]])
     place = ("--workspace", tmp_path / "ws")
     found = run(capsys, "fit", log, "--structure", "ar", "--orders", "na=2", *place)
-    assert "It oscillates at 0.9" in found.out
+    assert "oscillates at 0.9" in found.out
     assert "trace of u" not in found.out
     assert "sysid export" not in found.out
     assert " and  " not in found.out

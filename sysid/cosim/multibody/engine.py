@@ -33,7 +33,6 @@ class Surroundings:
     """What stands around a machine.
 
     Attributes:
-        discs: round obstacles.
         walls: each by its points [m].
     """
 
@@ -75,7 +74,6 @@ class Engine:
     Its data are a scratch pad: what a run is, is in the vectors that go in and come out.
 
     Attributes:
-        model, data: MuJoCo's.
         moving: obstacles that are moved along.
         turning: addresses of the speeds of both rows.
         outside: which shapes belong to what stands around, (geoms,).
@@ -193,9 +191,7 @@ def engine(
     """A machine that stands; the same one where it is asked for again.
 
     Args:
-        machine: what drives.
         start: x, y [m] and ψ [rad] of the middle of its wheels.
-        around: what stands around it.
         step: of the engine [s].
 
     Raises:

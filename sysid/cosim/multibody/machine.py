@@ -196,7 +196,6 @@ def scene(
     force on the vehicle does: r μr N. Without a motor two servos hold the speeds of the rows.
 
     Args:
-        machine: what drives.
         step: of the engine [s].
         start: x, y [m] and ψ [rad] of the middle of the wheels.
         around: elements of the world beside it.

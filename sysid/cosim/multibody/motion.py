@@ -42,7 +42,6 @@ class MultibodyState(NamedTuple):
     """What the engine goes on from.
 
     Attributes:
-        vector: MuJoCo's own.
         omega: speeds of the wheels at the last sample [rad/s].
         lateral: speed to the left [m/s].
         touching: contacts with what stands around.
@@ -64,7 +63,6 @@ class Multibody(Physics):
     Attributes:
         friction: between wheels and floor.
         size: length, width and height of the box [m].
-        wheels: of each track.
         part: longest part of a sample that the engine computes in one step [s].
     """
 

@@ -25,10 +25,7 @@ class Ros(NamedTuple):
     """What of ROS the nodes use.
 
     Attributes:
-        rospy: the client library.
-        genpy: its times.
         message_class: "nav_msgs/Odometry" → class, None where its package is not installed.
-        odometry, twist, clock, string: classes of messages.
     """
 
     rospy: Any

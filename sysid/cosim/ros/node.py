@@ -14,7 +14,6 @@ class Node:
     """A node that is registered.
 
     Attributes:
-        ros: rospy and the messages.
         master: where it is registered.
     """
 

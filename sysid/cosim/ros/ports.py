@@ -48,11 +48,9 @@ class _Talk:
     """What came, and what is said where nothing comes.
 
     Attributes:
-        node: this process.
         listens: subscriptions by topic.
         says: publishers by topic.
         other: what the other node is, in words.
-        starts: how it is started.
     """
 
     node: Node
@@ -294,7 +292,6 @@ def robot_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[Robo
     """This process as the node that is the robot, connected to the one that guides it.
 
     Args:
-        topic: of what is asked.
         patience: how long the other node may take to come [s].
 
     Raises:
@@ -325,7 +322,6 @@ def guidance_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[G
     """This process as the node that guides, connected to the robot.
 
     Args:
-        topic: of what is asked.
         patience: how long the robot may take to come [s].
 
     Raises:

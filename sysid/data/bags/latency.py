@@ -1,10 +1,10 @@
 """Latency of the streams of a bag relative to each other: estimated, reported, removed.
 
-Measurements answer commands through a plant, so that their lateness is its dead time: the θ of
+Measurements respond to commands through a plant, so that their lateness is its dead time: the θ of
 
     y(t) = c + Σ_i K_i F_i(t − θ),    F = u_i through one lag τ₁, or through two (τ₁, τ₂)
 
-fitted to the messages at their own instants. Two topics that measure one motion tell their lateness
+fitted to the messages at their own instants. Two topics that measure one motion show their lateness
 without a plant: increments of the one are regressed on those of the other at every shift
 (:func:`sysid.data.joining.clock_offset.clock_shift`).
 """
@@ -55,14 +55,14 @@ class Latency:
         seconds: how late [s]; negative where it is early.
         std_error: of that [s].
         behind: the topic it was compared with.
-        answers: whether that one commands it, so that a plant's dead time is in the number.
+        responds: whether that one commands it, so that a plant's dead time is in the number.
     """
 
     topic: str
     seconds: float
     std_error: float
     behind: str
-    answers: bool
+    responds: bool
 
     @property
     def seen(self) -> bool:
@@ -130,10 +130,10 @@ def without_latency(
 
 
 def latencies(streams: Sequence[Timed], zero_order_hold: frozenset[str]) -> tuple[Latency, ...]:
-    """How late measurements answer the commands, and how late they are behind one another.
+    """How late measurements respond to the commands, and how late they are behind one another.
 
     Where possible a topic is compared with the commands; any other one is compared with the
-    topic that answers them most surely, or with the fastest one.
+    topic that responds to them most surely, or with the fastest one.
     """
     streams = _window(streams)
     commands = [s for s in streams if set(s.stream.names) <= zero_order_hold and len(s.t) > 1]
@@ -159,10 +159,10 @@ def latencies(streams: Sequence[Timed], zero_order_hold: frozenset[str]) -> tupl
         if apart is None:
             continue
         start = by_topic.get(reference.stream.topic)
-        if start is not None:  # against the command, as those that answer it
+        if start is not None:  # against the command, as those that respond to it
             error = float(np.hypot(apart.std_error, start.std_error))
             apart = replace(apart, seconds=apart.seconds + start.seconds, std_error=error)
-            apart = replace(apart, behind=start.behind, answers=True)
+            apart = replace(apart, behind=start.behind, responds=True)
         estimates.append(apart)
     return tuple(estimates)
 
@@ -196,7 +196,7 @@ def _between(stream: Timed, start: float, end: float) -> Timed:
 def _answer(
     measured: Timed, commands: Sequence[Timed], zero_order_hold: frozenset[str], row: float
 ) -> Latency | None:
-    """How late a topic answers the commands; None where it cannot be estimated."""
+    """How late a topic responds to the commands; None where it cannot be estimated."""
     if not commands:
         return None
     delays = []
@@ -215,12 +215,12 @@ def _answer(
     spread = float(np.sqrt(weights @ (seconds - mean) ** 2))
     error = float(max(np.sum(errors**-2) ** -0.5, spread))
     names = ", ".join(c.stream.topic for c in commands)
-    return Latency(measured.stream.topic, mean, error, names, answers=True)
+    return Latency(measured.stream.topic, mean, error, names, responds=True)
 
 
 @dataclass(frozen=True)
 class DeadTime:
-    """How a measurement answers commands.
+    """How a measurement responds to commands.
 
     Attributes:
         seconds: dead time θ [s].
@@ -347,8 +347,8 @@ class _Lagged:
         at = (t - theta - self.start) / self.step
         grid = np.arange(len(x), dtype=np.float64)
         fading = [np.exp((self.t[0] - t) / lag) for lag in lags]  # of what moved before the first
-        answers = [np.interp(at, grid, c) for c in x.T]
-        phi = np.column_stack([np.ones(len(t)), *fading, *answers])
+        responses = [np.interp(at, grid, c) for c in x.T]
+        phi = np.column_stack([np.ones(len(t)), *fading, *responses])
         return np.asarray(y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0])
 
     def coarse(self) -> tuple[float, float]:
@@ -378,7 +378,7 @@ def _apart(
     if not sure or abs(shift.seconds) > LONGEST or shift.std_error > TELLS * row:
         return None
     topics = other.stream.topic, reference.stream.topic
-    return Latency(topics[0], -shift.seconds, shift.std_error, topics[1], answers=False)
+    return Latency(topics[0], -shift.seconds, shift.std_error, topics[1], responds=False)
 
 
 def _motion(stream: Timed, zero_order_hold: frozenset[str]) -> Array | None:
@@ -402,9 +402,9 @@ def _latency_finding(
 ) -> Finding:
     error = f"{1e3 * abs(one.seconds):.3g} ± {1e3 * one.std_error:.2g} ms"
     side = "late" if one.seconds >= 0.0 else "early"
-    if one.answers:
+    if one.responds:
         how = "by a fit of a lag with dead time"
-        text = f"{where}: {one.topic} answers {one.behind} {error} {side}, {how}"
+        text = f"{where}: {one.topic} responds to {one.behind} {error} {side}, {how}"
     else:
         how = "by the motion that both measure"
         text = f"{where}: {one.topic} is {error} {side} beside {one.behind}, {how}"
@@ -413,6 +413,6 @@ def _latency_finding(
     if not one.seen:
         return Finding("latency", Severity.NOTE, f"{text}: not significant.")
     advice = "The model includes this dead time; `latency='remove'` removes it from the log."
-    if not one.answers:
+    if not one.responds:
         advice = "`latency='remove'` moves it back."
     return Finding("latency", Severity.NOTE, f"{text}.", advice)

@@ -1,7 +1,7 @@
 """Propose which fields of a bag are inputs and outputs of a plant: by type, name and causality.
 
 Types and names make candidates: a Twist on a topic that commands, an Odometry, the speeds of
-joints. Among these the pair is proposed in which one answers the other: its measurements are
+joints. Among these the pair is proposed in which one responds to the other: its measurements are
 explained by the other's values, held and behind a lag with a dead time that is not negative, better
 than the other way round.
 """
@@ -41,9 +41,9 @@ MOST_FIELDS = 4
 MOST_PAIRS = 3
 """Topics of each kind that are tried on each other."""
 EARLY = -0.02
-"""A measurement that comes so much before [s] does not answer."""
+"""A measurement that comes so much before [s] does not respond."""
 NAMED, TYPED, LED = 3.0, 3.0, 4.0
-"""What a word of the topic, the type of its messages and a full answer count."""
+"""What a word of the topic, the type of its messages and a full response count."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def _kin(u: _Candidate, y: _Candidate) -> float:
 
 
 def _answers(u: Sequence[Field], y: Sequence[Field]) -> DeadTime | None:
-    """How measurements answer commands, the mean over the measurements; None where they do not."""
+    """Mean over the measurements of how they respond to commands; None where they do not."""
     shared = [f for f in u if len(f.t) == len(u[0].t)]
     order = np.flatnonzero(np.diff(u[0].t, prepend=-np.inf) > 0.0)
     block = np.column_stack([f.values for f in shared])[order]

@@ -97,7 +97,7 @@ def _together(records: Sequence[Record]) -> list[Finding]:
 
 
 def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
-    """Whether the input answers to the output: data recorded in closed loop.
+    """Whether the input depends on the output: data recorded in closed loop.
 
     Args:
         tests: one an output; None where the records are too short for them.
@@ -132,7 +132,7 @@ def _response(test: FeedbackTest) -> str:
 def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
     """The delay of every pair with its interval, output by output.
 
-    An answer within the sample is either feedthrough or a controller that reads y(t) before it
+    A response within the sample is either feedthrough or a controller that reads y(t) before it
     writes u(t). Where feedback is detected it is the controller's; where none is, one record cannot
     distinguish the two for certain, so it is noted.
 
@@ -163,7 +163,7 @@ def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
         if any(d.delay == 0 and d.certain for d in pairs):
             severity = Severity.NOTE
             advice = (
-                "Use nk = 0, unless a controller answers within the sample: then the delay is the "
+                "Use nk = 0, unless a controller responds within the sample: then the delay is the "
                 "controller's, and nk = 1."
             )
         findings.append(Finding("delay", severity, text, advice, output))
@@ -186,7 +186,7 @@ def _no_effect(output: str, inputs: Sequence[str]) -> Finding:
 def check_sampling(
     dt: float, speeds: Sequence[Speed], delays: Sequence[Delay] | None
 ) -> list[Finding]:
-    """Sample time against the time the outputs take to answer.
+    """Sample time against the time the outputs take to respond.
 
     Args:
         dt: sample time [s].

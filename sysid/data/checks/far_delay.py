@@ -2,7 +2,7 @@
 
 Input and output pass the filter that makes the input white; their cross-correlation over all lags,
 by FFT, is then the impulse response but for scale (Box, Jenkins & Reinsel 1994, §11.2). Its
-standard error is Bartlett's. Slow plants answer a little at many lags, so sums over neighbouring
+standard error is Bartlett's. Slow plants respond a little at many lags, so sums over neighbouring
 lags are looked at as well. The lags found are coarse: they say where a regression is to look.
 """
 

@@ -6,14 +6,14 @@ or not, as long as the past inputs are all there: MEMORY lags of them, for a smo
 any time what it was long ago, and lags around a long delay. Future inputs that the past predicts to
 within UNPREDICTABLE_SHARE of their power say nothing about feedback and are left out.
 
-*Reactions*: a controller that answers within the sample takes y(t) into u(t), which the regression
+*Reactions*: a controller that responds within the sample takes y(t) into u(t), which the regression
 above mistakes for the plant. So the innovations of y are taken from a regression without u(t), and
 u(t) is tested for dependence on those of the samples before, beside its own past:
 
     u(t) = Σ_k φ_k u(t−k) + Σ_{k≥1} γ_k w(t−k) + rest.
 
-A reference that steps makes jumps in u that would drown the answer; residuals are clipped at three
-robust standard deviations, so that jumps count no more than others.
+A reference that steps makes jumps in u that would drown the response; residuals are clipped at
+three robust standard deviations, so that jumps count no more than others.
 
 A plant with feedthrough in open loop passes both. No test on one record can distinguish it from a
 controller that acts within the sample only: white reference, white sensor noise, proportional
@@ -63,16 +63,16 @@ ALARM = 0.01
 """Level over both tests and all inputs of an output."""
 
 TRACE = 0.015
-"""Share below which an answer does no harm: round-off and small nonlinearities of long records."""
+"""Share below which a response does no harm: round-off and small nonlinearities of long records."""
 
 ANSWER = 4
-"""Number of samples within which a command answers."""
+"""Number of samples within which a command responds."""
 
 SURE = 1e-4
 """Level at which feedback is certain enough to change how a model is searched for."""
 
 STRONG = 0.05
-"""Share that an answer then explains at least."""
+"""Share that a response then explains at least."""
 
 RANK = 1e-10
 """Squared length below which a combination of columns of length 1 is round-off."""
@@ -80,14 +80,14 @@ RANK = 1e-10
 
 @dataclass(frozen=True)
 class FeedbackTest:
-    """Whether the inputs answer to one output.
+    """Whether the inputs respond to one output.
 
     Attributes:
-        output, input: the pair with the clearest answer.
-        p_value: of "no input answers to this output", over both tests.
-        reference: the column whose difference to the output the input answers to; empty where
+        output, input: the pair with the clearest response.
+        p_value: of "no input responds to this output", over both tests.
+        reference: the column whose difference to the output the input responds to; empty where
             there is none in the log.
-        moving: whether the input changes in at least half of the samples, as an answer to noisy
+        moving: whether the input changes in at least half of the samples, as a response to noisy
             outputs does.
         share: part of the output's innovations that future inputs explain, or part of the input's
             unpredicted changes that the output's innovations explain, 0 … 1, of the clearer test.
@@ -238,7 +238,7 @@ def _reactions(records: Sequence[Record], order: int, far: NDArray[np.int64]) ->
 def _beside_reference(
     records: Sequence[Record], order: int, far: NDArray[np.int64]
 ) -> list[FeedbackTest]:
-    """The clearest answer to each output beside the reference, p-values times the inputs."""
+    """The clearest response to each output beside the reference, p-values times the inputs."""
     lags = np.union1d(np.arange(_memory(records, order) + 1), far)
     with_references = _at_most(with_reference(records))
     names = records[0].input_names

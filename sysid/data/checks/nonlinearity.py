@@ -94,7 +94,7 @@ def nonlinearity_tests(
     Args:
         records: experiments with the same channels.
         feedback: whether a controller was running. The input of the same sample then reveals the
-            measurement that it answers to, which is no law of the plant, and is left out.
+            measurement that it responds to, which is no law of the plant, and is left out.
 
     Raises:
         DataError: too few samples for the linear predictor and its blocks.

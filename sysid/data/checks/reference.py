@@ -1,8 +1,9 @@
 """Test for feedback with the reference in the log: does a command depend on an output beside it?
 
-What a command takes from the reference is no answer to the output. Less that, and only then, even a
-command whose reference is white shows what it takes from the measurements. So u(t) is regressed on
-the references r, y(t) on all that the plant can know, and the remainders of the two are correlated:
+What a command takes from the reference is no response to the output. Less that, and only then, even
+a command whose reference is white shows what it takes from the measurements. So u(t) is regressed
+on the references r, y(t) on all that the plant can know, and the remainders of the two are
+correlated:
 
     u(t) = Σ_{k≥0} g_k r(t−k) + n(t),
     y(t) = Σ_{k≥1} a_k y(t−k) + Σ_{k≥0} b_k u(t−k) + w(t),        c_k = Σ_t Δn(t) w(t−k), k ≥ 1.
@@ -11,7 +12,7 @@ In open loop n and w are independent whatever makes n, for n is what the operato
 reference; w is white, so that cov(c_k, c_l) = N σ_w² R_Δn(k−l) (Bartlett), and cᵀ C⁻¹ c ~ χ². A
 controller hands each disturbance on as long as the loop needs to suppress it. Differences Δn, since
 an integral part remembers the reference longer than there are lags, and slowly. It is not asked
-whether u(t) holds w(t): a plant that answers within the sample would look the same.
+whether u(t) holds w(t): a plant that responds within the sample would look the same.
 """
 
 from collections.abc import Sequence
@@ -48,7 +49,7 @@ def with_reference(records: Sequence[Record]) -> list[Record]:
 def answers_beside_reference(
     records: Sequence[Record], order: int, lags: NDArray[np.int64]
 ) -> list[list[tuple[float, float]]]:
-    """(p-value, share) of each output's answer in each input, [output][input].
+    """(p-value, share) of each output's response in each input, [output][input].
 
     The share is that of the command's remainder, 0 … 1.
 

@@ -38,7 +38,7 @@ def check_finite(records: Sequence[Record]) -> list[Finding]:
 
 
 def check_constant(records: Sequence[Record]) -> list[Finding]:
-    """Channels that never change: nothing can be learnt from or about them."""
+    """Channels that never change: they hold no information."""
     findings = []
     still = [[_is_constant(c) for _, c in _channels(r)] for r in records]
     for i, (name, column) in enumerate(_channels(records[0])):

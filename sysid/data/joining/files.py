@@ -197,7 +197,7 @@ def _series(table: Table, time: str | None, ts: float | None, units: Mapping[str
 def _unit_of_log(log: Series, other: Table) -> dict[str, str]:
     """The unit of the log's clock for a second file's column of the same name, by name.
 
-    A file of events has rows too far apart for its steps to tell the unit.
+    A file of events has rows too far apart for its steps to show the unit.
     """
     name = log.clock[0] if len(log.clock) == 1 else ""
     if name not in other.names or dict(zip(other.names, other.units, strict=True))[name]:

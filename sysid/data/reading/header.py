@@ -268,7 +268,7 @@ def _are_foreign(lines: Sequence[str], data: str) -> bool:
     """Whether lines that look like data are no rows of the table in which another one stands.
 
     They stand behind a word, as no row of numbers does; one line alone, such as a date and a time
-    of day, is also told by its number of cells. Several such lines may be a table of their own.
+    of day, is also known by its number of cells. Several such lines may be a table of their own.
     """
     if not _is_value(_tokens(data)[0]):
         return not lines  # rows that begin with a word look like what stands in a title block

@@ -34,13 +34,14 @@ def correct_sensor(base: Base, selection: Selection) -> Parts:
         base: the base around which effects were named.
         selection: what was named.
     """
-    both = tuple(base.parts.estimation), tuple(base.parts.holdout)
+    parts = (base.parts.facts, base.parts.holdout_facts)
+    both = parts[0].records, parts[1].records
     sensors = [
         n.id
         for n in selection.selected
         if all(about(id).place is Place.READING for id in (n.id, *n.ties))
     ]
-    lost = tuple(inspect_samples(part).weights for part in both)
+    lost = tuple(inspect_samples(part).weights for part in parts)
     if base.on_rate or not (sensors or any(np.any(w == 0.0) for part in lost for w in part)):
         return both
     search, candidate = base.search, selection.final

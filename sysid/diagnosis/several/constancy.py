@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.facts import LogFacts
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
@@ -66,7 +65,8 @@ def _view(
     effects = tuple(_shown(base, selection, n, fit) for n in named)
     every = (*base.parts.estimation, *base.parts.holdout)
     of = (*logs.estimation, *logs.holdout)
-    noise = LogFacts(tuple(r for r, i in zip(every, of, strict=True) if i == k)).noise
+    records = tuple(r for r, i in zip(every, of, strict=True) if i == k)
+    noise = base.parts.facts_of(records).noise
     names = base.parts.estimation[0].output_names
     return LogView(
         logs.names[k],

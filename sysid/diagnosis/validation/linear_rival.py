@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.named_effects import RejectedEffect
@@ -120,9 +121,10 @@ def _best(base: Base, i: int) -> tuple[int, float]:
             _columns(parts.holdout, i, holdout_weights),
         )
     best = (order_of_base, np.inf)
+    facts = LogFacts(tuple(fitted))
     for order in (order_of_base + more for more in MORE):
         try:
-            rmse = _judged(order, base.delay, fitted, holdout, [w[:, i] for w in holdout_weights])
+            rmse = _judged(order, base.delay, facts, holdout, [w[:, i] for w in holdout_weights])
         except SysidError:
             continue
         if RULE.tie * rmse < best[1]:
@@ -133,13 +135,13 @@ def _best(base: Base, i: int) -> tuple[int, float]:
 def _judged(
     order: int,
     delay: int,
-    fitted: Sequence[Record],
+    fitted: LogFacts,
     holdout: Sequence[Record],
     counts: Sequence[Array],
 ) -> float:
-    """Stale-out RMSE of the free run of an output-error model."""
+    """Held-out RMSE of the free run of an output-error model."""
     structure = OE.from_orders({"nb": order, "nf": order, "nk": delay}, 1, 1)
-    detrend = "none" if fitted[0].is_robot_log else "auto"
+    detrend = "none" if fitted.records[0].is_robot_log else "auto"
     model = fit(structure, fitted, ROUGH, detrend=detrend)
     errors = [
         (r.y - outputs(model, r, None, Start.ESTIMATED))[w > 0.0]

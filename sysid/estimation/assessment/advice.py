@@ -36,7 +36,6 @@ def advice(
     """All warnings about one fit, the gravest first.
 
     Args:
-        model: the fitted model.
         free_run, one_step: figures on the estimation data.
         validation: free-run figures on held-out data, if there are any.
         residuals: residual tests on the estimation data.

@@ -16,7 +16,6 @@ def notes_for(structure: Structure, findings: Sequence[Finding]) -> tuple[str, .
     """The sentences of warnings, and of the notes that matter to such a structure.
 
     Args:
-        structure: what was fitted.
         findings: verdicts on the data, of any severity.
     """
     codes = FOR_LINEAR if structure.linear else FOR_NONLINEAR

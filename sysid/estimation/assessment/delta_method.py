@@ -21,7 +21,6 @@ def delta_errors(model: Model, numbers: Callable[[Array], Array], centre: Array)
     """Standard errors of numbers that follow from θ, by differences along the axes of P.
 
     Args:
-        model: its θ and covariance.
         numbers: θ → (m,).
         centre: the numbers at θ, (m,).
 

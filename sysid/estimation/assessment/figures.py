@@ -103,12 +103,10 @@ def figures(
     What stands out of the errors of a robustly fitted model is left out and counted.
 
     Args:
-        model: the model.
         records: experiments, each with its own initial state.
         data: what to call these data.
         horizon: k-step-ahead prediction, or None for the free run; a model without inputs has
             none and is judged one step ahead.
-        start: initial-state policy.
         skip: samples at the head of each record left out of the figures; they may set the
             initial state.
 
@@ -162,7 +160,6 @@ def residual_tests(
     Nonlinear structures have to stand Billings & Voon's further tests as well.
 
     Args:
-        model: the model.
         records: the data to test on.
         fitted: whether the model was fitted to these data. On others nothing is projected out;
             what the parameters' uncertainty puts into the residuals is allowed for instead.

@@ -25,8 +25,6 @@ class DataFigures:
     """Figures of one model on one set of data under one initial-state policy.
 
     Attributes:
-        free_run: free-run simulation.
-        one_step: one-step prediction.
         k_step: further horizons asked for.
     """
 
@@ -146,11 +144,8 @@ def assess(
     """Figures, residual tests and warnings of one model.
 
     Args:
-        model: fitted model.
         estimation: the estimation records and what to call them.
         validation: the same for held-out data, or None.
-        policy: how figures are made.
-        seconds: what the fit took.
         chosen: facts about the order search.
         notes: warnings known before.
     """

@@ -17,7 +17,6 @@ def beyond_range(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
     Linear models are left out: what they do at one level they do at every level.
 
     Args:
-        model: the fitted model.
         records: the data it is judged on.
     """
     if model.structure.linear or len(model.ranges) < len(model.inputs):

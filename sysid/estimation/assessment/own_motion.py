@@ -13,7 +13,7 @@ from sysid.structures.model import Model
 
 @dataclass(frozen=True)
 class OwnMode:
-    """One mode of a signal: it swings, or it dies out.
+    """One mode of a signal: it oscillates, or it decays.
 
     Attributes:
         frequency: natural frequency [rad/s], None for a mode that only dies out.

@@ -35,11 +35,11 @@ VISIBLE_MODE = 0.02
 """A mode that carries less than this share of the final value is not seen in a step."""
 
 RESOLVED = np.pi / 2.0
-"""Largest angle of a pole that swings, a quarter of the sampling rate: with fewer than four
+"""Largest angle of an oscillating pole, a quarter of the sampling rate: with fewer than four
 samples a period a pair of poles is noise or a delay, not a motion that anybody saw."""
 
 MOVES = 1e-6
-"""Share of the final change from which an answer has begun."""
+"""Share of the final change from which a response has begun."""
 
 
 @dataclass(frozen=True)
@@ -52,21 +52,19 @@ class Estimate:
 
 @dataclass(frozen=True)
 class StepResponse:
-    """The answer of one output to a step of one input, the other inputs at their base.
+    """The response of one output to a step of one input, the other inputs at their base.
 
     Attributes:
-        input, output: names of the channels.
         start, level: the input before and after the step, in its unit.
         share: the level as a share of the largest input seen; None for a linear model, whose
             gain and times are the same at every level.
         gain: final change of the output per unit of input; of its rate [1/s] when it integrates.
-        unit: unit of the gain.
         file_factor: gain in the units of the file = file_factor × gain.
         file_unit: unit of the gain in the file's units; empty where nothing was converted.
         time_constants: of the modes that a step shows, the slowest first [s].
         oscillation: natural frequency [rad/s] and damping of the slowest oscillating mode.
-        dead_time: time before the output answers [s].
-        rise: time from the first answer to 63 % of the change [s].
+        dead_time: time before the output responds [s].
+        rise: time from the first response to 63 % of the change [s].
         settling: time after which the output stays within 2 % of its final change [s].
         integrates: whether the output runs away at a constant rate.
         settles: whether it comes to rest, or to a constant rate, at all.
@@ -102,7 +100,7 @@ class StepResponse:
                 *(np.nan if pair[k] is None else pair[k] for k in ("value", "std_error"))
             )
 
-        swing = raw["oscillation"]
+        pair = raw["oscillation"]
         dead = raw["dead_time"]
         return cls(
             **{
@@ -110,7 +108,7 @@ class StepResponse:
                 **{k: estimate(raw[k]) for k in ("gain", "rise", "settling")},
                 "dead_time": np.nan if dead is None else dead,
                 "time_constants": tuple(estimate(t) for t in raw["time_constants"]),
-                "oscillation": None if swing is None else (estimate(swing[0]), estimate(swing[1])),
+                "oscillation": pair and (estimate(pair[0]), estimate(pair[1])),
             }
         )
 
@@ -121,19 +119,16 @@ def step_responses(model: Model) -> tuple[StepResponse, ...]:
     A linear model is asked once for each pair; a nonlinear one at a small, a half and the full
     input seen, from zero, or from the smallest input seen where zero was not.
 
-    Args:
-        model: the fitted model.
-
     Returns:
         Output by output, input by input, the small steps first; nothing for a model without
         inputs, and no pair whose input cannot reach the output.
     """
     linear = model.structure.linear
     responses = [
-        answer
+        step
         for j in range(len(model.inputs))
         for share in ((None,) if linear else LEVELS)
-        for answer in _answers_to(model, j, share)
+        for step in _steps_of(model, j, share)
     ]
     names = [c.name for c in model.outputs]
     return tuple(sorted(responses, key=lambda r: names.index(r.output)))
@@ -151,7 +146,7 @@ class _Run:
     settles: bool
 
 
-def _answers_to(model: Model, j: int, share: float | None) -> list[StepResponse]:
+def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
     """What a step of input j does to every output it reaches."""
     start, level = _levels(model, j, share)
     if level == start:
@@ -175,13 +170,13 @@ def _answers_to(model: Model, j: int, share: float | None) -> list[StepResponse]
     centre = numbers(model.theta)
     errors = delta_errors(model, numbers, centre)
     rest = iter(Estimate(float(v), float(s)) for v, s in zip(centre, errors, strict=True))
-    answers = []
+    steps = []
     for i in reached:
         u, y, run = model.inputs[j], model.outputs[i], runs[i]
         gain, rise, settling = next(rest), next(rest), next(rest)
         times, oscillation = _modes(poles[i], rest)
         unit, file_unit = _gain_units(u, y, run.integrates)
-        answers.append(
+        steps.append(
             StepResponse(
                 input=u.name,
                 output=y.name,
@@ -201,7 +196,7 @@ def _answers_to(model: Model, j: int, share: float | None) -> list[StepResponse]
                 settles=run.settles,
             )
         )
-    return answers
+    return steps
 
 
 def _levels(model: Model, j: int, share: float | None) -> tuple[float, float]:
@@ -359,7 +354,7 @@ def _mode_numbers(
 ) -> list[float]:
     """Of every pole its time constant, or its natural frequency and its damping.
 
-    Which of them is told by the poles at θ̂, ``like``: near a double root a real pair turns complex
+    The poles at θ̂, ``like``, decide which of them: near a double root a real pair turns complex
     and back with the smallest change of θ, and the numbers must stay the same ones.
     """
     numbers: list[float] = []
@@ -396,7 +391,7 @@ def _slowest(poles: "np.ndarray[Any, Any] | None") -> float:
 
 
 def _dead_time(model: Model, i: int, j: int, run: _Run) -> float:
-    """Time before the output answers [s]: delays whose coefficients are noise count as waiting."""
+    """Time before the output responds [s]: delays whose coefficients are noise count as waiting."""
     structure = model.structure
     # coefficients that stand for single lags are those of B alone
     if not isinstance(structure, PolynomialStructure) or structure.orders.coupled:

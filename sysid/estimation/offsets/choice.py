@@ -202,7 +202,7 @@ class _Regression:
 
     @property
     def integrates(self) -> NDArray[np.bool_]:
-        """By output, whether A(1) cannot be told from zero."""
+        """By output, whether A(1) cannot be distinguished from zero."""
         return np.asarray(np.abs(np.diag(self.A)) < SEEN_BALANCED * self.own_error)
 
     @property
@@ -232,7 +232,7 @@ class _Evidence:
         self.records, self._nk = tuple(records), nk
 
     def regression(self, offsets: Offsets) -> _Regression | None:
-        """A long ARX about these offsets, None where the data cannot tell the constant."""
+        """A long ARX about these offsets, None where the data do not determine the constant."""
         first = self.records[0]
         nu, ny = first.nu, first.ny
         samples = sum(len(r) for r in self.records)

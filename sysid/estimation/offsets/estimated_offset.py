@@ -60,12 +60,8 @@ def fit_with_offset(
     """Fit a linear structure with the constant as a further input.
 
     Args:
-        structure: what to fit.
-        facts: of the data.
         offsets: what is removed first, and whose offset is estimated.
-        options: how to fit.
         parameters: of ``structure``, with bounds and fixed values.
-        initial_guesses: further starts.
 
     Returns:
         The fit, or None where the data cannot distinguish the constant from the effect of the
@@ -99,8 +95,6 @@ def narrowed(
 
     Args:
         wide: the structure with the constant as its last input.
-        outcome: its fit.
-        facts: of the data.
         offsets: what was removed before.
     """
     places, _ = constant_places(wide)
@@ -171,7 +165,6 @@ class _SteadyState:
 
     Attributes:
         wide: the structure with the constant as its last input.
-        outcome: its fit.
         ranges: of the outputs in the data, (ny,).
     """
 

@@ -61,7 +61,8 @@ class Offsets:
         A physical structure counts from the channels' own zeros. Nonlinear ones with an offset of
         their own do, too, because what they describe (the edges of a dead zone, the terms of an
         equation) is about these zeros; those that begin a free run from past outputs are moved
-        where zero is no place the data come near.
+        where zero is no place the data come near. Products of past signals are the least alike
+        about the means, so that the choice among them is best conditioned (Marquardt 1980, JASA).
         """
         nu, ny = structure.nu, structure.ny
         if structure.physical:
@@ -75,6 +76,8 @@ class Offsets:
             return Offsets(Detrend.none(nu, ny), Origin.INSIDE)
         if self.at_rest:
             return replace(self, origin=Origin.REST, estimated=())
+        if structure.chooses_products:
+            return Offsets(Detrend.means(records), Origin.MEANS)
         u, y = ([getattr(r, side) for r in records] for side in ("u", "y"))
         moved = Detrend(_where_far(u), _where_far(y))
         return Offsets(moved, Origin.INSIDE)

@@ -62,9 +62,7 @@ def offset_column(model: Model, record: Record, output: int, fitted: bool) -> Ar
     with those of other parameters is left out.
 
     Args:
-        model: the model.
         record: without its offsets: about them the constant is zero.
-        output: number of the output.
         fitted: whether the model was fitted to these data.
     """
     s = model.structure
@@ -91,7 +89,6 @@ def fixed_parameter_tests_of(
     other tests judge.
 
     Args:
-        model: the fitted model.
         errors: its residuals on the estimation data, (N, ny) each record.
         jacobians: all its gradient columns, by output and record.
         level: confidence level over all of them.

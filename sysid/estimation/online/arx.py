@@ -26,7 +26,7 @@ ROWS_A_COEFFICIENT = 4
 """Rows of a block for each coefficient: its own information is then of full rank."""
 
 SHORTEST_BLOCK = 16
-"""Rows of a block at least: fewer would cost more than they tell."""
+"""Rows of a block at least: fewer would cost more than they add."""
 
 LOOKED_AT = 5_000
 """Newest rows on which whiteness and coloured noise are judged while a stream runs."""
@@ -34,7 +34,7 @@ LOOKED_AT = 5_000
 
 @dataclass(frozen=True, eq=False)
 class RecursiveEstimate:
-    """What a stream has told so far.
+    """What a stream has shown so far.
 
     Attributes:
         theta: as of the structure, (n,).
@@ -59,7 +59,7 @@ class Changed:
         after: number of rows before it, counted from the first row of the stream.
         within: rows within which that number is known.
         seen: number of rows after which it was seen.
-        output: number of the output that tells it.
+        output: number of the output that shows it.
         alarm: how sure and how large it is.
         before: the estimate before it.
     """
@@ -180,7 +180,7 @@ class RecursiveARX:
         self._history = self._history[:0]
 
     def estimate(self, whole: bool = False) -> RecursiveEstimate:
-        """What the rows so far tell.
+        """What the rows so far show.
 
         Args:
             whole: look at all kept rows for coloured noise, not only at the newest.
@@ -331,7 +331,6 @@ def regressors(rows: Array, output: int, terms: Sequence[tuple[int, int]], first
 
     Args:
         rows: outputs, then inputs, (N, ny + nu).
-        output: number of the output.
         terms: (signal, lag) of the regressors.
         first: first row with a whole past.
     """

@@ -89,7 +89,6 @@ class _Rows:
 
     Attributes:
         pieces: uninterrupted rows, outputs before inputs.
-        output: number of the output.
         signal: number of the input among the signals.
         terms: (signal, lag) of the regressors.
         start: first row of a piece with a whole past, also of the signs.
@@ -167,7 +166,6 @@ def dead_zone(
 
     Args:
         pieces: uninterrupted stretches, outputs before inputs, (N, ny + nu) each.
-        output: number of the output.
         signal: number of the input among the signals.
         terms: (signal, lag) of the regressors of that output; lags of the output among them.
 
@@ -212,7 +210,6 @@ def changed_beyond(
     change of the plant. With it both parts should agree (Chow 1960).
 
     Args:
-        zone: of all rows.
         parts: the stretches before and after.
         where: numbers of the output, and of the input among the signals.
         terms: (signal, lag) of the regressors.
@@ -229,7 +226,7 @@ def changed_beyond(
     solutions = [_solve(r, zone.edge, friction) if r.pieces else None for r in rows]
     before, after, joint = solutions
     if before is None or after is None or joint is None:
-        return False  # too little of either to tell a change from a dead zone
+        return False  # too little of either to distinguish a change from a dead zone
     n, loss = len(joint.theta), before.loss + after.loss
     free = before.rows + after.rows - 2 * n
     statistic = (joint.loss - loss) / n / (loss / free)
@@ -296,7 +293,7 @@ def _solve(rows: _Rows, delta: float, friction: bool, theta: Array | None = None
 
 
 def _least_squares(equations: Sequence[tuple[Array, Array, NDArray[np.bool_]]]) -> _Solved | None:
-    """θ and its covariance from the rows that move, None where these do not tell all of it."""
+    """θ and its covariance from the rows that move, None where these do not determine all of it."""
     phis = [phi[moving] for phi, _, moving in equations]
     ys = [y[moving] for _, y, moving in equations]
     samples, n = sum(map(len, ys)), phis[0].shape[1]

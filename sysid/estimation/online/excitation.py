@@ -35,7 +35,6 @@ class Excitation:
     """Whether one output's equation is known well enough.
 
     Attributes:
-        output: its name.
         smallest: least eigenvalue of Λ, 0 where a direction is without information.
         need: what it should be.
         lacking: signals of the worst-known mixture, where it is less.
@@ -50,7 +49,7 @@ class Excitation:
 
     @property
     def enough(self) -> bool:
-        """Whether the data tell every mixture of the parameters."""
+        """Whether the data determine every mixture of the parameters."""
         return self.smallest >= self.need
 
 

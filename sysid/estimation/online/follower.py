@@ -14,6 +14,7 @@ from sysid.data.operating_point import OperatingPoint, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Channel, Record
+from sysid.data.same_kind import Sampled
 from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation import pem
 from sysid.estimation.assessment.findings import Policy, assess
@@ -70,7 +71,7 @@ class LiveOptions:
             )
 
 
-class Feed(Protocol):
+class Feed(Sampled, Protocol):
     """Where rows come from: a file, a pipe, or a topic."""
 
     where: str
@@ -79,18 +80,6 @@ class Feed(Protocol):
     @property
     def ready(self) -> bool:
         """Whether channels and sample time are known."""
-
-    @property
-    def inputs(self) -> tuple[Channel, ...]:
-        """Input channels."""
-
-    @property
-    def outputs(self) -> tuple[Channel, ...]:
-        """Output channels."""
-
-    @property
-    def dt(self) -> float:
-        """Sample time [s]."""
 
     def new(self, last: bool = False) -> Rows | None:
         """The rows since the last call; None while channels are not known."""
@@ -103,7 +92,6 @@ class LogFeed:
     """Rows of a log's lines.
 
     Attributes:
-        where: its name.
         ended: whether nothing can come any more.
         restarts: how often the file began anew.
     """
@@ -162,8 +150,6 @@ class Follower:
     """Takes rows from a feed into a ``LiveFit``, which it makes when channels are known.
 
     Attributes:
-        feed: where rows come from.
-        options: how to follow.
         live: the estimate, None before the first rows.
     """
 
@@ -259,10 +245,8 @@ def identification(
     """The model of a followed plant, judged on the rows it stands on.
 
     Args:
-        live: the estimate.
         records: the rows of ``kept_log``, read again.
         options: facts to keep with the model.
-        policy: how figures are made.
     """
     records = tuple(replace(r, inputs=live.inputs, outputs=live.outputs) for r in records)
     model = _model(live, records, options)

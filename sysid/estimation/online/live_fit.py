@@ -44,7 +44,7 @@ ORDER_ROWS = 12_000
 """Newest rows that choose: as many as an order search of a batch fit looks at."""
 
 DEAD_ZONE_ROWS = 20_000
-"""Newest rows that tell a dead zone: 20 s at 1 kHz, a batch fit of 50 ms."""
+"""Newest rows that show a dead zone: 20 s at 1 kHz, a batch fit of 50 ms."""
 
 SPREAD_ROWS = 5_000
 """Newest rows by which signals are judged to move."""
@@ -60,7 +60,6 @@ class LiveFit:
         print(live.state().pairs[0].gain)
 
     Attributes:
-        inputs, outputs: channels.
         dt: sample time [s].
     """
 
@@ -132,7 +131,7 @@ class LiveFit:
         return self._earlier + self.recursion.total + self.recursion.waiting
 
     def state(self) -> LiveState:
-        """What the stream tells now."""
+        """What the stream shows now."""
         model = self.model()
         linear = step_responses(model)
         changes = self._changes
@@ -217,7 +216,7 @@ class LiveFit:
         return changed_beyond(zone, parts, (output, signal), terms)
 
     def _remember(self, change: Changed) -> None:
-        """A change as it is told, with the numbers before it."""
+        """A change as it is reported, with the numbers before it."""
         before = step_responses(self._model_of(change.before))
         if self._changes:
             self._changes[-1] = followed_by(self._changes[-1], before)

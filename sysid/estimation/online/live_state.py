@@ -30,10 +30,8 @@ class LivePair:
     """What an input does to an output.
 
     Attributes:
-        input, output: names.
         gain, time_constant: with their standard errors; beyond the dead zone where one is seen.
             The time constant of a response with several modes is the time to 63 % [s].
-        unit: of the gain.
         dead_time: [s].
         dead_zone: of the input, where it is this output's drive and enough is known.
         settled: whether gain and time constant are known within SETTLED.
@@ -69,7 +67,7 @@ class LiveChange:
         time: when, counted from the first row [s].
         within: within which that is known [s].
         seen: when it was seen [s].
-        output: the output that told it.
+        output: the output that showed it.
         chance: probability of a difference as large without a change.
         share: by how much of what the inputs do the output was altered.
         numbers: what changed.
@@ -97,14 +95,12 @@ class LiveParameter:
 
 @dataclass(frozen=True)
 class LiveState:
-    """What a stream tells at one moment.
+    """What a stream shows at one moment.
 
     Attributes:
         rows, seconds: taken in so far.
         since_change: rows since the last change.
-        orders: of the ARX.
         pairs: inputs and outputs.
-        parameters: of the ARX.
         noise: standard deviation of the one-step error of each output.
         excitation: of each output's equation.
         changes: of the plant.

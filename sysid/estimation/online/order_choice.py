@@ -23,7 +23,6 @@ def chosen_orders(
 
     Args:
         pieces: uninterrupted rows, outputs before inputs.
-        inputs, outputs: channels.
         dt: sample time [s].
     """
     ny, nu = len(outputs), len(inputs)

@@ -25,7 +25,6 @@ class Contender:
 
     Attributes:
         id: its name in the workspace.
-        model: the model.
         records: its estimation data read again, or None when they are gone or have changed.
         report: what was said about it when it was fitted.
         validation: what it was judged on then, read again; None where that is gone or unknown.
@@ -43,7 +42,6 @@ class Ranked:
     """One line of a ranking.
 
     Attributes:
-        contender: the model.
         value: of the criterion that ranks.
         criteria, figures, residuals: what is known of it.
         step_time: processor time of one step [s]; None where it cannot be stepped.
@@ -80,7 +78,6 @@ class Ranking:
     """Comparable models by one criterion, and those that cannot be compared, with the reason.
 
     Attributes:
-        criterion: what ranked.
         lines: the models, the first by the criterion first.
         excluded: id → why it cannot be compared.
         notes: what to know about the ranking.

@@ -23,7 +23,6 @@ class CrossValidation:
     """Free-run errors of one structure over the folds.
 
     Attributes:
-        folds: number of folds.
         fit_percent: per output, of all held-out blocks together.
         rmse: per output, in the output's unit.
         spread: per output, standard deviation of the folds' RMSE.
@@ -70,7 +69,7 @@ def cross_validate(
     )
     options = options or options_of(model)
     # a structure without starting values of its own begins at the model's: what the held-out block
-    # tells is where a search begins, not where it ends
+    # shows is where a search begins, not where it ends
     initial_guesses = [("all data", model.theta)] if model.structure.begins_at_values else []
     squares, counts, failed = [], [], 0
     total = np.zeros(len(model.outputs))

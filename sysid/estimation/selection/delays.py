@@ -69,7 +69,6 @@ def chosen_delay(facts: LogFacts, offsets: Offsets) -> ChosenDelay:
     lags that begins there meets the data clearly better, stretch by stretch.
 
     Args:
-        facts: of the estimation data.
         offsets: what is removed before, and whether each model estimates a level of its own.
     """
     delays = facts.delays
@@ -125,7 +124,7 @@ def _as_early_as_seen(data: HoldOut, row: Row, level: bool) -> Row:
 
     Models of as many parameters on the same samples are compared by the differences of their
     squared errors, which are far more certain than either sum (Diebold & Mariano 1995, J. Bus.
-    Econ. Stat. 13): the means of BLOCKS stretches tell their standard error, correlated or not.
+    Econ. Stat. 13): the means of BLOCKS stretches give their standard error, correlated or not.
     """
     earliest = min(min(row) - PLAIN, EARLIER)
     if earliest < 1:

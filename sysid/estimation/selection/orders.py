@@ -46,7 +46,6 @@ class Candidate:
 
     Attributes:
         orders: as ``Structure.from_orders`` reads them.
-        n: number of parameters.
         score: the criterion's value, smaller is better.
         error: free-run error on the held-out data relative to the outputs' spread; one step ahead
             where the data come from a closed loop.
@@ -68,8 +67,6 @@ class OrderSearch:
     """The outcome of a search over one structure's orders, best first.
 
     Attributes:
-        structure: its name.
-        criterion: what ranked.
         candidates: all orders that could be fitted.
         margin: fraction by which a held-out error may exceed the best one and still tie with it.
         equations: samples and outputs of the records that were fitted.
@@ -100,13 +97,9 @@ def search_orders(
     """Rank the orders of one structure.
 
     Args:
-        name: structure.
-        grid: orders to try.
         data: what to fit and what to choose on (offsets removed); for ``fit`` and ``rmse`` the
             free run on the held-out samples counts, for ``aic``, ``bic`` … the one-step errors
             on the records to fit on, over the samples that all candidates predict.
-        options: how to fit.
-        criterion: what ranks.
         progress: called with (done, all, what) after each candidate.
         rivals: orders searched elsewhere that these will be ranked with: information criteria
             leave out the samples which not all of them predict.
@@ -123,7 +116,11 @@ def search_orders(
             with_constant(s, estimated) for s in structures if isinstance(s, PolynomialStructure)
         ]
         data = data.of(with_ones)
-    if cls.solved_at_once and options.focus is Focus.PREDICTION and _unconstrained(options):
+    if (
+        cls.solved_at_once
+        and options.focus is Focus.PREDICTION
+        and not (options.robust or options.stable or options.fixed or options.bounds)
+    ):
         candidates = _arx_at_once(structures, data, criterion)
         if progress:
             progress(len(grid), len(grid), f"{name}: {len(grid)} orders in one pass")
@@ -171,10 +168,6 @@ def searching(options: FitOptions) -> FitOptions:
         tolerance=max(options.precision(), SEARCH_TOLERANCE),
         patience=SEARCH_PATIENCE,
     )
-
-
-def _unconstrained(options: FitOptions) -> bool:
-    return not (options.robust or options.stable or options.fixed or options.bounds)
 
 
 def _one_after_another(

@@ -53,7 +53,6 @@ class StructureRanking:
     """Entries, the leading one first, and what put it there.
 
     Attributes:
-        entries: all of them.
         sound: those that may lead.
         margin: fraction within which held-out errors tie.
         rule: what decided among equals: the name of a criterion, or ``size``.
@@ -164,8 +163,6 @@ def reason(order: StructureRanking, criterion: str, words: str, *, given: bool) 
     """One sentence on why the first entry is first.
 
     Args:
-        order: all entries.
-        criterion: what ranked.
         words: the held-out data, as a sentence names them.
         given: whether the user gave the orders.
     """
@@ -198,7 +195,7 @@ def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) 
     if not table.criterion(criterion).of_free_run:
         return (
             f"{text} leads: its {criterion.upper()}, from one-step errors on the estimation data, "
-            f"is the {table.criterion(criterion).best_is}."
+            f"is the {'lowest' if table.criterion(criterion).smaller_is_better else 'highest'}."
         )
     share = 100.0 * (1.0 - first.error)
     ahead_by_one = order.one_step or not first.model.inputs

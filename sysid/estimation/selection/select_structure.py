@@ -75,7 +75,6 @@ class StructureSelection:
 
     Attributes:
         entries: fitted structures.
-        reason: one sentence.
         failed: structure → why it could not be fitted.
     """
 
@@ -102,14 +101,11 @@ def select_structure(
     """Search the orders of each structure on estimation data only, fit it, and rank them.
 
     Args:
-        names: structures to fit.
         data: estimation data, or what is known of them.
-        options: how to fit.
         detrend: treatment of the records' offsets: a policy, or what was chosen before.
         grid: orders to try, for all or by structure; None, and where a structure is left out, for
             its default grid; a single entry is fitted without a search.
         criterion: what ranks orders and structures.
-        jobs: processes for the search.
         progress: called with (share done, what).
 
     Raises:

@@ -86,7 +86,6 @@ class Powered:
             other numbers come in units of it.
         rotors_known: whether the motors' damping and inertia are known, too. Else what moves with
             the rotors counts as the vehicle's.
-        unit: of the commands.
     """
 
     machine: Machine
@@ -121,7 +120,6 @@ class DynamicFit:
     """Numbers found, and what they are worth.
 
     Attributes:
-        powered: what drove the vehicle.
         p: every number as it is searched: logarithms of masses, others over where they start, the
             motors' logarithms, imbalance and delay, then those of the slip model.
         free: which of them are in the model.
@@ -326,7 +324,6 @@ def fit_dynamics(parts: Sequence[Part], start: Geometry, powered: Powered) -> Dy
     Args:
         parts: windows of every trajectory; speeds count in the time that they span.
         start: lengths near those of the vehicle as it turns.
-        powered: what drives the vehicle.
     """
     parts = tuple(parts)
     before = fit_slip(parts, start, ())

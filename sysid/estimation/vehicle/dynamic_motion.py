@@ -38,7 +38,6 @@ class Weighed:
     """A vehicle with mass on its floor, driven by its motors.
 
     Attributes:
-        fit: its numbers.
         notes: what was assumed, in sentences.
     """
 
@@ -85,10 +84,8 @@ def fit_weighed(
     """Masses and frictions from the windows of trajectories, whose records hold the commands.
 
     Args:
-        parts: windows to fit to.
         start: lengths near those of the vehicle as it turns.
         records: in the order of the trajectories.
-        trajectories: of these records.
         known: lengths of the vehicle.
         motors: what is known of them; None for nothing.
 

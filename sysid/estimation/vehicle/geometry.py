@@ -205,11 +205,7 @@ _CONVENTIONS = (
 
 
 def in_one_frame(tracks: Sequence[Track]) -> tuple[tuple[Track, ...], tuple[str, ...]]:
-    """The tracks with a heading that counts as the way does, and what was changed, in words.
-
-    Args:
-        tracks: of one vehicle.
-    """
+    """The tracks with a heading that counts as the way does, and what was changed, in words."""
     plain = _ways([_CONVENTIONS[0].of(t) for t in tracks])
     best, rest = _CONVENTIONS[0], FRAME * plain.rest
     largest = max(float(np.nanmax(np.abs(t.pose[:, 2]), initial=0.0)) for t in tracks)

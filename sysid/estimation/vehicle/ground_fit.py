@@ -26,7 +26,6 @@ class Slot:
 
     Attributes:
         owner: effect, or what competes with the effects without being one.
-        name: of the parameter.
         side: track it belongs to, −1 where both share it.
         null, lower, upper: value at which it does nothing, and bounds.
         starts: where a search begins. The increments are all but linear in the number of an
@@ -356,7 +355,6 @@ class PoseSearch:
         again.
 
         Args:
-            candidates: what is free.
             near: fit of some of them, where the search begins.
         """
         key = frozenset(c.key for c in candidates)

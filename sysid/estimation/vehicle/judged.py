@@ -1,7 +1,7 @@
 """Prediction errors of a vehicle model on held-out windows of its pose."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,6 @@ class PathErrors:
     Attributes:
         path, heading: mean distance [m] and mean size of the turn's error [rad] at a window's end.
         path_rms, heading_rms: root mean squares of the same.
-        windows: how many.
     """
 
     path: float
@@ -70,11 +69,7 @@ class Drift:
 
     def to_json(self) -> dict[str, Any]:
         """Every field."""
-        return {
-            "per_metre": self.per_metre,
-            "per_turn": self.per_turn,
-            "stretches": self.stretches,
-        }
+        return asdict(self)
 
 
 def split(
@@ -132,9 +127,7 @@ def drift(
     """How the errors grow with the way.
 
     Args:
-        errors: of windows.
         driven: way [m] and angle turned [rad] in each step of a trajectory's grid.
-        parts: stretches.
     """
     if not parts:
         return Drift(None, None, 0)

@@ -1,7 +1,7 @@
 """Parameters of a vehicle for display: value, standard error, meaning."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,6 @@ class VehicleNumber:
     """One quantity of a vehicle.
 
     Attributes:
-        name, unit: of the quantity.
         value, std_error: estimate and its standard error.
         identifiable: whether the log reduces the prior uncertainty enough.
         sentence: what it is; for one that is not identifiable, the manoeuvre that would determine
@@ -32,15 +31,7 @@ class VehicleNumber:
 
     def to_json(self) -> dict[str, Any]:
         """Every field."""
-        return {
-            "name": self.name,
-            "value": self.value,
-            "std_error": self.std_error,
-            "unit": self.unit,
-            "identifiable": self.identifiable,
-            "sentence": self.sentence,
-            "in_model": self.in_model,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +39,6 @@ class Correlations:
     """How far errors of the numbers in the model go together.
 
     Attributes:
-        names: of the numbers.
         matrix: (n, n), 1 on its diagonal.
     """
 

@@ -7,7 +7,7 @@ radius and the width that say what was rolled.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -43,12 +43,7 @@ class SlipPoint:
 
     def to_json(self) -> dict[str, Any]:
         """Every field."""
-        return {
-            "at": self.at,
-            "slip": self.slip,
-            "std_error": self.std_error,
-            "windows": self.windows,
-        }
+        return asdict(self)
 
 
 SlipCurves = dict[str, tuple[SlipPoint, ...]]

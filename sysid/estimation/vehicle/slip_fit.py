@@ -60,7 +60,6 @@ class Part:
     """Windows of one trajectory.
 
     Attributes:
-        trajectory: of one log.
         windows: first and last measurement of each, (W, 2).
     """
 

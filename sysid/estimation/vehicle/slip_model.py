@@ -29,7 +29,6 @@ class Term:
 
     Attributes:
         name: as users see it, where it is not a ratio to a length.
-        unit: of the number.
         null: value at which it does nothing.
         spread: what one would guess it may be off by without any log (standard deviation); a
             length's is in units of the vehicle's width, a slip with speed's in those of its speed.

@@ -89,7 +89,6 @@ def numbers_of(fit: SlipFit, given: Geometry | None) -> tuple[VehicleNumber, ...
     """Every quantity, with the reason where it is not identifiable.
 
     Args:
-        fit: the fit.
         given: lengths that a person gave; None for none.
     """
     identifiable = dict(zip((t.name for t in TERMS), fit.identifiable, strict=True))

@@ -35,7 +35,6 @@ class SquareRun:
     """One closed square.
 
     Attributes:
-        clockwise: its direction.
         side: length of a side [m].
         predicted: (E_d, E_b) → what ``found`` would be, (2,) [m].
         found: where the run ended, or by how much it missed its start, (2,) [m].
@@ -62,7 +61,6 @@ class SquareResult:
         centres: mean of what was missed, clockwise and counter-clockwise, (2,) [m] each; None
             where there are none.
         worst: larger distance of the two centres from the start, before and after [m].
-        sentence: what it says.
     """
 
     wheel_ratio: tuple[float, float | None] | None
@@ -113,7 +111,6 @@ def ideal_return(
         wheel_ratio, width_ratio: E_d and E_b.
         side: of the square by the odometry [m].
         width: nominal distance of the wheels [m].
-        clockwise: direction.
     """
     left, right = scales(wheel_ratio)
     actual = width_ratio * width
@@ -132,7 +129,6 @@ def returned(
     """Runs of which only the return was measured.
 
     Args:
-        clockwise: direction of each.
         missed: measured end less the end by odometry, x along the first side, (n, 2) [m].
         side: of the square [m].
         geometry: that the odometry used.

@@ -50,7 +50,6 @@ def square_runs(
     """The closed squares of all trajectories.
 
     Args:
-        trajectories: of one vehicle.
         geometry: that its odometry uses.
         reading: how the pose's source reads.
     """

@@ -54,7 +54,6 @@ class Trajectory:
     """One record as the fit of a vehicle sees it.
 
     Attributes:
-        name: of the record.
         step: of the grid [s].
         omega: mean speed of the left and the right wheels in each step of the grid, (N, 2) [rad/s].
         at: instants of the pose's measurements, from the start of the record, (M,) [s].
@@ -209,7 +208,8 @@ def _sides_of(record: Record) -> tuple[str, list[int], list[int]] | None:
         speeds = [
             (k, side_of(c.name))
             for k, c in enumerate(channels)
-            if c.unit in ("rad/s", "m/s", "") and not _is_a_drive(place, c.unit)
+            if c.unit in ("rad/s", "m/s", "")
+            and not (place == "inputs" and c.unit not in ("rad/s", "m/s"))
         ]
         left, right = ([k for k, side in speeds if side == s] for s in ("left", "right"))
         if left and len(left) == len(right):
@@ -217,11 +217,6 @@ def _sides_of(record: Record) -> tuple[str, list[int], list[int]] | None:
         if place == "outputs" and len(channels) == 2 and len(speeds) == 2 and not left + right:
             return place, [0], [1]
     return None
-
-
-def _is_a_drive(place: str, unit: str) -> bool:
-    """Whether a command is no speed: one without a unit may be a share of full drive."""
-    return place == "inputs" and unit not in ("rad/s", "m/s")
 
 
 def _sided(record: Record, geometry: Geometry) -> Record:

@@ -72,11 +72,7 @@ class MotionFit(Motion, Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Kinematic:
-    """Wheels that roll: what a vehicle of these lengths does, and the model that others start from.
-
-    Attributes:
-        geometry: lengths.
-    """
+    """Wheels that roll: what such a vehicle does, and the model that others start from."""
 
     geometry: Geometry
 
@@ -98,7 +94,6 @@ class Slipping:
     """A vehicle that slips about centres of rotation that its sides keep.
 
     Attributes:
-        fit: its numbers.
         given: lengths that a person gave; None for none.
     """
 
@@ -186,7 +181,6 @@ class VehicleFit:
     """A vehicle fitted to logs.
 
     Attributes:
-        motion: name of the model.
         numbers: every quantity, identifiable or not.
         correlations: of those in the model.
         before, plain, after: errors on held-out windows with the lengths that were known, with one
@@ -199,7 +193,6 @@ class VehicleFit:
         lengths: those of ``plain``.
         acting: radius and width as a vehicle without slip would have them to drive alike.
         windows: windows (estimation, held-out); they overlap fourfold.
-        model: what was fitted.
         estimation, holdout: windows that it was fitted on, and judged on.
         squares: estimates from closed squares among the paths; None without any.
         notes: what was done to the logs, in sentences.

@@ -96,7 +96,6 @@ class Track:
 
         Args:
             ground: effects between tracks and ground.
-            geometry: lengths of the vehicle.
             offset: of the speed sensors, taken off the measurements, (2,) [rad/s].
             late: by how much the pose comes later than the speeds, its heading more, and the time
                 constant with which all of it follows, (3,) [s].
@@ -168,7 +167,6 @@ class Noise:
         end: variance of the pose at either end, (3,); windows that share a measurement share it.
         rolled, yaw: variances of way [m²] and turn [rad²] by the speeds summed over a window;
             windows share what they overlap.
-        geometry: lengths of the vehicle.
         tracks: whose windows set the floor.
         beyond: variances [m², m², rad²] of what neither measurements nor noise of the speeds
             explains, (3,): a ground that does not follow the wheels. How long that lasts nobody

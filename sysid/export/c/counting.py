@@ -17,9 +17,6 @@ class Count:
     """How many operations.
 
     Attributes:
-        added: additions and subtractions.
-        multiplied, divided: of each.
-        roots: square roots.
         compared: comparisons, choices between two values, absolute values, roundings to a whole.
         calls: of other functions of math.h: exponentials, sines, powers …
     """

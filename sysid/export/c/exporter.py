@@ -53,5 +53,4 @@ class C(Exporter):
         return {n: in_single(t) if n.endswith((".c", ".h")) else t for n, t in files.items()}
 
     def usage(self) -> str:
-        """How to build the self-test."""
         return _USAGE

@@ -13,7 +13,6 @@ class Field:
     Attributes:
         name: as C.
         unit: SI, empty for none.
-        words: what it is.
         size: entries of an array; 0 for a single number.
         values: of a parameter, as it was exported, one for each entry.
     """

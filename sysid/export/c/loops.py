@@ -41,7 +41,6 @@ class Loop:
         name: the array that it makes.
         shape: range of its loop variables.
         form: the operation as C, {0}, {1} … its arguments; of two values where ``start`` is given.
-        args: the arguments.
         truth: whether the values are truths.
         start: value before the first entry of the last axis, where that is taken together.
     """
@@ -83,7 +82,7 @@ def loop_lines(group: Sequence[Loop], later: set[str]) -> list[str]:
     declared, before, inner = [], [], []
     for loop in group:
         kind = "int" if loop.truth else "double"
-        values = [loop_text(a, indices, local) for a in loop.args]
+        values = [(a.array if a.array in local else a.at(indices)) for a in loop.args]
         if loop.start:
             total = loop.name if len(shape) == 1 else f"{loop.name}[{outer}]"
             size = "" if len(shape) == 1 else f"[{prod(shape[:-1])}]"
@@ -100,11 +99,6 @@ def loop_lines(group: Sequence[Loop], later: set[str]) -> list[str]:
         nested = [head, *(f"    {line}" for line in inner), "}"]
         inner = [*before, *nested] if k == len(shape) - 1 else nested
     return [*declared, *inner]
-
-
-def loop_text(a: Access, indices: Sequence[str], local: set[str]) -> str:
-    """An argument inside a loop, where some arrays are single values."""
-    return a.array if a.array in local else a.at(indices)
 
 
 def names_read(text: str) -> set[str]:

@@ -32,7 +32,6 @@ class Number:
     Attributes:
         called: as sysid shows it.
         unit: of it.
-        words: what it is.
         value: as it was identified.
     """
 
@@ -49,7 +48,6 @@ class PlantNumbers:
     Attributes:
         theta: θ, behind it that of a model inside, (n,).
         u_offset, y_offset: the operating point, (nu,) and (ny,).
-        fields: all of them.
     """
 
     theta: Traced
@@ -95,8 +93,6 @@ def plant_numbers(program: Program, model: Model, fixed: Iterable[int] | None) -
     counts them (the weights of a network) is one array.
 
     Args:
-        program: of the step.
-        model: whose numbers.
         fixed: entries of θ that stay numbers; None for all.
     """
     theta = theta_numbers(model)
@@ -161,7 +157,6 @@ def traced_step(structure: Dynamics, theta: Any, like: Array) -> Step:
     """The step of a structure whose θ is recorded, (x, u) → (x⁺, y).
 
     Args:
-        structure: what runs.
         theta: of it, and of the model inside.
         like: θ as numbers.
     """

@@ -48,9 +48,6 @@ def single(model: Model) -> Precision:
 
     A mode that forgets in n samples sums up n roundings: n = 1/(1 − e^(−dt/τ)) for its time
     constant τ.
-
-    Args:
-        model: whose plant is written.
     """
     modes = model.structure.time_constants(model.theta)
     slowest = max((float(t) for t in modes if math.isfinite(t)), default=0.0)

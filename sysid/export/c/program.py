@@ -167,9 +167,6 @@ class Program:
 
         Args:
             form: as C, {0}, {1} … its arguments.
-            shape: of the result.
-            args: the arguments.
-            truth: whether it gives truths.
             conditions: which arguments are truths.
         """
         accesses = tuple(self._access(a, shape) for a in args)

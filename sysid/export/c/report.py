@@ -18,7 +18,6 @@ class LoopFacts:
     """What a report says of a loop.
 
     Attributes:
-        blocks: its laws.
         period: between two steps of the controller [s].
         not_again: why the mission is not driven again in C, a sentence; empty where it is.
     """
@@ -38,9 +37,6 @@ def report(
     """``report.md``.
 
     Args:
-        model: whose plant is written.
-        plant: its step.
-        precision: of the numbers.
         loop: what drives it, None for the plant alone.
     """
     size = 8 if precision.double else 4

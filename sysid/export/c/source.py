@@ -35,8 +35,6 @@ def plant_sources(
     agrees with Python to rounding.
 
     Args:
-        model: a fitted model.
-        written: its step.
         test: the rows ``selftest.c`` checks.
         name: what to call the plant; the structure's title where that is empty.
         tolerance: error that ``selftest.c`` allows, in parts of the range of each output.

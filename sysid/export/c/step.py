@@ -54,7 +54,6 @@ class PlantStep:
     """One step of a plant as C99.
 
     Attributes:
-        n_states: how many states.
         words: lines of the comment at the head of the file.
         parameters: what may be changed at run time, with its values.
         entering: lines that put the inputs, less their operating point, into ``v``.

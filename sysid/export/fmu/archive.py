@@ -45,12 +45,8 @@ def _folder_2(system: str, machine: str) -> str:
     return f"{short}{bits}" if machine in ("x86_64", "x86") else f"{machine}-{short}"
 
 
-def _folder_3(system: str, machine: str) -> str:
-    return f"{machine}-{system}"
-
-
 FMI_2 = Version("2.0", "fmi2.c", xml_2, _folder_2)
-FMI_3 = Version("3.0", "fmi3.c", xml_3, _folder_3)
+FMI_3 = Version("3.0", "fmi3.c", xml_3, lambda system, machine: f"{machine}-{system}")
 
 
 def headers() -> Path:

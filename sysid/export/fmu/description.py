@@ -37,9 +37,7 @@ class Variable:
 
     Attributes:
         name: as a person knows it.
-        role: what it is for.
         unit: of its values, empty for none.
-        words: what it is.
         start: first value of what is set from outside.
         boolean: whether it is yes or no, else a number.
         may_be_nan: whether an input may say that nothing was read.
@@ -73,7 +71,6 @@ class Unit:
         sources: C files and headers by name, those of the standard aside.
         code: C that goes with the table of variables: ``fmu_state``, ``fmu_begin``, ``fmu_outputs``
             and ``fmu_advance``.
-        words: what it is.
     """
 
     name: str

@@ -42,7 +42,6 @@ class Fmu(Exporter):
         return files | {f"{u.name}.fmu": archive(u, self.version) for u in units}
 
     def usage(self) -> str:
-        """What the units are."""
         return _USAGE.format(folder=self.name, number=self.version.number)
 
 

@@ -19,7 +19,6 @@ class Replay:
     """Inputs of a unit, sample by sample from its start, and its outputs.
 
     Attributes:
-        inputs, outputs: names of its variables.
         u: values of the inputs, (N, inputs).
         now: outputs at the instant of each row, (N, outputs).
         late: outputs one sample later, while the inputs of the row are still held, (N, outputs).

@@ -18,7 +18,6 @@ class Port:
 
     Attributes:
         name: as the units of the loop call it.
-        channel: of the plant.
         plant: the instance of the plant's unit.
         at: the plant's variable of that channel.
         offset, slope: a command is offset + slope · PWM/20000, a speed slope · (value − offset).

@@ -85,7 +85,6 @@ class Ros(Exporter):
         return dict(made)
 
     def usage(self) -> str:
-        """How to build it."""
         return _USAGE
 
 

@@ -35,7 +35,6 @@ class CortexM(Compiled):
     """Compiled with newlib, run by qemu-system-arm, which counts instructions."""
 
     def lacks(self) -> str:
-        """Compiler, emulator or library."""
         missing = super().lacks()
         if missing:
             return missing
@@ -76,7 +75,6 @@ class CortexM(Compiled):
         ]  # fmt: skip
 
     def command(self, made: str) -> list[str]:
-        """The machine with the program in its memory."""
         return [self.emulator, *MACHINE, "-kernel", made]
 
 

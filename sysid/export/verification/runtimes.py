@@ -33,8 +33,7 @@ class Result:
     """What a runtime gave.
 
     Attributes:
-        name: of the runtime.
-        version: of it; empty where it is not there.
+        version: of the runtime; empty where it is not there.
         max_error: largest error in parts of the range of its output; None where it did not run.
         passed: whether that is within what the self-test allows.
         skipped: why it did not run; empty where it did.
@@ -85,8 +84,6 @@ class Compiled:
     """The C code, by a compiler, on this machine or on one that is emulated.
 
     Attributes:
-        name: of the runtime.
-        compiler: command.
         emulator: command that runs what it makes; empty for this machine.
         asks_version: what the last of both is asked for its version.
     """

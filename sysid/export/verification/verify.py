@@ -20,12 +20,7 @@ from sysid.structures.plant import Plant
 
 @dataclass(frozen=True)
 class Verification:
-    """What every runtime gave.
-
-    Attributes:
-        package: folder or zip.
-        results: one of each runtime.
-    """
+    """What every runtime gave."""
 
     package: str
     results: tuple[Result, ...]

@@ -61,7 +61,6 @@ class AxisController(ControlSettings):
 
     @property
     def advice(self) -> ControlAdvice:
-        """The first gain of each axis."""
         first_gains = {axis: next(iter(getattr(self, axis).gains), "") for axis in AXES}
         keys = [f"{axis}.{key}" for axis, key in first_gains.items() if key]
         steer = f"raise yaw.{first_gains['yaw']}" if first_gains["yaw"] else ""
@@ -69,7 +68,6 @@ class AxisController(ControlSettings):
 
     @property
     def uses_plant(self) -> bool:
-        """Whether one of the laws does."""
         return bool(self.speed.uses_plant or self.yaw.uses_plant)
 
     @property

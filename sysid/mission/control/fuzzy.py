@@ -89,7 +89,6 @@ def inferred(error: Real, rate: Real, xp: Any) -> Real:
 
     Args:
         error, rate: in shares of their scales.
-        xp: array namespace.
     """
     far, quick = memberships(error, ERRORS, xp), memberships(rate, RATES, xp)
     said = 0.0

@@ -67,11 +67,8 @@ def pid_step(
     (d_acted − d_asked) T/T_t to the integral, d_acted as far as it is known of the instant before.
 
     Args:
-        state: after the instant before.
         inputs: what is asked and believed.
         dt: T, time since then [s].
-        terms: the gains.
-        xp: array namespace.
     """
     integral = state.integral
     if terms.anti_windup == "back-calculation":
@@ -97,8 +94,6 @@ def conditional(
     Args:
         grown, before: the integral with and without this sample.
         command: before its limits.
-        limits: lowest and highest command.
-        xp: array namespace.
     """
     low, high = limits
     return xp.where(
@@ -121,7 +116,6 @@ class P(AxisSettings):
 
     @property
     def uses_plant(self) -> bool:
-        """Only the feed-forward does."""
         return self.feed_forward > 0.0
 
     def start(self, scene: Any, xp: Any) -> PIDState:

@@ -36,9 +36,7 @@ def target(inputs: AxisInputs, angle_gain: Real, xp: Any) -> Target:
     What a jump of the reference asks for is cut at what the plant can do at its limits.
 
     Args:
-        inputs: of the axis.
         angle_gain: K_ψ [1/s].
-        xp: array namespace.
     """
     gain = inputs.plant.gain
     wanted = xp.clip(inputs.wanted, gain * inputs.low, gain * inputs.high)
@@ -61,7 +59,6 @@ class ModelBased(AxisSettings):
 
     @property
     def uses_plant(self) -> bool:
-        """Gain and lag are the law."""
         return True
 
     def start(self, scene: Any, xp: Any) -> Real:

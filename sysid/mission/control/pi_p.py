@@ -32,7 +32,6 @@ class SpeedPIYawP(ControlSettings):
 
     @property
     def advice(self) -> ControlAdvice:
-        """The gains to change."""
         return ControlAdvice(stronger="raise kp_speed or kp_yaw", steer="raise kp_yaw")
 
     def start(self, scene: Scene, xp: Any) -> Real:
@@ -60,8 +59,6 @@ def speed_command(
         error: e = V_ref − V_x [m/s].
         integral: I before this sample [drive].
         period: T [s].
-        gains: gains and limits.
-        xp: array namespace.
     """
     grown = integral + gains.ki_speed * error * period
     command = gains.kp_speed * error + grown

@@ -317,11 +317,8 @@ def nearest_surface(
     """The nearest surface: its distance, the direction away from it, and what lies opposite.
 
     Args:
-        scene: its obstacles and walls.
-        pose: where the robot is.
         t: now [s].
         side: only what is ahead or on this side counts, 1 left or −1 right; None for everything.
-        xp: array namespace.
 
     Returns:
         Distance [m], the unit vector from the surface to the robot in X and Y, and the distance of

@@ -75,7 +75,6 @@ def limited_rate(error: Real, last: Real, limits: Limits, dt: Real, xp: Any) -> 
         last: the rate before [rad/s].
         limits: of the plant; what is infinite does not limit.
         dt: time of the step [s].
-        xp: array namespace.
     """
     size = abs(error)
     fastest = xp.minimum(size / xp.maximum(dt, 1e-9), limits.yaw_rate)

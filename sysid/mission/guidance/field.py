@@ -116,7 +116,6 @@ class PotentialField(GuidanceSettings):
 
     @property
     def advice(self) -> GuidanceAdvice:
-        """The gains to change."""
         return GuidanceAdvice(
             faster="raise v_max",
             slower="lower v_max",

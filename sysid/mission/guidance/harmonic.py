@@ -45,7 +45,6 @@ class Harmonic(GuidanceSettings):
 
     @property
     def advice(self) -> GuidanceAdvice:
-        """The keys to change."""
         return GuidanceAdvice(
             faster="raise v_max",
             slower="lower v_max",

@@ -19,7 +19,6 @@ def paced(v_max: float, slow_within: float, psi: Real, psi_ref: Real, to_go: Rea
         slow_within: distance before the goal within which it slows down [m].
         psi, psi_ref: heading and the one wanted [rad].
         to_go: way still to go [m].
-        xp: array namespace.
     """
     ahead = xp.maximum(0.0, xp.sin(wrap_angle(psi_ref - psi) + 0.5 * math.pi))
     return v_max * ahead * xp.clip(to_go / slow_within, LEAST, 1.0)

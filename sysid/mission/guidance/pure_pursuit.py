@@ -42,7 +42,6 @@ class PurePursuit(GuidanceSettings):
 
     @property
     def advice(self) -> GuidanceAdvice:
-        """The keys to change."""
         return GuidanceAdvice(
             faster="raise v_max",
             slower="lower v_max",

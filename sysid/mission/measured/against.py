@@ -36,8 +36,6 @@ def against_runs(
         record: the log of the drive, with a pose.
         mission: what it drove; its ``vary`` says what else varies.
         plants: as of :func:`sysid.mission.monte_carlo.runs.simulate_runs`.
-        runs: how many.
-        seed: of the batch.
         vary: names of what varies instead.
 
     Raises:

@@ -51,7 +51,6 @@ class MeasuredDrive:
     """A measured mission.
 
     Attributes:
-        name: of the log.
         t: instants since its first row [s], (N,); rows without a pose are left out.
         pose: x, y [m], ψ [rad] at these, (N, 3).
         noise: standard deviation of a measurement, (3,).

@@ -55,7 +55,6 @@ class Fan:
         scale: its standard deviation, (M, 4).
         low, high: 5 % and 95 % quantiles at each instant, (M, 4).
         limit: in standard deviations: 95 % of the runs stay within it all the way.
-        runs: number of runs.
         ways: x, y of some of them, (WAYS at most, M, 2).
     """
 
@@ -74,8 +73,6 @@ class Comparison:
     """Where a measured drive leaves the fan.
 
     Attributes:
-        name: of the log.
-        fan: what was predicted.
         values: what was measured, (M, 4).
         leaves: row at which it leaves; None where it stays inside.
         quantity: of ``QUANTITIES``, the one that leaves; empty where none does.
@@ -148,7 +145,6 @@ def compared(drive: MeasuredDrive, paths: RunPaths, begins: float, seed: int = 0
     """Lay a measured drive over the runs that were predicted for it.
 
     Args:
-        drive: the measured one.
         paths: of the runs, which start where it does.
         begins: when the first command of the runs comes [s].
         seed: of the noise that the runs are read with: that of the log's measurements.

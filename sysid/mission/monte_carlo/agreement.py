@@ -48,7 +48,6 @@ def agreement(setup: Setup, seeds: Sequence[int], figures: Figures) -> Agreement
     sample earlier or later; it is listed.
 
     Args:
-        setup: of the runs.
         seeds: of the runs to compare.
         figures: theirs, in this order.
     """

@@ -30,9 +30,7 @@ class Chunk(NamedTuple):
     """Some runs of one plant.
 
     Attributes:
-        which: the plant.
         runs: numbers of the runs in the batch.
-        seeds: of the runs.
     """
 
     which: int
@@ -44,7 +42,6 @@ class ChunkResult(NamedTuple):
     """What became of a chunk.
 
     Attributes:
-        figures: of its runs.
         redrawn: draws that were not feasible.
         pulled: runs whose plant was drawn less far than its errors say.
         time, error: sums about the time of runs that arrived and the final error of all.

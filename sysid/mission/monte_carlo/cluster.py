@@ -16,9 +16,7 @@ class Job:
     """A setup as workers know it again: by its name alone.
 
     Attributes:
-        name: of this batch.
         at_once: whether the runs of a chunk go side by side.
-        setup: of the runs.
     """
 
     name: str
@@ -44,9 +42,7 @@ def on_cluster(
 
     Args:
         address: of the scheduler, ``tcp://host:8786``; its workers have this package.
-        setup: of the runs.
         at_once: whether the runs of a chunk go side by side.
-        parts: the chunks.
 
     Raises:
         UsageError: Dask is missing, or nothing answers there.

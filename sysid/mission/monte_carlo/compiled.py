@@ -4,7 +4,7 @@ The loop is :class:`sysid.mission.loop.Loop` itself on traced numbers, one run o
 makes into many. A run that has ended goes on unseen: its figures are those of its last sample.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from sysid.errors import ModelError
 from sysid.fitting.compiled import compiled, jax_module
 from sysid.mission.contracts import Pose, Scene
 from sysid.mission.loop import COLUMNS, Loop, Tick, Verdict
-from sysid.mission.monte_carlo.clock import BLOCK, Block, Clock, Pattern
+from sysid.mission.monte_carlo.clock import BLOCK, Clock, Pattern
 from sysid.mission.monte_carlo.figures import FAILED, Figures
 from sysid.mission.monte_carlo.sampler import Samples
 from sysid.mission.monte_carlo.setup import PlantVariant, Setup
@@ -46,7 +46,6 @@ class CompiledRuns:
 
     Attributes:
         setup: mission, plants, what varies.
-        which: the plant.
         batch_size: runs side by side; fewer are padded.
     """
 
@@ -92,7 +91,9 @@ class CompiledRuns:
         while True:
             block = self.clock.block(k)
             program = self._program(tuple(self.clock.patterns))
-            (state, ended), shown = program(numbers, state, ended, _arrays(block), next(noise))
+            (state, ended), shown = program(
+                numbers, state, ended, (block.t, block.dt, block.kinds, block.instants), next(noise)
+            )
             if seen is not None:
                 seen(*map(np.asarray, shown))
             if bool(np.all(np.asarray(ended.verdict) != Verdict.GOES_ON)):
@@ -177,35 +178,11 @@ class CompiledRuns:
 
     @cached_property
     def _starts(self) -> Callable[..., Any]:
-        """First states of all runs, compiled."""
-        jax, _ = _jax()
-        types = self._types
-
-        def starts(numbers: Numbers) -> Any:
-            state = jax.vmap(self._start)(numbers)
-            return jax.tree.map(lambda value, kind: value.astype(kind), state, types)
-
-        program: Callable[..., Any] = jax.jit(starts)
-        return program
+        return first_states(self._start, self._types)
 
     @cached_property
     def _types(self) -> Any:
-        """Types of the state's numbers after a sample, which it begins with as well.
-
-        Raises:
-            NotCompiledError: a law's state has another shape after a step than before.
-        """
-        jax, jnp = _jax()
-        one = self._example
-        state = jax.eval_shape(self._start, one)
-        at = (0.0, 0.0, np.zeros(1))
-        draws = tuple(np.zeros(n) for n in self._counts)
-        after = jax.eval_shape(self._sampled((0, 1)), one, state, at, draws)[0]
-        if jax.tree.structure(state) != jax.tree.structure(after) or any(
-            a.shape != b.shape for a, b in zip(*map(jax.tree.leaves, (state, after)), strict=True)
-        ):
-            raise NotCompiledError("the state of a law changes its shape from step to step")
-        return jax.tree.map(lambda a, b: jnp.result_type(a.dtype, b.dtype), state, after)
+        return state_types(self._start, self._sampled((0, 1)), self._example, self._counts)
 
     @property
     def _counts(self) -> tuple[int, ...]:
@@ -275,6 +252,42 @@ class CompiledRuns:
             )
 
 
+def first_states(start: Callable[..., Any], types: Any) -> Callable[..., Any]:
+    """First states of all runs, compiled, in the types that they keep."""
+    jax, _ = _jax()
+
+    def starts(numbers: Any) -> Any:
+        state = jax.vmap(start)(numbers)
+        return jax.tree.map(lambda value, kind: value.astype(kind), state, types)
+
+    program: Callable[..., Any] = jax.jit(starts)
+    return program
+
+
+def state_types(
+    start: Callable[..., Any], sampled: Callable[..., Any], one: Any, counts: Iterable[int]
+) -> Any:
+    """Types of the state's numbers after a sample, which it begins with as well.
+
+    Args:
+        start, sampled: the first state of a run, and one sample of it.
+        one: what differs from run to run, of one of them.
+        counts: numbers that each sensor draws.
+
+    Raises:
+        NotCompiledError: a law's state has another shape after a step than before.
+    """
+    jax, jnp = _jax()
+    state = jax.eval_shape(start, one)
+    draws = tuple(np.zeros(n) for n in counts)
+    after = jax.eval_shape(sampled, one, state, (0.0, 0.0, np.zeros(1)), draws)[0]
+    if jax.tree.structure(state) != jax.tree.structure(after) or any(
+        a.shape != b.shape for a, b in zip(*map(jax.tree.leaves, (state, after)), strict=True)
+    ):
+        raise NotCompiledError("the state of a law changes its shape from step to step")
+    return jax.tree.map(lambda a, b: jnp.result_type(a.dtype, b.dtype), state, after)
+
+
 def settled(loop: Loop, steps: int) -> Any:
     """State before the first sample, after so many steps without drive, traced."""
     jax, jnp = _jax()
@@ -283,10 +296,6 @@ def settled(loop: Loop, steps: int) -> Any:
     if steps:
         plant = jax.lax.fori_loop(0, steps, lambda _, x: loop.plant.step(x, nothing)[0], plant)
     return jax.tree.map(jnp.asarray, state._replace(plant=plant))
-
-
-def _arrays(block: Block) -> tuple[Any, ...]:
-    return block.t, block.dt, block.kinds, block.instants
 
 
 def _jax() -> tuple[Any, Any]:

@@ -51,12 +51,8 @@ class MissionRuns:
     """What many runs of a mission came to.
 
     Attributes:
-        seed: of the batch.
         seconds: wall time, compilation included.
         goal: of the mission [m].
-        obstacles: whether there are any.
-        vary: names of what varied.
-        seeds: of the runs.
         figures: of the runs, in the order of ``seeds``.
         redrawn: draws that were not feasible and were made again.
         time_drivers, error_drivers: what the variance of the time of runs that arrived, and of the

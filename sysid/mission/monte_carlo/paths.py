@@ -20,10 +20,6 @@ def paths_of(setup: Setup, seeds: Sequence[int]) -> list[Array]:
     """X, Y of runs from their starts to their ends, (n, 2) each [m].
 
     Side by side where they can be compiled; a run alone that fails has none.
-
-    Args:
-        setup: of the runs.
-        seeds: of the runs.
     """
     if why_not_at_once(setup):
         return [path for seed in seeds for path in _alone(setup, seed)]
@@ -77,8 +73,6 @@ def run_paths(setup: Setup, runs: int, seed: int = 0) -> RunPaths:
 
     Args:
         setup: mission, plants and what varies.
-        runs: how many.
-        seed: of the batch.
 
     Raises:
         ModelError: the plant is none that could drive, or cannot be drawn.

@@ -27,7 +27,6 @@ class Number(NamedTuple):
 
     Attributes:
         soil: 0 for the floor's own, then the patches'.
-        name: its field.
         value, std: nominal value and standard deviation.
     """
 

@@ -28,9 +28,7 @@ class Processes:
     """Processes that serve chunks, as many as are asked for; those that die are replaced.
 
     Attributes:
-        setup: of the runs.
         at_once: whether the runs of a chunk go side by side.
-        count: of processes.
         workers: those that live.
     """
 

@@ -45,7 +45,6 @@ def simulate_runs(
         mission: what to do, and, in its ``vary``, what differs from run to run.
         plants: fitted models, or plants that are the same in every run; the first is nominal, and
             the others drive where models vary.
-        runs: how many.
         seed: of the batch; run k of it has the seed ``run_seeds(seed, runs)[k]``.
         vary: names of what varies, in the sizes of the mission; None for what the mission says.
         scheduler: who runs the chunks: None for threads of this process, ``processes``, or the

@@ -15,11 +15,7 @@ def write_runs(batch: MissionRuns, path: Path) -> Path:
     """Write a CSV with the figures of every run, numbers unrounded; empty where there is none.
 
     Args:
-        batch: the runs.
         path: the file; it appears complete or not at all.
-
-    Returns:
-        The path written.
 
     Raises:
         DataError: the file cannot be written there.

@@ -47,7 +47,6 @@ class Samples(NamedTuple):
     """What K runs of one plant differ in.
 
     Attributes:
-        seeds: of the runs.
         theta: the plant's parameters, (K, n).
         start: X, Y [m], ψ [rad], (K, 3).
         obstacles: X, Y of every obstacle [m], (K, obstacles, 2).
@@ -82,7 +81,6 @@ class Sampler:
 
     Attributes:
         mission: nominal.
-        plant: what drives.
         variation: what varies, and by how much.
     """
 

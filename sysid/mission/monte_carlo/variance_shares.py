@@ -57,7 +57,6 @@ def moments(inputs: Array, varying: Varying, figure: Array, counts: Array) -> Mo
 
     Args:
         inputs: numbers behind the quantities, (K, m).
-        varying: what they are.
         figure: (K,).
         counts: which runs have the figure, (K,) of bool.
     """

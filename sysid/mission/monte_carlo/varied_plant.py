@@ -65,11 +65,7 @@ class VariedPlant(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FixedPlant:
-    """A plant without a covariance: the same in every run.
-
-    Attributes:
-        given: the plant.
-    """
+    """A plant without a covariance: the same in every run."""
 
     given: SteppablePlant
     size = 0
@@ -110,7 +106,6 @@ class ModelPlant:
     A direction in which the data hold no information has no draws: it stays as estimated.
 
     Attributes:
-        model: a fitted model.
         factor: of the standard errors.
     """
 

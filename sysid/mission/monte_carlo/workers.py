@@ -31,8 +31,6 @@ def results(
     machines of one type.
 
     Args:
-        setup: of the runs.
-        seeds: of the runs.
         scheduler: None for this process, ``processes``, or the address of a Dask scheduler.
         obstacle: why the runs cannot go side by side; empty where they can.
 

@@ -20,7 +20,6 @@ def carried(
         speed: V_x at the new sample [m/s].
         yaw_rate: ψ̇ there [rad/s].
         dt: time between the samples [s].
-        xp: array namespace.
         lateral: V_y there [m/s]; None for tracks that do not slide sideways.
     """
     forward, turning = 0.5 * (body.speed + speed), 0.5 * (body.yaw_rate + yaw_rate)
@@ -37,9 +36,7 @@ def moved(body: Body, omega_l: Real, omega_r: Real, geometry: Geometry, dt: Real
     Args:
         body: at the sample before.
         omega_l, omega_r: track speeds at the new sample [rad/s].
-        geometry: lengths of the vehicle.
         dt: time between the samples [s].
-        xp: array namespace.
     """
     return carried(body, *body_velocity(omega_l, omega_r, geometry), dt, xp)
 

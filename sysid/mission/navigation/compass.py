@@ -13,7 +13,6 @@ def compass_heading(mag_x: Real, mag_y: Real, xp: Any) -> Real:
 
     Args:
         mag_x, mag_y: the field forward and to the left, in any one unit.
-        xp: array namespace.
     """
     return xp.arctan2(-mag_y, mag_x)
 

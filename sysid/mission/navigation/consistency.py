@@ -52,7 +52,6 @@ class Consistency:
     Attributes:
         nis: of the innovations; None where nothing was read.
         nees: of the pose; None where the truth is not known.
-        runs: how many there were.
     """
 
     nis: Mean | None
@@ -152,9 +151,7 @@ def own_run(
     """Run a filter on a truth drawn from a model, where theory says how large its errors are.
 
     Args:
-        law: the filter.
         scene: with the sensors; only where it starts, its vehicle and its sample time matter.
-        samples: how long.
         seed: of the truth and of the measurements.
         of: whose model the truth is drawn from; the filter's own unless given.
 

@@ -60,11 +60,9 @@ def advanced(
     """Put a sample with all that came at it into the history.
 
     Args:
-        fuse: the filter's step.
         history: before it.
         sample: the sample; measurements that are late stand in ``z`` as they came.
         delays: of each group [samples].
-        xp: array namespace.
 
     Returns:
         The history whose newest belief is that of this sample, and the sum of the figures of all

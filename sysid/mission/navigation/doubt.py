@@ -50,10 +50,6 @@ def doubted(
 
     Args:
         one: mean and covariance that is believed, the states of ``names`` in front.
-        names: of the states.
-        sight: the measurements, a :class:`~sysid.mission.navigation.fusion.Sight`.
-        before: what is remembered.
-        xp: array namespace.
 
     Returns:
         What is remembered from now on, and what is to be added to P, (n, n): 0 while the run is

@@ -36,11 +36,9 @@ class ExtendedKalman(Filter):
     def predicted(
         self, of: Gaussian, plan: Design, geometry: Geometry, sample: BufferedSample, xp: Any
     ) -> Gaussian:
-        """What is believed ``sample.dt`` later."""
         return predicted(of, plan.process, geometry, sample, xp)
 
     def corrected(
         self, of: Gaussian, plan: Design, sight: Sight, xp: Any
     ) -> tuple[Gaussian, Innovation]:
-        """What is believed after one group of measurements."""
         return measured(of, plan.process.names, sight, xp)

@@ -44,8 +44,6 @@ def assumed(
     """A sentence for each thing about the sensors that a law takes for granted or leaves out.
 
     Args:
-        navigation: the law.
-        sensors: those listed.
         dt: sample time of the plant [s].
         make: gives the sensors that a law takes where none is listed.
     """

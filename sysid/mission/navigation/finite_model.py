@@ -111,7 +111,6 @@ class FiniteModel(Filter):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Those of all filters, and the probabilities."""
         return (*COLUMNS, *(f"p_{name}" for name in self.hypotheses))
 
     @property
@@ -127,7 +126,6 @@ class FiniteModel(Filter):
     def predicted(
         self, of: Bank, plan: Design, geometry: Geometry, sample: BufferedSample, xp: Any
     ) -> Bank:
-        """What is believed ``sample.dt`` later."""
         m = len(self.hypotheses)
         stay = xp.exp(-sample.dt / self.dwell)
         change = stay * xp.eye(m) + (1.0 - stay) / (m - 1) * (1.0 - xp.eye(m))
@@ -165,19 +163,15 @@ class FiniteModel(Filter):
         return kept, Innovation(of.weight @ nis, dof, 1.0 - passes, of.weight @ likely)
 
     def moments(self, of: Bank, xp: Any) -> Gaussian:
-        """Mean and covariance over all hypotheses."""
         return mixture(of, POSE_AND_SPEEDS, xp)
 
     def set_since(self, of: Bank, T: Any, xp: Any) -> Bank:
-        """What is believed once a measurement has set states for the next one of its sensor."""
         return Bank(of.weight, *reset(Gaussian(of.x, of.P), T, LEAST_VARIANCE, xp))
 
     def slip(self, of: Bank) -> Real:
-        """The mean over all hypotheses."""
         return sum(of.weight[j] * h.slip for j, h in enumerate(self.hypotheses.values()))
 
     def extra(self, of: Bank) -> tuple[Real, ...]:
-        """The probability of each hypothesis."""
         return tuple(of.weight[j] for j in range(len(self.hypotheses)))
 
 
@@ -187,7 +181,6 @@ def mixture(bank: Bank, names: tuple[str, ...], xp: Any) -> Gaussian:
     Args:
         bank: what each believes, with its probability.
         names: of the states, in front; those behind them are no headings.
-        xp: array namespace.
     """
     n = bank.x.shape[-1]
     angles = xp.array([i < len(names) and is_angle(names[i]) for i in range(n)])

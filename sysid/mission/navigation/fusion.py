@@ -54,7 +54,6 @@ class FilterState(NamedTuple):
     """What a filter remembers.
 
     Attributes:
-        belief: of the newest sample.
         history: the samples that late measurements may still change.
         shown: what it reports, in the order of its columns.
     """

@@ -66,7 +66,6 @@ def innovation(
         variance: of the measurements, (m,), for those that were not read.
         present: what was read, (m,).
         quantiles: largest νᵀS⁻¹ν that passes, by the number of measurements, (m + 1,).
-        xp: array namespace.
 
     Returns:
         The innovation, and S⁻¹.
@@ -104,8 +103,6 @@ def corrected(
         nu: z − h(x), (m,); NaN where nothing was read.
         H: slopes of h, (m, n).
         variance: of the measurements, diagonal of R, (m,).
-        quantiles: the gate, see :func:`innovation`.
-        xp: array namespace.
     """
     present = xp.isfinite(nu)
     nu, H = xp.where(present, nu, 0.0), xp.where(present[:, None], H, 0.0)
@@ -190,11 +187,9 @@ def transformed(
     """What a function makes of a belief, by sigma points (unscented transform).
 
     Args:
-        belief: of n states.
         f: from points (p, n) to points (p, m).
         angles: which of its m values are angles, (m,) of truth values.
         of: the spread.
-        xp: array namespace.
 
     Returns:
         The mean (m,), and the deviations of the points before (p, n) and after (p, m).

@@ -23,7 +23,6 @@ class Setting(NamedTuple):
     """What expected measurements are computed with.
 
     Attributes:
-        geometry: lengths of the vehicle.
         slip: part of the track speeds that is lost besides the states ``slip_l, slip_r``.
         elapsed: time since the last measurement of the same sensor [s].
         known_heading: slopes by the heading are left out where it turns a way.
@@ -166,7 +165,6 @@ class Group:
     """Measurements that come together from one sensor and are used together.
 
     Attributes:
-        kind: of the sensor.
         names: of the measurements, (m,).
         variance: of each [unit²], (m,).
         delay: samples between the instant they are of and the sample where they come.
@@ -207,7 +205,6 @@ class Group:
             z: the numbers, (m,).
             last: those of the last measurement, (m,).
             elapsed: time since then [s].
-            xp: array namespace.
         """
         if self.names == VO and self.adds_up:
             dx, dy = z[0] - last[0], z[1] - last[1]
@@ -249,9 +246,7 @@ class Group:
         Args:
             z: the numbers, (m,); NaN where nothing was read.
             x: states, (n,), those of ``names`` in front.
-            names: of the states.
             setting: what expected values are computed with.
-            xp: array namespace.
         """
         at = {name: i for i, name in enumerate(names)}
         expected = self.expected({name: x[i] for name, i in at.items()}, setting, xp)

@@ -48,7 +48,6 @@ def over_ground(s: States, geometry: Geometry, slip: Real) -> Ground:
 
     Args:
         s: states with ``v`` and ``yaw_rate`` of the tracks.
-        geometry: lengths of the vehicle.
         slip: part that both tracks lose besides the states ``slip_l, slip_r``.
     """
     v, yaw_rate = s["v"], s["yaw_rate"]
@@ -120,8 +119,6 @@ class Process:
             s: numbers, or arrays of one shape.
             dt: [s].
             drive: mean command of both tracks [drive].
-            geometry: lengths of the vehicle.
-            xp: array namespace.
         """
         after = dict(s)
         kept, gained = self._speed(dt, xp)

@@ -21,7 +21,6 @@ class Compensation:
         identified: all effects of the plant, left and right.
         at_zero, per_drive: drive of the plant = at_zero + per_drive · command of the track, (2,).
         at_rest, per_speed: speed of the plant = at_rest + per_speed · wheel speed [rad/s], (2,).
-        geometry: of the vehicle.
     """
 
     ids: tuple[str, ...]
@@ -38,10 +37,8 @@ class Compensation:
         """PWM of both tracks [µs], and what of the command it gives as far as is known [drive].
 
         Args:
-            command: of the controller.
             estimate: how the robot moves, as navigation believes.
             t: time [s].
-            xp: array namespace.
         """
         tracks = xp.array((command.v_cmd - command.psi_cmd, command.v_cmd + command.psi_cmd))
         wheels = xp.array(wheel_speeds(estimate.speed, estimate.yaw_rate, self.geometry))
@@ -64,7 +61,6 @@ def compensation_of(
     Args:
         plant: a robot; only what was identified with effects holds any.
         compensate: ids, or all that were identified and can be undone.
-        geometry: of the vehicle.
 
     Raises:
         ModelError: the plant does not hold an effect that is named.

@@ -92,8 +92,6 @@ def as_robot(
     drive rises is turned over.
 
     Args:
-        plant: any plant.
-        mission: its geometry and scales.
         top_speed: forward speed at full drive [m/s].
 
     Returns:
@@ -168,22 +166,21 @@ def _unsettled(
     Its channels are PWM and wheel speed already, so nothing has to be scaled by a final value.
     """
     state = plant.initial_state()
-    robot = RobotPlant(
-        plant=plant,
-        twins=wiring.twins,
-        driven=wiring.driven,
-        read=wiring.read,
-        centre=drive.centre,
-        span=drive.span,
-        zero=np.zeros(2),
-        scale=np.full(2, vehicle.speed_scale or 1.0),
-        rest=np.array((state, state)) if wiring.twins else state,
-    )
+    robot = _robot(plant, wiring, drive, np.zeros(2), np.full(2, vehicle.speed_scale or 1.0), state)
     return robot, (
         *drive.notes,
         "The plant has a mode too slow to settle: its speed drifts under a constant command; "
         "prefer a model of lower order, or one fitted to a longer log.",
     )
+
+
+def _robot(
+    plant: SteppablePlant, wiring: Wiring, drive: "_Drive", zero: Array, scale: Array, rest: Array
+) -> RobotPlant:
+    """The plant in this wiring; ``rest`` is the state of one of its copies."""
+    state = np.array((rest, rest)) if wiring.twins else rest
+    tracks = wiring.twins, wiring.driven, wiring.read
+    return RobotPlant(plant, *tracks, drive.centre, drive.span, zero, scale, state)
 
 
 def _wired(
@@ -231,17 +228,7 @@ def _wired(
                 f"{_quantity(y[at[k]])} falls where the drive rises, so its sign was reversed; "
                 "check the wiring or the sign of the data."
             )
-    robot = RobotPlant(
-        plant=plant,
-        twins=wiring.twins,
-        driven=wiring.driven,
-        read=wiring.read,
-        centre=drive.centre,
-        span=drive.span,
-        zero=zero,
-        scale=np.where(falls, -scale, scale),
-        rest=np.array((rest.state, rest.state)) if wiring.twins else rest.state,
-    )
+    robot = _robot(plant, wiring, drive, zero, np.where(falls, -scale, scale), rest.state)
     return robot, tuple(notes)
 
 

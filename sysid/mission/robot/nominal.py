@@ -32,8 +32,6 @@ def nominal_of(plant: SteppablePlant, geometry: Geometry, mixer: CommandMixer) -
     which of a first-order lag is its time constant, and of others lag and dead time together.
 
     Args:
-        plant: a robot plant.
-        geometry: of the vehicle.
         mixer: what commands become on the tracks.
 
     Raises:
@@ -87,10 +85,6 @@ def limits_of(plant: SteppablePlant, geometry: Geometry) -> Limits:
     """What a robot plant can do at most: V∞ and V∞/τ at full drive, ψ̇∞ and ψ̇∞/τ at opposite ones.
 
     V∞/τ is the acceleration at which a first-order lag starts; τ is the time to 63 % of a step.
-
-    Args:
-        plant: a robot plant.
-        geometry: of the vehicle.
 
     Returns:
         The limits; infinite along an axis where the plant never comes to rest.

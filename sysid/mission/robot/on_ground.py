@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid import floats
-from sysid.data.record import PWM_FULL_SCALE, Array, Channel
+from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.effects.ground import Ground
-from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, Scene, SteppablePlant
+from sysid.mission.contracts import Scene, SteppablePlant
+from sysid.mission.robot.robot_plant import TrackChannels
 from sysid.mission.robot.torque import motors_of
 from sysid.vehicle.dynamics import Forces, VehicleState, step, substeps_for
 from sysid.vehicle.floor import Floor
@@ -16,40 +17,17 @@ from sysid.vehicle.tracked import TrackedVehicle
 
 
 @dataclass(frozen=True)
-class GroundedPlant:
+class GroundedPlant(TrackChannels):
     """Two motors, a body and level ground of one soil; satisfies ``SteppablePlant``.
 
     Attributes:
         dt: sample time [s].
-        car: the body.
-        motors: left and right.
-        floor: what it stands on.
     """
 
     dt: float
     car: TrackedVehicle
     motors: tuple[Motor, Motor]
     floor: Floor
-
-    @property
-    def inputs(self) -> tuple[Channel, ...]:
-        """``pwm_l, pwm_r`` [µs]."""
-        return ROBOT_INPUTS
-
-    @property
-    def outputs(self) -> tuple[Channel, ...]:
-        """``omega_l, omega_r`` [rad/s]."""
-        return ROBOT_OUTPUTS
-
-    @property
-    def input_range(self) -> tuple[tuple[float, float], ...]:
-        """The PWM [µs] of full drive either way."""
-        return ((-PWM_FULL_SCALE, PWM_FULL_SCALE),) * 2
-
-    @property
-    def u_offset(self) -> Array:
-        """Zero drive."""
-        return np.zeros(2)
 
     @property
     def ground(self) -> Ground:

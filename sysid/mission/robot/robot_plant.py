@@ -19,15 +19,38 @@ from sysid.mission.contracts import (
 from sysid.vehicle.kinematics import Real
 
 
+class TrackChannels:
+    """What goes in and out of every plant of two tracks."""
+
+    @property
+    def inputs(self) -> tuple[Channel, ...]:
+        """``pwm_l, pwm_r`` [µs]."""
+        return ROBOT_INPUTS
+
+    @property
+    def outputs(self) -> tuple[Channel, ...]:
+        """``omega_l, omega_r`` [rad/s]."""
+        return ROBOT_OUTPUTS
+
+    @property
+    def input_range(self) -> tuple[tuple[float, float], ...]:
+        """The PWM [µs] of full drive either way."""
+        return ((-PWM_FULL_SCALE, PWM_FULL_SCALE),) * 2
+
+    @property
+    def u_offset(self) -> Array:
+        """Zero drive."""
+        return np.zeros(2)
+
+
 @dataclass(frozen=True, eq=False)
-class RobotPlant:
+class RobotPlant(TrackChannels):
     """A plant wired and scaled as a robot; satisfies ``SteppablePlant``.
 
     Track i is driven by u = centre + span·(PWM_i / 20000) on input ``driven[i]`` (the other inputs
     stay at ``centre``) and turns at ω_i = scale_i·(y[read[i]] − zero_i).
 
     Attributes:
-        plant: the plant underneath.
         twins: whether each track has its own copy of the plant; otherwise one plant has both.
         driven, read: index of the input and of the output of the left and the right track.
         centre: value of every input of ``plant`` at zero drive, shape (nu,).
@@ -55,16 +78,6 @@ class RobotPlant:
         """Sample time [s]."""
         return self.plant.dt
 
-    @property
-    def inputs(self) -> tuple[Channel, ...]:
-        """``pwm_l, pwm_r`` [µs]."""
-        return ROBOT_INPUTS
-
-    @property
-    def outputs(self) -> tuple[Channel, ...]:
-        """``omega_l, omega_r`` [rad/s]."""
-        return ROBOT_OUTPUTS
-
     @cached_property
     def ground(self) -> Ground:
         """What stands between tracks and ground; copies of one plant bring no such thing."""
@@ -79,16 +92,6 @@ class RobotPlant:
         # An effect belongs to the input and the output of one track.
         applies = known.effects and self.driven == self.read
         return known.on(self.driven) if applies else Identified()
-
-    @property
-    def input_range(self) -> tuple[tuple[float, float], ...]:
-        """The PWM [µs] of full drive either way."""
-        return ((-PWM_FULL_SCALE, PWM_FULL_SCALE),) * 2
-
-    @property
-    def u_offset(self) -> Array:
-        """Zero drive."""
-        return np.zeros(2)
 
     def initial_state(self) -> Array:
         """Return the state at rest at zero drive."""

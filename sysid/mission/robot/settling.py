@@ -55,7 +55,6 @@ class Settling:
 
     Attributes:
         ending: whether it rests.
-        state: its last state.
         y: the outputs it rests at, shape (ny,); the last ones where it does not rest.
         swing: the largest excursion of each output from its first value, shape (ny,).
         steps: samples that it took.
@@ -77,7 +76,6 @@ def settle(plant: SteppablePlant, state: Array, u: Array) -> Settling:
 
     Args:
         plant: the plant; simulation serves nonlinear ones as well as linear ones.
-        state: where to start.
         u: the inputs to hold, shape (nu,).
     """
     first: Array | None = None

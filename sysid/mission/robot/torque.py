@@ -48,7 +48,6 @@ def check_lifted(plant: SteppablePlant, lifted: bool | None) -> tuple[str, ...]:
     """Refuse motors that were identified on the ground; a note where it cannot be checked.
 
     Args:
-        plant: a robot plant.
         lifted: what the mission says; None judges by what the tracks share.
 
     Raises:

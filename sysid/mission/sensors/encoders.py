@@ -88,7 +88,6 @@ class Encoders(ImperfectSensor):
     def read(
         self, memory: Counted, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
     ) -> tuple[Counted, Reals]:
-        """Speeds and counts."""
         counted = tuple(
             a + omega * since for a, omega in zip(memory.counted, measured, strict=True)
         )

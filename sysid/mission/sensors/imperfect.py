@@ -171,11 +171,9 @@ class ImperfectSensor(Settings):
         """What it would measure without errors, asked at every sample of the plant.
 
         Args:
-            own: what its kind remembers.
             inputs: what it is exposed to.
             since: time since it measured last [s]; 0 at first.
             dt: time since the sample before [s]; 0 at first.
-            xp: array namespace.
 
         Returns:
             What its kind remembers now, and a value for each of ``measured``.
@@ -187,12 +185,9 @@ class ImperfectSensor(Settings):
         """The measurements of what was measured with errors.
 
         Args:
-            own: what its kind remembers.
-            measured: one value each.
             since: time since it measured last [s]; 0 at first.
             now: whether this sample is an instant at which it measures.
             arrives: whether it is, and the measurement is not lost.
-            xp: array namespace.
 
         Returns:
             What its kind remembers now, and the measurements in the order of ``names``.

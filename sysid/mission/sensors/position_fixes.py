@@ -25,5 +25,4 @@ class PositionFixes(ImperfectSensor):
     def measure(
         self, memory: State, inputs: SensorInputs, since: Real, dt: Real, xp: Any
     ) -> tuple[State, Reals]:
-        """X and Y at this sample."""
         return memory, (inputs.body.pose.x, inputs.body.pose.y)

@@ -53,7 +53,6 @@ class VisualOdometry(ImperfectSensor):
         return tuple(noise**2 * span + step**2 / 6.0 for noise, step in figures)
 
     def begin(self, scene: Scene, xp: Any) -> Followed:
-        """In the start pose, which is known."""
         return Followed(scene.start, scene.start, scene.start)
 
     def measure(
@@ -67,7 +66,6 @@ class VisualOdometry(ImperfectSensor):
     def read(
         self, memory: Followed, measured: Reals, since: Real, now: Real, arrives: Real, xp: Any
     ) -> tuple[Followed, Reals]:
-        """The pose as it is seen."""
         forward, sideways, turned = (velocity * since for velocity in measured)
         x, y, psi = memory.seen
         c, s = xp.cos(psi), xp.sin(psi)

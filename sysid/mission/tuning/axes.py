@@ -75,8 +75,6 @@ def answer(plant: SteppablePlant, geometry: Geometry, axis: Axis) -> AxisAnswer:
 
     Args:
         plant: a robot: PWM [µs] in, wheel speeds [rad/s] out.
-        geometry: lengths of the vehicle.
-        axis: speed, or yaw.
 
     Raises:
         ModelError: the plant does not come to rest, or does not answer.

@@ -19,7 +19,7 @@ from sysid.errors import ModelError
 from sysid.fitting.compiled import compiled, jax_module
 from sysid.mission.loop import COLUMNS, Loop, Tick, Verdict
 from sysid.mission.monte_carlo.clock import BLOCK, Clock, Pattern
-from sysid.mission.monte_carlo.compiled import settled
+from sysid.mission.monte_carlo.compiled import first_states, settled, state_types
 from sysid.mission.monte_carlo.figures import FAILED
 from sysid.mission.monte_carlo.setup import PlantVariant, Setup
 from sysid.mission.noise import block as noise_block
@@ -70,7 +70,6 @@ class BatchRunner:
     """One mission and its plant, driven with gains of all kinds.
 
     Attributes:
-        setup: mission and plant.
         names: of the gains, in the order of their columns.
         batch_size: runs side by side; fewer are padded.
         recorded: whether speed and yaw are wanted, sample by sample.
@@ -194,27 +193,13 @@ class BatchRunner:
 
     @cached_property
     def _starts(self) -> Callable[..., Any]:
-        jax = jax_module()
-        types = self._types
-
-        def starts(numbers: tuple[Any, Any]) -> Any:
-            state = jax.vmap(self._start)(numbers)
-            return jax.tree.map(lambda value, kind: value.astype(kind), state, types)
-
-        program: Callable[..., Any] = jax.jit(starts)
-        return program
+        return first_states(self._start, self._types)
 
     @cached_property
     def _types(self) -> Any:
-        """Types of the state's numbers after a sample, which it begins with as well."""
-        jax = jax_module()
-        plant = self.variant.sampler.plant
-        one = np.ones(len(self.names)), plant.theta
-        state = jax.eval_shape(self._start, one)
-        draws = tuple(np.zeros(s.draws) for s in self.mission.sensors.values())
-        at = (0.0, 0.0, np.zeros(1))
-        after = jax.eval_shape(self._sampled((0, 1)), one, state, at, draws)[0]
-        return jax.tree.map(lambda a, b: jax.numpy.result_type(a.dtype, b.dtype), state, after)
+        one = np.ones(len(self.names)), self.variant.sampler.plant.theta
+        counts = (s.draws for s in self.mission.sensors.values())
+        return state_types(self._start, self._sampled((0, 1)), one, counts)
 
     def _sampled(self, pattern: Pattern) -> Callable[..., Any]:
         """One sample of one run with so many control instants before it and with it."""

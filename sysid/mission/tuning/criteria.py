@@ -217,7 +217,6 @@ def criteria(test: StepTest, answers: Driven, drives: Driven) -> Criteria:
     off any reference, which is no overshoot.
 
     Args:
-        test: what was asked.
         answers: the runs of the test, with rows.
         drives: the mission with the same gains and plants.
     """

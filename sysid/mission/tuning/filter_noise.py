@@ -117,11 +117,9 @@ def tuned_filter(
     log holds the true pose, the run starts in it and errors are counted.
 
     Args:
-        path: log of the sensors.
         mission: whose navigation is a filter with q and r.
         columns: reading → column, where the names differ.
         options: how to read the log.
-        rule: of the search.
 
     Raises:
         DataError: the navigation has no noise to tune, or the log cannot serve.

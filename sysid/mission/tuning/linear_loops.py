@@ -33,7 +33,6 @@ class RuleGains(NamedTuple):
     """What a rule proposes.
 
     Attributes:
-        name: of the rule.
         axes: for which it has gains; the others keep the mission's.
         gains: of the controller, by name.
     """
@@ -45,12 +44,7 @@ class RuleGains(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LinearLoops:
-    """The loops of both axes around the estimated plant, as far as they are linear.
-
-    Attributes:
-        mission: with the controller.
-        robot: the estimated plant.
-    """
+    """The loops of both axes around the estimated plant, as far as they are linear."""
 
     mission: Mission
     robot: SteppablePlant

@@ -34,7 +34,6 @@ class Gains:
     """Gains of a parallel PID: u = kp e + ki ∫e dt + kd de/dt (thesis 4.32).
 
     Attributes:
-        kp, ki, kd: the gains.
         filter_time: of a first-order filter of the derivative [s].
     """
 
@@ -48,7 +47,6 @@ def lag_model(answer: AxisAnswer, period: float) -> LagModel:
     """The lag with dead time that fits an answer to a step best in the sense of least squares.
 
     Args:
-        answer: of an axis.
         period: of control [s].
     """
     from scipy.optimize import minimize_scalar

@@ -40,7 +40,6 @@ class SearchRule:
         widths: standard deviation of a refined set from a member of the front, in the unit cube, in
             the first and the last round: a tenth of the decades between the bounds is what one set
             in a hundred leaves open in three dimensions.
-        most: largest number of sets.
     """
 
     spread: float = 0.5
@@ -57,7 +56,6 @@ class SearchOptions:
     """How much is driven.
 
     Attributes:
-        trials: sets of gains.
         robust: plants that each set drives: the estimated one, and others drawn from the covariance
             of its parameters.
         seed: of sets, plants and sensor noise.
@@ -91,7 +89,6 @@ class Judge:
 
     Attributes:
         variant: mission and estimated plant.
-        test: the steps.
         plants: parameters of the plants, (M, n).
         notes: sentences about what was assumed.
     """
@@ -151,7 +148,6 @@ def tune(
     Args:
         mission: what to do; its controller's gains are where the search is compared with.
         plant: a fitted model, or a plant that is the same in every run.
-        options: how much is driven.
         progress: called when sets were driven.
 
     Raises:

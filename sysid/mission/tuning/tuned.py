@@ -41,7 +41,6 @@ class GainSet:
 
     Attributes:
         name: empty for a set of the front; else ``present`` or the rule it is from.
-        gains: by name.
         criteria: the worst over the plants; None where there is none.
         margins: of speed and yaw with the estimated plant, where the law is linear.
         arrives: whether the mission arrives with every plant.
@@ -71,16 +70,13 @@ class Tuning:
     """What a search for gains came to.
 
     Attributes:
-        mission: with the proposed gains.
         front: sets of which none beats another in everything, the quickest to rise first.
         proposed: which of them is proposed.
         present: the mission's own gains.
         rules: gains from the plant alone, by rule.
         test: the steps that were asked.
         tried: criteria of every set that was driven and brought the robot to the goal.
-        trials: sets that were driven.
         plants: each with so many plants, the estimated one among them.
-        seed, seconds: of the search.
         notes: sentences about what was assumed.
     """
 

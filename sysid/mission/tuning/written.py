@@ -25,8 +25,6 @@ def write_mission(source: Path, target: Path, mission: Mission, role: str = "con
 
     Args:
         source: the file that the mission is from.
-        target: the file to write.
-        mission: with its new law.
         role: the section, ``control`` or ``navigation``.
 
     Raises:
@@ -50,7 +48,6 @@ def write_sections(target: Path, sections: Sections) -> Path:
     """Write a file that holds some sections of a mission and nothing else.
 
     Args:
-        target: the file to write.
         sections: such as ``vehicle`` and ``motion``.
     """
     text = "".join(_block(role, _rounded(keys)) for role, keys in sections.items())
@@ -66,7 +63,6 @@ def write_vehicle(source: Path, target: Path, sections: Sections) -> Path:
 
     Args:
         source: the file of the mission.
-        target: the file to write.
         sections: ``vehicle``, and ``motion`` where it slips.
 
     Raises:
@@ -126,14 +122,7 @@ def _keys(law: Any) -> dict[str, Any]:
 
 
 def replaced(text: str, values: dict[str, Any], role: str, law: dict[str, Any]) -> str:
-    """The text of a mission file with another section.
-
-    Args:
-        text: of the file.
-        values: what it says.
-        role: name of the section.
-        law: the new section.
-    """
+    """The text of a mission file with another section."""
     block = _block(role, law)
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     if not isinstance(root, yaml.MappingNode) or root.flow_style:

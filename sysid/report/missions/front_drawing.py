@@ -57,12 +57,10 @@ class FrontPicture:
     """What sets of gains trade, coloured by one criterion, and answers of two of them.
 
     Attributes:
-        title, subtitle: the headline.
         trades: up to three.
         shade: of every member of the front, (F,), and what it is.
         shade_name: the criterion that colours.
         proposed: which member is proposed.
-        answers: panels below.
     """
 
     title: str

@@ -62,7 +62,6 @@ def ellipse(centre: Array, covariance: Array, count: int = 73) -> Array:
     Args:
         centre: x, y [m].
         covariance: P_xx, P_xy, P_yy [m²].
-        count: points of the outline.
     """
     xx, xy, yy = covariance
     values, vectors = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))

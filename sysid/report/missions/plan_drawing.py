@@ -25,7 +25,6 @@ class CurvePanel:
 
     Attributes:
         title, across, up: words of the panel and of its axes.
-        gain: name of the gain.
         values: of the gain, (n,); the middle one is the mission's.
         distance: (N,) [m].
         quantity: (n, N).
@@ -45,7 +44,6 @@ class PlanPicture:
     """What a picture of a plan shows.
 
     Attributes:
-        title, subtitle: the headline.
         x, y: the map, (M,) each [m].
         psi: direction of the references on the map, (M, M) [rad].
         potential: on the map, (M, M), or None.
@@ -55,7 +53,6 @@ class PlanPicture:
         discs: obstacles, (x, y, radius) [m].
         walls: (ax, ay, bx, by) [m].
         ends: places besides the goal where ways end [m].
-        panels: forces and speeds.
     """
 
     title: str

@@ -53,7 +53,6 @@ class ResponsePicture:
     """Panels in rows of at most three.
 
     Attributes:
-        title, subtitle: the headline.
         panels: in reading order.
         columns: panels in a row.
     """

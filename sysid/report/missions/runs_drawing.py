@@ -24,9 +24,8 @@ class RunsPicture:
     """What a picture of many runs shows.
 
     Attributes:
-        title, subtitle: the headline.
         paths: X, Y of some runs, (n, 2) each [m].
-        worst: the same of the worst runs.
+        worst: figures of the worst runs.
         goal, tolerance: X, Y and distance at which the robot has arrived [m].
         discs: round obstacles as the mission has them, (x, y, radius) [m].
         walls, polygons: lines and areas to keep clear of, (n, 2) each [m].

@@ -34,7 +34,6 @@ class GivenBase:
     The model must not answer within the sample: y_b(k+1) is known once u(k) is.
 
     Attributes:
-        structure, theta: the model's.
         u0, y0: operating point around which it was identified.
         gain, pole: K and f of the core, (tracks,).
     """

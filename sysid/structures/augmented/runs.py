@@ -34,7 +34,6 @@ class ChainRuns(Problem):
         self.channels = tuple(i for _ in data for i in range(structure.ny))
 
     def residual(self, p: Array) -> Array:
-        """The errors; huge but finite where a run overflows."""
         s = self._structure
         with np.errstate(all="ignore"):
             e = np.concatenate([s.errors(p, u, y, 1).T.ravel() for u, y in self._data])

@@ -77,26 +77,21 @@ class Augmented(Structure):
 
     @property
     def nu(self) -> int:
-        """Number of inputs, one a track."""
         return len(self.scales)
 
     @property
     def ny(self) -> int:
-        """Number of outputs, one a track."""
         return len(self.scales)
 
     def order_values(self) -> dict[str, Any]:
-        """{n, nk}."""
         return {"n": self.order, "nk": self.delay}
 
     def settings(self) -> dict[str, Any]:
-        """Effects, full drives and sample time."""
         settings = {"effects": list(self.effects), "scales": list(self.scales), "dt": self.dt}
         return settings if self.given is None else {**settings, "given": self.given.to_json()}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "Augmented":
-        """Undo ``to_json``."""
         s = raw["settings"]
         for id in s["effects"]:
             effect(id)  # refuses what the catalogue does not know
@@ -247,7 +242,6 @@ class Augmented(Structure):
         return np.concatenate([head, _at_rest(state, line)])
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run from x0."""
         x = np.zeros(self.n_states(theta)) if x0 is None else x0
         return np.asarray(self.simulate_many(theta[None], u, x[None])[0])
 
@@ -310,7 +304,6 @@ class Augmented(Structure):
         return drive
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """One sample of the chain with the accepted effects only."""
         return self.traced_step(theta, theta)
 
     def traced_step(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
@@ -361,13 +354,11 @@ class Augmented(Structure):
         return base is None or base.structure.stable(base.theta)
 
     def poles(self, theta: Array) -> NDArray[np.complex128]:
-        """Poles of the core of every track."""
         core, _ = self.unpack(theta)
         roots = [np.roots([1.0, *core.f[:, i]]) for i in range(self.ny)]
         return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
 
     def time_constants(self, theta: Array) -> Array:
-        """Those of the core and of a given model."""
         of_core, base = super().time_constants(theta), self.given
         if base is None:
             return of_core

@@ -46,7 +46,7 @@ class Candidate(Generic[Chained]):
 def preferred(tried: Sequence[Candidate[Chained]], data: ChainData) -> Candidate[Chained]:
     """Of the models within one standard error of the smallest held-out error that of least BIC.
 
-    Held-out data cannot tell them apart, so the fitted data decide, where a parameter costs ln N.
+    Held-out data cannot distinguish them, so the fitted data decide, where a parameter costs ln N.
     """
     ahead = min(tried, key=lambda c: c.found.holdout_error).found
     limit = (1.0 + data.holdout_margin(ahead.chain, ahead.p)) * ahead.holdout_error

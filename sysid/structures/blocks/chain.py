@@ -112,7 +112,6 @@ class BlockChain:
         """Free run (ny, N) and its derivative (ny, n + n_states, N).
 
         Args:
-            theta: parameters.
             u: inputs (N, nu).
             x0: initial state, None for rest.
             states: whether rows for the initial state follow them.
@@ -390,8 +389,6 @@ def _through_statics(
     """A layer of static curves' outputs; carries D and its nonzero rows along, in place.
 
     Args:
-        layer: the curves.
-        p: their parameters.
         signal: what enters, (channels, N).
         D: its derivatives, (channels, rows, N).
         active: rows of D that are not zero, by channel.

@@ -51,7 +51,6 @@ class ChainErrors(Problem):
         return p[at : at + self.states_each] if self.states_each else None
 
     def residual(self, p: Array) -> Array:
-        """Errors, experiment after experiment, output after output."""
         theta, size = p[: self.chain.n], sum(self.lengths)
         if not self.chain.admissible(theta):
             return np.full(size, HUGE)

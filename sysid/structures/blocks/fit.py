@@ -96,7 +96,6 @@ class Fitted:
     """A chain with parameters and initial states, and how well it does.
 
     Attributes:
-        chain: the chain.
         p: θ and the initial states of each experiment.
         cost: ½ Σ (ε/scale)² of the fitted samples.
         holdout_error: relative error of the held-out samples, NaN without any.

@@ -34,7 +34,6 @@ class HammersteinWiener(BlockStructure):
 
     Attributes:
         orders: nb, nf, nk of the linear block.
-        inputs, outputs: the statics.
         requested: what the user left open, None in a fitted model. An open structure stands for all
             that the fit may choose from.
         choose_orders: whether the orders are open too.
@@ -102,7 +101,6 @@ class HammersteinWiener(BlockStructure):
 
     @cached_property
     def chain(self) -> BlockChain:
-        """Input statics, linear block, output statics."""
         o = self.orders
         return BlockChain(
             (
@@ -115,7 +113,6 @@ class HammersteinWiener(BlockStructure):
 
     @property
     def layer_names(self) -> tuple[str, ...]:
-        """Names of the layers in parameter names."""
         return ("input", "", "output")
 
     def parameters(
@@ -141,24 +138,20 @@ class HammersteinWiener(BlockStructure):
         )
 
     def with_chain(self, chain: BlockChain) -> "HammersteinWiener":
-        """This structure with the statics of another chain."""
         before, _, after = chain.layers
         assert isinstance(before, StaticLayer)
         assert isinstance(after, StaticLayer)
         return replace(self, inputs=before.statics, outputs=after.statics)
 
     def order_values(self) -> dict[str, Any]:
-        """Orders in their shortest form."""
         names = ("nk",) if self.choose_orders else self.order_names
         return {name: self.orders.value(name) for name in names}
 
     def settings(self) -> dict[str, Any]:
-        """The statics."""
         return {"input": statics_to_json(self.inputs), "output": statics_to_json(self.outputs)}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "HammersteinWiener":
-        """Undo ``to_json``."""
         plain = cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
         structure = replace(
             plain,

@@ -53,7 +53,6 @@ def final_fit(
     Args:
         structure: orders and statics settled.
         records: experiments, offsets removed.
-        options: how to fit.
         parameters: bounds and fixed values the user gave, by name.
         starts: named θ of ``structure``.
         reports: starts tried before.

@@ -34,13 +34,14 @@ def signed_starts(
     """Starting values by parameter name, one for each first guess of the signs.
 
     Args:
-        records: experiments.
         orders: nb, nf, nk of the linear block.
         kept: samples that may be looked at.
         outputs: ``abs`` where an output has no sign, identity elsewhere.
     """
     single = records[0].nu == 1 and records[0].ny == 1
-    plain = dict(linear_starts(records, orders)[0][1]) if _some_signed(outputs) else {}
+    plain = (
+        dict(linear_starts(records, orders)[0][1]) if any(s.is_identity for s in outputs) else {}
+    )
     for lag in LAGS:
         starts = dict(plain)
         for i, static in enumerate(outputs):
@@ -61,10 +62,6 @@ def signed_starts(
             starts[f"output.c{tag}"] = -offset / max(float(A.sum()), 1e-6)
             starts[f"y0{tag}"] = zero
         yield starts
-
-
-def _some_signed(outputs: Sequence[Static]) -> bool:
-    return any(s.is_identity for s in outputs)
 
 
 def _recovered(

@@ -69,12 +69,10 @@ class BlockStructure(NamedStructure):
 
     @property
     def nu(self) -> int:
-        """Number of inputs."""
         return self.chain.nu
 
     @property
     def ny(self) -> int:
-        """Number of outputs."""
         return self.chain.n_outputs
 
     def parameters(
@@ -138,25 +136,20 @@ class BlockStructure(NamedStructure):
         return 0
 
     def n_states(self, theta: Array) -> int:
-        """Number of states of the linear blocks."""
         return self.chain.n_states
 
     def poles(self, theta: Array) -> NDArray[np.complex128]:
-        """Poles of the linear blocks."""
         roots = [np.roots(F) for F in self.chain.denominators(theta)]
         return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
 
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
-        """State that meets the first ``samples`` of y best in free run."""
         return self.chain.fitted_state(theta, u, y, samples)
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run from x0."""
         with np.errstate(over="ignore", invalid="ignore"):
             return self.chain.run(theta, u, x0)
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """The free run sample by sample."""
         return self.chain.step(theta)
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
@@ -177,7 +170,6 @@ class BlockStructure(NamedStructure):
         return self.chain.admissible(theta)
 
     def stable_each(self, thetas: Array) -> NDArray[np.bool_]:
-        """The same for every row."""
         return self.chain.admissible_each(thetas)
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:

@@ -123,7 +123,6 @@ class WienerHammerstein(BlockStructure):
 
     @cached_property
     def chain(self) -> BlockChain:
-        """First blocks, statics, second block, offsets."""
         a, b = self.first, self.orders
         return BlockChain(
             (
@@ -137,7 +136,6 @@ class WienerHammerstein(BlockStructure):
 
     @property
     def layer_names(self) -> tuple[str, ...]:
-        """Names of the layers in parameter names."""
         return ("first", "static", "", "output")
 
     def parameters(
@@ -157,13 +155,11 @@ class WienerHammerstein(BlockStructure):
         return replace(self, statics=self.requested.of_channels(inputs, IDENTITY))
 
     def with_chain(self, chain: BlockChain) -> "WienerHammerstein":
-        """This structure with the statics of another chain."""
         layer = chain.layers[1]
         assert isinstance(layer, StaticLayer)
         return replace(self, statics=layer.statics)
 
     def order_values(self) -> dict[str, Any]:
-        """Orders in their shortest form."""
         second = {n: self.orders.value(n) for n in ("nb", "nf", "nk")}
         if self.choose_orders:
             return {"nk": second["nk"]}
@@ -173,12 +169,10 @@ class WienerHammerstein(BlockStructure):
         return {**{k: v[0] if len(set(v)) == 1 else v for k, v in rows.items()}, **second}
 
     def settings(self) -> dict[str, Any]:
-        """The statics."""
         return {"static": statics_to_json(self.statics)}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "WienerHammerstein":
-        """Undo ``to_json``."""
         plain = cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
         statics = statics_from_json(raw["settings"]["static"])
         if len(statics) != plain.nu:

@@ -206,7 +206,6 @@ def parse(
     """Read one expression; y and u without a number are the first channel.
 
     Args:
-        text: the expression.
         nu, ny: inputs and outputs that there are.
         option: the option that holds it, for sentences about what is wrong.
         error_of: output whose past errors e may occur, e without a number being those; none where

@@ -31,7 +31,6 @@ class FreeRun(ABC):
         y_depth, u_depth: past samples of each output and input in the state.
         depth, before: past outputs (at least one) and inputs that a run needs.
         first: first sample whose signals lie inside the record.
-        n_states: length of a state.
         theta_index: entries of θ that belong to each output; θ stacks them.
         n_theta: length of θ.
     """
@@ -138,7 +137,6 @@ class FreeRun(ABC):
         """k-step-ahead predictions, (N, ny): runs of ``horizon`` steps started at every sample.
 
         Args:
-            theta: parameters.
             u, y: the record.
             horizon: steps of a run.
             first: first sample at which a run may start; predictions before its end are NaN.

@@ -37,7 +37,6 @@ class TermGram:
     """Products of candidate terms with each other and with one output, summed over the data.
 
     Attributes:
-        terms: the candidates.
         norms: their Euclidean norms over the data, (K,); 1 where a term is zero throughout.
         gram: products of the terms divided by their norms, (K, K).
         right: products of those with the output, (K,).

@@ -23,7 +23,7 @@ from sysid.structures.difference_equations.signals import Signal, lagged_signals
 from sysid.structures.orders import Orders
 
 MAX_POOL = 2500
-"""Candidate terms an output: beyond it the products outgrow the data that could tell them apart."""
+"""Candidate terms an output: beyond it the data could no longer distinguish the products."""
 
 
 MAX_DEGREE = 6

@@ -56,7 +56,6 @@ def by_output(text: str, name: str, ny: int, *, one_for_all: bool) -> list[list[
     Args:
         text: the option's value; commas inside parentheses divide nothing, empty entries go.
         name: the option, for the sentence.
-        ny: number of outputs.
         one_for_all: whether one group may serve all outputs.
 
     Raises:

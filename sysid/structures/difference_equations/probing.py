@@ -24,7 +24,6 @@ def stays_near(
 
     Args:
         run: the equations, their limits set to what counts as running away.
-        theta: their parameters.
         input_range: lowest and highest value of each input.
         input_step: largest change of each input from one sample to the next; any where None.
     """

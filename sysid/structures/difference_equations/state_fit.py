@@ -23,8 +23,6 @@ def fitted_state(
     run), drawn weakly towards "everything before was like the first sample".
 
     Args:
-        run: the equation.
-        theta: its coefficients.
         u, y: the record.
         samples: samples at its head that count.
         spread: (ny + nu,), the size of a usual change of each output and input.

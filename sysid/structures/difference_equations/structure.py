@@ -46,16 +46,13 @@ class RecursiveStructure(NamedStructure):
 
     @property
     def nu(self) -> int:
-        """Number of inputs."""
         return self.orders.nu
 
     @property
     def ny(self) -> int:
-        """Number of outputs."""
         return self.orders.ny
 
     def order_values(self) -> dict[str, Any]:
-        """Orders in their shortest form."""
         return {name: self.orders.value(name) for name in self.order_names}
 
     def range_settings(self) -> dict[str, Any]:
@@ -154,7 +151,6 @@ class RecursiveStructure(NamedStructure):
     # ----------------------------------------------------------------- runs
 
     def first_sample(self) -> int:
-        """First sample whose signals lie inside the record."""
         return self.free_run().first
 
     def n_states(self, theta: Array) -> int:
@@ -169,11 +165,9 @@ class RecursiveStructure(NamedStructure):
         return fitted_state(self.free_run(), theta, u, y, samples, np.array(spans) / 4.0)
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run from x0, kept inside ``limits``."""
         return self.free_run().simulate(theta, u, x0)
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """The free run sample by sample."""
         return self.free_run().stepper(theta)
 
     def stable(self, theta: Array) -> bool:

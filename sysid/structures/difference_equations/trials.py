@@ -48,7 +48,6 @@ class Estimate:
     """θ of a whole structure from all data.
 
     Attributes:
-        theta: parameters.
         solved: problems that determined it, each with its solution and the number of errors of
             data, which come first.
         how: in words.

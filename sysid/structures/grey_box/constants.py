@@ -21,8 +21,7 @@ class Constant:
         free: whether it is estimated unless something else is asked for.
         spread: starts vary it by about this factor (a constant of either sign: by this share).
         each: whether every output has its own.
-        words: what it is.
-        jumps: whether runs change by jumps or kinks with it, so that slopes do not tell its error.
+        jumps: whether runs change by jumps or kinks with it, so that slopes do not give its error.
     """
 
     name: str

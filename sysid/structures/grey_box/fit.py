@@ -192,7 +192,7 @@ def _entries(s: Setting, rung: Rung) -> list[int]:
 
 
 def _determined(s: Setting, solution: Solution, free: Mask, rung: Rung, kept: Masks) -> bool:
-    """Whether the data tell each constant of a rung that has one sign, at one output at least."""
+    """Whether the data determine each constant of one sign of a rung, at one output at least."""
     n, part = len(free), _part(s, solution, free, kept)
     error = np.full(n, np.inf)
     inside = part.free < n

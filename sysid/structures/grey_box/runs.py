@@ -40,7 +40,7 @@ ROUNDS = 30
 GAIN = 1e-10
 
 LASTING = 8.0
-"""Slowest time constants in a run that tells whether it stays bounded: four in each half."""
+"""Slowest time constants in a run that shows whether it stays bounded: four in each half."""
 
 PROBE = (200, 1000)
 """Fewest and most samples of such a run; the most where no time constant is known."""
@@ -161,8 +161,6 @@ def free_run(structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Ar
     """ŷ (N, ny) of each record.
 
     Args:
-        structure: the grey box.
-        theta: its parameters.
         inputs: u (N, nu) of each record.
         x0: initial states, (n, records).
     """
@@ -178,8 +176,6 @@ def stays_bounded(
     settles has settled in the first half, and the integral of a constant doubles in the second.
 
     Args:
-        structure: the grey box.
-        theta: its parameters.
         ranges: lowest and highest value of each input.
     """
     modes = structure.time_constants(theta)
@@ -212,8 +208,6 @@ def tangents(
     """∂ŷ/∂(θ, own initial state) of each record, (n_θ + n, ny, N).
 
     Args:
-        structure: the grey box.
-        theta: its parameters.
         inputs: u (N, nu) of each record.
         x0: initial states, (n, records).
         wanted: entries of (θ, state) to differentiate by, all when None; other rows are zero.
@@ -293,7 +287,6 @@ class GreyErrors(Problem):
         return self._last[1]
 
     def residual(self, p: Array) -> Array:
-        """Errors, experiment after experiment, output after output."""
         _, runs = self._run(p)
         parts = [
             ((y - run)[kept] / self.scales).T.ravel()

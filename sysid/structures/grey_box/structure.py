@@ -151,12 +151,10 @@ class GreyBox(NamedStructure):
 
     @property
     def nu(self) -> int:
-        """Number of inputs."""
         return self.n_inputs
 
     @property
     def ny(self) -> int:
-        """Number of outputs."""
         return self.n_outputs
 
     def unpack(self, xp: Any, theta: Signal) -> dict[str, Signal]:
@@ -283,7 +281,6 @@ class GreyBox(NamedStructure):
         )
 
     def order_values(self) -> dict[str, Any]:
-        """No orders."""
         return {}
 
     def settings(self) -> dict[str, Any]:
@@ -297,7 +294,6 @@ class GreyBox(NamedStructure):
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
-        """Undo ``to_json``."""
         known = {f.name for f in fields(cls)}
         given: dict[str, Any] = {k: _tuples(v) for k, v in raw["settings"].items() if k in known}
         return cls(int(raw["nu"]), int(raw["ny"]), **given)
@@ -341,7 +337,6 @@ class GreyBox(NamedStructure):
         return (GreyErrors(self, [(r.u, r.y) for r in records], initial is not Initial.ZERO),)
 
     def first_sample(self) -> int:
-        """A free run predicts from the first sample."""
         return 0
 
     def fitter(self) -> "Fitter":
@@ -351,7 +346,6 @@ class GreyBox(NamedStructure):
         return by_multi_start
 
     def n_states(self, theta: Array) -> int:
-        """Number of physical states."""
         return len(self.state_names)
 
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
@@ -374,9 +368,9 @@ class GreyBox(NamedStructure):
                 now = x.tolist()
                 moved = self.sample(floats, now, u.tolist(), plain, h, steps)
                 return np.array(moved), np.array(self.reading(floats, now, plain))
-            state, held = x[:, None], u[:, None]
+            state, command = x[:, None], u[:, None]
             y = xp.asarray(self.reading(xp, state, p))
-            after = xp.asarray(self.sample(xp, state, held, p, h, steps))
+            after = xp.asarray(self.sample(xp, state, command, p, h, steps))
             return after[:, 0], y[:, 0]
 
         return advance
@@ -387,8 +381,8 @@ class GreyBox(NamedStructure):
         p = self.prepared(xp, self.unpack(xp, theta), self.h)
 
         def advance(x: Any, u: Any) -> tuple[Any, Any]:
-            state, held = x[:, None], u[:, None]
-            after = self.sample(xp, state, held, p, self.h, self.steps)
+            state, command = x[:, None], u[:, None]
+            after = self.sample(xp, state, command, p, self.h, self.steps)
             return after[:, 0], self.reading(xp, state, p)[:, 0]
 
         return advance
@@ -438,7 +432,6 @@ class GreyBox(NamedStructure):
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[str, ...]:
-        """The equation in letters, then every constant with its value and unit."""
         table = self.parameters(inputs, outputs)
         values = ", ".join(
             f"{p.name} = {v:.5g} {p.unit}".rstrip() for p, v in zip(table, theta, strict=True)
@@ -446,7 +439,6 @@ class GreyBox(NamedStructure):
         return (self.equation, values)
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
-        """Constants by name, and how the equation is integrated."""
         p = self.unpack(np, np.asarray(theta))
         return {
             "stable": self.stable(theta),

@@ -16,7 +16,7 @@ SMALL = 1e-3
 """Head below which outflow is smoothed, as a share of the sensor's unit."""
 
 LEVEL = 1.25
-"""Level about which time constants are told: low for a sensor that counts up to ten volts."""
+"""Level about which time constants are stated: low for a sensor that counts up to ten volts."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Tanks(GreyBox):
     (Schoukens, Mattsson, Wigren & Noël 2016, "Cascaded tanks benchmark"; Torricelli's law has
     a1 = a2 = ½, laminar flow 1.) Levels are in the units of the sensor; that of the upper tank
     counts from its outlet and in water that would raise the lower one as much, because no other
-    zero and unit could be told from these. d2 is the depth of the lower outlet below the sensor's
+    zero and unit could be found from these. d2 is the depth of the lower outlet below the sensor's
     zero.
     """
 
@@ -44,7 +44,6 @@ class Tanks(GreyBox):
 
     @classmethod
     def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:
-        """One pump, one level."""
         if (nu, ny) != (1, 1):
             raise UsageError(
                 f"tanks needs one input (pump) and one output (lower level), got {nu} and {ny}"
@@ -69,11 +68,9 @@ class Tanks(GreyBox):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Levels."""
         return ("h1", "h2")
 
     def ladder(self) -> tuple[Rung, ...]:
-        """What a rig may have or not."""
         return (
             Rung("overflow of the lower tank", ("limit2",)),
             Rung("depth of the lower outlet", ("d2",)),
@@ -100,7 +97,6 @@ class Tanks(GreyBox):
         return together(xp, [upper, lower])
 
     def rates(self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal]) -> Signal:
-        """Balance of each tank."""
         through = _outflow(xp, x[0], p["a1"])
         out = _outflow(xp, x[1] + p["d2"], p["a2"])
         return together(
@@ -112,7 +108,6 @@ class Tanks(GreyBox):
         )
 
     def reading(self, xp: Any, x: Signal, p: Mapping[str, Signal]) -> Signal:
-        """The lower level."""
         return x[1:]
 
     def first_guess(self, records: Sequence[Record]) -> tuple[tuple[str, Array], ...]:

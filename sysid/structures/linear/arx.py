@@ -36,5 +36,4 @@ class ARX(PolynomialStructure):
 
     @classmethod
     def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
-        """Every pair of low orders."""
         return arx_grid(nu, ny, samples)

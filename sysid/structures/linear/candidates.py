@@ -26,7 +26,6 @@ def affordable(
     """The orders of a grid that the data bear, delayed; the lowest ones where they bear none.
 
     Args:
-        cls: the structure.
         grid: orders without delay.
         nu, ny: number of inputs and outputs.
         samples: N.

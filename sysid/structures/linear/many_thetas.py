@@ -26,7 +26,6 @@ def traced_step(
     Transposed direct form II, group after group: w = x₁ + Σ b₀ u, x⁺ = (x₂ … x_n, 0) − a w + Σ b u.
 
     Args:
-        structure: the model's.
         theta: traced, (n,).
         like: numbers with the same groups and orders, (n,).
     """

@@ -55,24 +55,20 @@ class PolynomialStructure(NamedStructure):
 
     @property
     def nu(self) -> int:
-        """Number of inputs."""
         return self.orders.nu
 
     @property
     def ny(self) -> int:
-        """Number of outputs."""
         return self.orders.ny
 
     @classmethod
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> Self:
-        """The structure with these orders; UsageError when they do not fit."""
         refuse_options(cls.name, options, ())
         return cls(spread(raw, cls.letters, nu, ny, cls.name))
 
     def order_values(self) -> dict[str, Any]:
-        """Orders in their shortest form."""
         return {name: self.orders.value(name) for name in self.order_names}
 
     @classmethod
@@ -84,7 +80,6 @@ class PolynomialStructure(NamedStructure):
     def candidate_orders(
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
-        """Orders of the grid that the samples bear."""
         return affordable(cls, cls.order_grid(nu, ny, samples), nu, ny, samples, delay)
 
     def starts(self, records: Sequence[Record], focus: Focus) -> "InitialGuesses":
@@ -94,7 +89,6 @@ class PolynomialStructure(NamedStructure):
         return starts_of(self, records, focus)
 
     def stabilised(self, theta: Array) -> Array:
-        """θ with its poles reflected into the unit circle."""
         from sysid.structures.linear.starts import stabilised
 
         return stabilised(self, theta)
@@ -234,19 +228,15 @@ class PolynomialStructure(NamedStructure):
         return np.array(kept, dtype=int)
 
     def first_sample(self) -> int:
-        """First sample that every row can predict."""
         return max(self.layout(i).start + self.layout(i).nd for i in range(self.ny))
 
     def n_states(self, theta: Array) -> int:
-        """Number of states of the free run."""
         return self.transfer(theta).n_states
 
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
-        """State that meets the first ``samples`` of y best in free run."""
         return self.transfer(theta).fitted_state(u, y, samples)
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run of G(q) from x0."""
         with np.errstate(over="ignore", invalid="ignore"):
             return self.transfer(theta).simulate(u, x0)
 
@@ -267,7 +257,6 @@ class PolynomialStructure(NamedStructure):
         return traced_step(self, theta, like)
 
     def stable_each(self, thetas: Array) -> NDArray[np.bool_]:
-        """Whether all poles of G(q) lie inside the unit circle, for each row."""
         from sysid.structures.linear.many_thetas import stable_each
 
         return stable_each(self, thetas)
@@ -366,7 +355,6 @@ class PolynomialStructure(NamedStructure):
         return out
 
     def gradient_index(self, theta: Array, output: int) -> Index:
-        """The entries of θ that belong to the output's row."""
         return self.row_index(output)
 
     def equations(

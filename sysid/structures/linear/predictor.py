@@ -185,7 +185,6 @@ class RowErrors(Problem):
         return self._gradients(p, self.layout.n)
 
     def initial_columns(self, p: Array) -> Array:
-        """The columns of the Jacobian that belong to the initial states."""
         return self._gradients(p, 0)
 
     def _gradients(self, p: Array, shared: int) -> Array:

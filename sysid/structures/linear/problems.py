@@ -152,7 +152,6 @@ class Remaining(Problem):
         )
 
     def given(self, theta: Array) -> Problem:
-        """The same problem with the known entries taken from ``theta``."""
         return Remaining(self._row, self._known, theta)
 
     def _full(self, p: Array) -> Array:
@@ -162,11 +161,9 @@ class Remaining(Problem):
         return full
 
     def residual(self, p: Array) -> Array:
-        """Prediction errors of the row."""
         return self._row.residual(self._full(p))
 
     def jacobian(self, p: Array) -> Array:
-        """Their derivative with respect to the remaining entries."""
         return self._row.jacobian(self._full(p))[:, self._columns]
 
 
@@ -204,7 +201,6 @@ class Stacked(Problem):
         return e if self._feasible(theta) else np.full(len(e), HUGE)
 
     def jacobian(self, p: Array) -> Array:
-        """Block-diagonal derivative."""
         blocks = [q.jacobian(p[place]) for q, place in zip(self._parts, self._places, strict=True)]
         out = np.zeros((sum(len(b) for b in blocks), len(p)))
         at = 0

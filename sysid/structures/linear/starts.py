@@ -43,7 +43,7 @@ from sysid.structures.linear.predictor import RowLayout
 Starts = Sequence[tuple[str, Array]]
 
 SHRINKS = 400
-"""Times the poles are shrunk by 3 % at most: enough for any radius that float64 tells apart."""
+"""Times the poles are shrunk by 3 % at most: enough for any radius that float64 distinguishes."""
 
 NOISY = 0.02
 """Fraction of the output's power left unexplained beyond which the pole grid is searched too.

@@ -21,7 +21,7 @@ CHUNK = 150
 """Samples a run: several time constants, short enough that a bad candidate costs no more."""
 
 SHORTEST = 20
-"""Samples that a run at the end of a record needs to count: fewer tell one step ahead only."""
+"""Samples that a run at the end of a record needs to count: fewer show one step ahead only."""
 
 SAMPLES = 5000
 """Samples that judge a candidate, at most; spread evenly over the data."""

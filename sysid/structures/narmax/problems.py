@@ -35,7 +35,7 @@ class OneStep(Problem):
         self.channels = (output,) * len(data)
         noise = [k for k, t in enumerate(terms) if is_noise(t)]
         self._plain = [k for k, t in enumerate(terms) if not is_noise(t)]
-        self._noise = [(k, _error_lag(terms[k])) for k in noise]
+        self._noise = [(k, next(f.lag for f in terms[k] if f.kind == "e")) for k in noise]
         # a noise term's value is its cofactor (what multiplies the error) times the past error
         cofactors = [tuple(f for f in t if f.kind != "e") if is_noise(t) else t for t in terms]
         self._values = [columns(cofactors, u, y)[first:] for u, y in data]
@@ -79,10 +79,6 @@ class OneStep(Problem):
                     e = _fed_back(e, gains)
                 errors.append(e)
         return errors
-
-
-def _error_lag(t: Term) -> int:
-    return next(f.lag for f in t if f.kind == "e")
 
 
 def _fed_back(plain: Array, gains: Sequence[tuple[int, Array]]) -> Array:

@@ -106,8 +106,8 @@ class PolynomialRun(FreeRun):
         return np.array(flat[self.depth * ny :]).reshape(n, ny)
 
     def stepper(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """(x, u) → (x⁺, y), everything looked up beforehand."""
         # products of signals, each one factor longer than an earlier one, number 0 being 1
+        """(x, u) → (x⁺, y), everything looked up beforehand."""
         plan = [(a, self.place(Signal("y", j, lag))) for a, j, lag in self.plan]
         known_products: dict[Term, int] = {(): 0}
 
@@ -118,7 +118,7 @@ class PolynomialRun(FreeRun):
             return known_products[t]
 
         u_places = [place_of(t) for t in self.u_terms]
-        number = float if isinstance(theta, np.ndarray) else _as_it_is
+        number = float if isinstance(theta, np.ndarray) else (lambda value: value)
         rows = [
             [
                 (number(theta[k]), int(m), u_places[q])
@@ -168,7 +168,6 @@ class PolynomialRun(FreeRun):
         return len(self.products) * self.ny
 
     def runs(self, weights: Array, past: Array) -> Array:
-        """All runs at once from past outputs (depth, ny, B): (depth + L, ny, B), past included."""
         _, length, n_products, batch = weights.shape
         full = np.empty((self.depth + length, self.ny, batch))
         full[: self.depth] = past
@@ -242,8 +241,3 @@ class PolynomialRun(FreeRun):
 def _parted(t: Term) -> tuple[Term, Term]:
     """The factors of past outputs and those of inputs."""
     return tuple(f for f in t if f.kind == "y"), tuple(f for f in t if f.kind == "u")
-
-
-def _as_it_is(value: Any) -> Any:
-    """A traced number."""
-    return value

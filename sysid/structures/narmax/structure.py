@@ -62,6 +62,7 @@ class NARMAX(RecursiveStructure):
     when: ClassVar[str] = "smooth nonlinearities; a readable equation"
     # a polynomial that has left its data by their own width does not come back
     runaway: ClassVar[float] = 1.0
+    chooses_products: ClassVar[bool] = True
     options: ClassVar[Mapping[str, str]] = {
         "degree": "largest degree of a product, 1 to 6; the best of 1, 2 and 3 unless given",
         "terms": "number of terms of each output, or the terms themselves such as "
@@ -92,7 +93,6 @@ class NARMAX(RecursiveStructure):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> "NARMAX":
-        """The structure with these orders and options; UsageError when they do not fit."""
         refuse_options(cls.name, options, tuple(cls.options))
         orders = spread(raw, "ab", nu, ny, cls.name)
         given = dict(options or {})
@@ -146,7 +146,6 @@ class NARMAX(RecursiveStructure):
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "NARMAX":
-        """Undo ``to_json``."""
         known = raw["settings"]
         plain = cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
         structure = cls(
@@ -178,16 +177,13 @@ class NARMAX(RecursiveStructure):
         return replace(super().with_ranges(records), input_step=step)
 
     def largest_input_step(self) -> Sequence[float]:
-        """Largest change of each input from one sample to the next."""
         return self.input_step
 
     def row_index(self, i: int) -> Index:
-        """Entries of θ that belong to output ``i``."""
         sizes = [len(row) for row in self.rows]
         return np.arange(sum(sizes[:i]), sum(sizes[: i + 1]))
 
     def free_run(self, limits: Limits | None = None) -> PolynomialRun:
-        """The equations prepared for runs, kept inside ``limits``; inside its own unless given."""
         return PolynomialRun(self.rows, self.nu, limits or self.limits)
 
     def parameters(
@@ -203,15 +199,12 @@ class NARMAX(RecursiveStructure):
         return tuple(parameters)
 
     def one_step(self, i: int, data: Data) -> OneStep:
-        """The errors of output ``i`` one step ahead on (u, y) of each record."""
         return OneStep(self.rows[i], int(self.row_index(i)[0]), i, data, self.first_sample())
 
     def over_chunks(self, data: Data, length: int) -> ChunkedRuns:
-        """The errors of all outputs in free runs over chunks of about ``length`` samples."""
         return ChunkedRuns(self.free_run(), data, length, spreads([y for _, y in data]))
 
     def first_sample(self) -> int:
-        """First sample whose measured terms lie inside the record."""
         return max((f.lag for row in self.rows for t in row for f in t if f.kind != "e"), default=0)
 
     # ----------------------------------------------------------------- runs

@@ -127,7 +127,7 @@ def _search(
     if row.folds[0].train is not row.search:
         grams = [term_gram(terms, fold.train, 0, first) for fold in row.folds]
     later = [
-        (degree, cap, [k for k in m if not _within_the_sample(terms[k])])
+        (degree, cap, [k for k in m if not any(f.kind == "u" and f.lag == 0 for f in terms[k])])
         for degree, cap, m in inside
     ]
     if later == inside or not all(m for _, _, m in later):
@@ -172,11 +172,6 @@ def best(row: Row, trials: Sequence[Trial]) -> Trial:
         if sound is None or row.stays_near(t):
             return t
     return order[0]
-
-
-def _within_the_sample(t: Term) -> bool:
-    """Whether a term holds an input of the same sample."""
-    return any(f.kind == "u" and f.lag == 0 for f in t)
 
 
 def _to_refine(trials: Sequence[Trial]) -> list[Trial]:

@@ -118,7 +118,7 @@ class Row:
         return Fold(train, counted)
 
     def identifiable(self, t: Term) -> bool:
-        """Whether the inputs have enough levels to tell this term from one of lower power.
+        """Whether the inputs have enough levels to distinguish this term from one of lower power.
 
         With two levels u² is a constant and u³ a multiple of u: y(t−1)·u² would fit as well as
         y(t−1), and be wrong at every other amplitude.

@@ -58,7 +58,6 @@ class Shape:
     Attributes:
         rows: regressors of each output.
         sizes: (regressors, products, units, dimension of v) of each row.
-        kind: name of the estimator.
         depth, before: past outputs and inputs that a run needs.
     """
 

@@ -113,16 +113,11 @@ def check_regressors(orders: Orders, customs: Sequence[Row]) -> None:
 
 def design_to_json(d: RowDesign) -> dict[str, Any]:
     """A row's design as lists."""
-    return {
-        "mean": list(d.mean),
-        "scale": list(d.scale),
-        "low": list(d.low),
-        "high": list(d.high),
-        "terms": [list(t) for t in d.terms],
-        "projection": [list(row) for row in d.projection],
-        "flags": list(d.flags),
-        "views": [list(v) for v in d.views],
-    }
+    return {f.name: _lists(getattr(d, f.name)) for f in fields(d)}
+
+
+def _lists(value: Any) -> Any:
+    return [_lists(v) for v in value] if isinstance(value, tuple) else value
 
 
 def design_from_json(raw: Mapping[str, Any]) -> RowDesign:

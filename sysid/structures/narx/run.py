@@ -149,7 +149,6 @@ class NarxRun(FreeRun):
         return u
 
     def weights(self, theta: Array, products: Array) -> tuple[Array, Array]:
-        """What ``runs`` needs."""
         return theta, products
 
     @property
@@ -158,7 +157,6 @@ class NarxRun(FreeRun):
         return max(d + K * q for d, _, K, q in (x.sizes for x in self.designs))
 
     def runs(self, weights: tuple[Array, Array], past: Array) -> Array:
-        """All runs at once from past outputs (depth, ny, B): (depth + L, ny, B), past included."""
         theta, u = weights
         length, batch, depth = len(u) - self.before, u.shape[2], self.depth
         full = np.empty((depth + length, self.ny, batch))

@@ -72,12 +72,10 @@ class Trial:
     """One map of one output.
 
     Attributes:
-        design, theta: the map.
         error: free-run error on the held-out data relative to the output's spread.
         how: where it came from, in words.
         chunk: samples of free run it was refined over; 0 for least squares.
         evaluations: iterations spent on it.
-        termination: how its refinement ended.
     """
 
     design: RowDesign

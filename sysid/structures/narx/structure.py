@@ -62,7 +62,6 @@ class NarxWavelet(RecursiveStructure):
 
     @property
     def margin(self) -> float:
-        """How far outside its training range an output may go, as a share of that range."""
         return self.options_given.margin
 
     @property
@@ -76,7 +75,6 @@ class NarxWavelet(RecursiveStructure):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> "NarxWavelet":
-        """The structure with these orders and options; UsageError when they do not fit."""
         refuse_options(cls.name, options, tuple(cls.options))
         orders = spread(raw, "ab", nu, ny, cls.name)
         given = dict(options or {})
@@ -110,7 +108,6 @@ class NarxWavelet(RecursiveStructure):
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "NarxWavelet":
-        """Undo ``to_json``."""
         known, nu, ny = raw["settings"], int(raw["nu"]), int(raw["ny"])
         customs = tuple(tuple(parse(e, nu, ny) for e in row) for row in known["regressors"])
         structure = cls(
@@ -137,7 +134,6 @@ class NarxWavelet(RecursiveStructure):
         return self.designs or tuple(RowDesign.plain(len(row)) for row in self.rows)
 
     def free_run(self, limits: Limits | None = None, compiled_from: int = LONG) -> NarxRun:
-        """The maps prepared for runs, kept inside ``limits``; inside its own unless given."""
         estimator = self.options_given.estimator
         kept = limits or self.limits
         return NarxRun(self.rows, self.maps, estimator, self.nu, kept, compiled_from)
@@ -153,11 +149,9 @@ class NarxWavelet(RecursiveStructure):
         )
 
     def one_step(self, i: int, data: Data) -> OneStepRow:
-        """The errors of output ``i`` one step ahead on (u, y) of each record."""
         return OneStepRow(self.free_run(), i, data)
 
     def over_chunks(self, data: Data, length: int) -> FreeRuns:
-        """The errors of all outputs in free runs over chunks of about ``length`` samples."""
         return FreeRuns(self.free_run(), data, length)
 
     # ----------------------------------------------------------------- runs

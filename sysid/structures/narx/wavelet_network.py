@@ -43,7 +43,6 @@ class Kind:
         argument: (xp, v (…, K, q), s (K,), c (K, q)) → t, affine in v, (…, K, m).
         value: (xp, t, flag (K,), dim (K,)) → unit values (…, K).
         slopes: (xp, v, s, c, flag, dim) → values, ∂/∂s (…, K), ∂/∂c and ∂/∂v (…, K, q).
-        words: what it is.
     """
 
     unit: str

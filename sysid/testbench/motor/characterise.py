@@ -1,7 +1,7 @@
 """From files of the motor bench to the motor's constants with their errors."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -89,15 +89,7 @@ class Estimate:
 
     def to_json(self) -> dict[str, Any]:
         """JSON-able values."""
-        return {
-            "name": self.name,
-            "value": self.value,
-            "std_error": self.std_error,
-            "unit": self.unit,
-            "published": self.published,
-            "recomputable": self.recomputable,
-            "reason": self.reason,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +97,6 @@ class MotorBench:
     """Results of the experiments on a motor.
 
     Attributes:
-        tests: experiments in steady state.
-        drives: logs of drives.
         gear: turns of the motor for one of the output shaft.
         parameters: constants by the chosen method.
         names, covariance: of those with a standard error, in this order.

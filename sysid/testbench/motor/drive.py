@@ -31,7 +31,6 @@ class DriveLog:
     """A log of a motor driven by its voltage.
 
     Attributes:
-        name: of the file.
         t: instants of the rows [s], (N,), evenly spaced.
         voltage: at the leads [V], (N,).
         current: [A], (N,), or None.
@@ -220,7 +219,6 @@ def drive_part(log: DriveLog, start: MotorConstants, share: float, smeared: bool
     one. The current right behind a step, which goes with it, then does not count.
 
     Args:
-        log: the drive.
         start: constants as far as they are known, for the gear and the length of a step.
         share: s.
         smeared: whether steps fall between rows.
@@ -260,7 +258,8 @@ def drive_part(log: DriveLog, start: MotorConstants, share: float, smeared: bool
         return (*signals, unknowns[1] + _between_rows(log.events.t, log.t, angle, speed) / c.gear)
 
     floor = tuple(
-        0.0 if q == "angle" else _rounding(m) for q, m in zip(quantities, measured, strict=True)
+        0.0 if q == "angle" else float(smallest_step(m) / np.sqrt(12.0))
+        for q, m in zip(quantities, measured, strict=True)
     )
     shares = [share] * (1 if many else len(steps)) if smeared else []
     unknowns = np.array([*state, *shares])
@@ -275,10 +274,6 @@ def _between_rows(at: Array, t: Array, angle: Array, speed: Array) -> Array:
     rise = angle[k + 1] - angle[k]
     bend = h * speed[k] - rise, rise - h * speed[k + 1]
     return np.asarray(angle[k] + s * rise + s * (1 - s) * ((1 - s) * bend[0] + s * bend[1]))
-
-
-def _rounding(values: Array) -> float:
-    return float(smallest_step(values) / np.sqrt(12.0))
 
 
 def guessed(

@@ -33,8 +33,6 @@ def fit_all(
     command) or before it (a measurement): whichever predicts better is taken.
 
     Args:
-        tests: experiments in steady state.
-        drives: logs of drives.
         known: values known otherwise.
         values: constants from one experiment at a time.
         gear: turns of the motor for one of the output shaft.

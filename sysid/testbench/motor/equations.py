@@ -48,7 +48,6 @@ def steady_state(
     A motor that cannot overcome friction and load stands, and takes the current of a blocked rotor.
 
     Args:
-        c: the motor.
         voltage: [V], (N,).
         load: torque that resists at the output shaft [Nm], (N,) or one for all.
     """
@@ -64,9 +63,7 @@ def torque_speed(c: MotorConstants, voltage: float, points: int = 50) -> tuple[A
         C = gear (Kc (V − Kem ω)/R − C0 − f ω)
 
     Args:
-        c: the motor.
         voltage: [V].
-        points: how many.
 
     Returns:
         Speed [rad/s] and torque [Nm] of the output shaft, and current [A], (points,) each.
@@ -90,8 +87,6 @@ def step_response(
         c: the motor; J must be known.
         voltage: [V].
         load: torque that resists at the output shaft [Nm].
-        seconds: how long.
-        points: how many instants.
 
     Returns:
         Time [s], speed of the output shaft [rad/s] and current [A], (points,) each.

@@ -39,8 +39,6 @@ class SteadyTest:
     """Measurements in steady state, one row a voltage (or load).
 
     Attributes:
-        name: of the file.
-        kind: which experiment.
         voltage: at the motor's leads [V], (N,).
         measurements: current [A], speed of the output shaft [rad/s], torque [Nm], (N,) each; a
             reading that was not taken is NaN.
@@ -85,7 +83,6 @@ class KnownValue:
         name: as in ``CONSTANTS``, or ``gear``.
         value: in SI.
         std_error: its standard error; that of rounding to its last digit unless it was given.
-        source: who says so.
     """
 
     name: str

@@ -36,8 +36,6 @@ class BenchFiles:
     """What the files of a bench hold.
 
     Attributes:
-        tests: experiments in steady state.
-        drives: logs of drives.
         known: values known otherwise, by name.
         notes: what a user should know about the measurement.
     """
@@ -54,7 +52,6 @@ def read_bench_files(
     """Read the files of a motor bench, each as what its columns say that it is.
 
     Args:
-        files: CSV or Parquet.
         units: column → unit, where a file lacks it.
         pulses_per_turn: of the sensor behind a column of event times.
         given: constants known without a file; they count before those of a file.

@@ -47,7 +47,6 @@ class Part:
     """Measurements of one experiment, and how the constants predict them.
 
     Attributes:
-        name: of the file.
         kind: the experiment in words.
         quantities: what was read, by name.
         measured: (N,) each.
@@ -72,9 +71,6 @@ class Group:
     """The residuals of one quantity of one experiment.
 
     Attributes:
-        name: of the file.
-        kind: the experiment.
-        quantity: what was read.
         noise: estimated noise level, in SI.
         relative: noise level over the root mean square of the measurements.
         freedom: degrees of freedom it comes from.
@@ -98,12 +94,8 @@ class JointFit:
     """Constants from all experiments.
 
     Attributes:
-        names: of the estimated constants.
         theta, covariance: estimates and their covariance.
-        constants: the motor.
-        groups: residuals and noise levels.
         at_bound: names of those that ended at zero.
-        termination: how the search ended.
         sigma: noise levels by (file, quantity).
         undetermined: names about which the measurements say nothing.
     """
@@ -206,8 +198,6 @@ def fit_jointly(
     squares over its degrees of freedom, not below its resolution.
 
     Args:
-        parts: experiments.
-        names: constants to estimate.
         starts: where the search may begin, the one that errs least is taken; others than these
             constants are held there.
         tied: whether Kc is Kem.

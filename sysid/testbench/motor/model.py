@@ -3,14 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
 from sysid.errors import Termination
-from sysid.fitting.problem import Parameter
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.model import Model, Provenance
 from sysid.testbench.motor.characterise import MotorBench
@@ -46,7 +44,6 @@ def bench_model(
     the structure. None where J is not known: the model would have no dynamics.
 
     Args:
-        bench: the constants.
         files: what they came from, for the provenance.
         dt: sample time [s]; that of the drive, or of the robot, unless given.
         channels: names of input and output, None for those of the drive's log.
@@ -79,7 +76,7 @@ def bench_model(
         theta=theta,
         covariance=covariance,
         parameters=tuple(
-            _fixed_unless_estimated(p, v, p.name in estimated)
+            replace(p, fixed=None if p.name in estimated else float(v))
             for p, v in zip(table, theta, strict=True)
         ),
         dt=dt,
@@ -97,12 +94,3 @@ def bench_model(
             version=__version__,
         ),
     )
-
-
-def _fixed_unless_estimated(parameter: Parameter, value: float, estimated: bool) -> Parameter:
-    return replace(parameter, fixed=None if estimated else float(value))
-
-
-def motor_report(bench: MotorBench) -> dict[str, Any]:
-    """What the workspace keeps with the model."""
-    return {"bench": bench.to_json()}

@@ -27,7 +27,6 @@ def propagated(
     correlated.
 
     Args:
-        tests: experiments in steady state.
         known: values that are known, with their standard errors.
         gear: turns of the motor for one of the output shaft.
         sigma: noise level by (file, quantity), in SI.

@@ -16,7 +16,6 @@ class Route:
     """A constant from one experiment.
 
     Attributes:
-        name: of the constant.
         value: in SI.
         how: the experiment and what is done with it.
     """

@@ -84,7 +84,6 @@ def columns_of(table: Table, units: Mapping[str, str]) -> tuple[Column, ...]:
     """What the columns hold, unknown ones left out.
 
     Args:
-        table: of a bench file.
         units: column → unit, where the file lacks it.
 
     Raises:
@@ -185,7 +184,6 @@ def known_value(name: str, value: float, source: str, std_error: float | None = 
     Args:
         name: as in ``CONSTANTS``, or ``gear``.
         value: in SI.
-        source: who says so.
         std_error: None for that of rounding to the last digit; a gear counts teeth and has none.
 
     Raises:

@@ -50,7 +50,6 @@ class Swing:
     """An angle over time.
 
     Attributes:
-        name: of the file.
         t: instants, rising, (N,) [s].
         angle: (N,) [rad], or in an untold unit.
         in_radians: whether the unit is known; else it is radians or degrees.
@@ -73,7 +72,6 @@ def read_swing(
     taken, and that before a position, whose way along its main direction is arm·sin θ.
 
     Args:
-        path: CSV or Parquet.
         options: ``outputs`` (one: the angle), ``time``, ``ts``, ``units``, ``delimiter`` and
             ``decimal`` count here.
         arm: distance of the tracked point from the hinge [m], of use for a position only.

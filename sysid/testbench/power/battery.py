@@ -57,7 +57,6 @@ class Battery:
     """A battery from rests and loads.
 
     Attributes:
-        name: the log.
         open_voltage, open_std_error: before anything was drawn [V].
         resistance, std_error: what answers at once [Ω].
         branches: what recovers slowly, fast ones first.

@@ -49,7 +49,6 @@ class Direction:
         starts, stops: where it starts to answer while the command rises, and where it stops while
             it falls; None where that was not visited.
         bends: whether the response is nonlinear.
-        steps: steps with a response.
         drive, answer: of each step, (K,).
     """
 
@@ -80,7 +79,6 @@ class Bridge:
     """Result of a staircase for one bridge.
 
     Attributes:
-        name: the log.
         side: ``left``, ``right`` or empty.
         quantity: what answers: ``voltage``, ``speed`` or ``current``.
         forward, backward: None where that direction was not driven, or never answered.

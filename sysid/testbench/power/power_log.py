@@ -42,7 +42,6 @@ class PowerLog:
     """What one file holds, in SI units and shares of full drive.
 
     Attributes:
-        name: of the file.
         t: instants [s], (N,); None for a table of steady measurements.
         voltage, current: of the battery [V, A], (N,), or None.
         drives: side → share of full drive, (N,); ``""`` where there is one motor.

@@ -27,7 +27,6 @@ class Quantity:
     """A number and how surely it is known.
 
     Attributes:
-        name, unit: what it is.
         value: None where there is none.
         std_error: its standard deviation; None where it is not known.
         reason: why a number is missing, or what its uncertainty does not count.

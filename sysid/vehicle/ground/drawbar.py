@@ -30,9 +30,7 @@ def pressure_of(vehicle: TrackedVehicle, slope: Real = 0.0, xp: Any = np) -> Pre
     On a slope β that is height · tan β farther back.
 
     Args:
-        vehicle: what stands there.
         slope: β, upwards [rad].
-        xp: array namespace.
     """
     centre = vehicle.centre - vehicle.height * xp.tan(slope)
     if isinstance(centre, int | float) and centre == 0.0:
@@ -45,8 +43,6 @@ class Traction:
     """A vehicle on a soil, driving straight.
 
     Attributes:
-        soil: ground.
-        vehicle: what drives.
         pressure: how each track's load is spread; by default as :func:`pressure_of`.
         slope: β of the ground, upwards [rad]. The load is W cos β.
     """
@@ -113,7 +109,6 @@ class Traction:
 
         Args:
             pull: H [N].
-            xp: array namespace.
         """
         most, at = self.largest_pull(xp)
         low, high = 0.0 * (at + pull), at + 0.0 * pull

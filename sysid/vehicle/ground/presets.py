@@ -46,7 +46,6 @@ def _soft(
     """Ground that gives way, from a row of Wong's table 2.3.
 
     Args:
-        name, title: of the preset.
         row: n [1], k_c [kN/m^(n+1)], k_φ [kN/m^(n+2)], c [kPa], φ [°].
         differ: standard deviations of c [kPa] and φ [°] among rows of that kind.
         modulus: K and its standard deviation [cm].
@@ -90,7 +89,6 @@ def _rigid(
     """Ground that does not give way: friction over a short shear of the track's rubber.
 
     Args:
-        name, title: of the preset.
         friction: tan φ and its standard deviation [1].
         lateral: μl and its standard deviation [1].
         rolling: μr [1], assumed.

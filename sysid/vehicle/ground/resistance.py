@@ -19,10 +19,8 @@ def rolling_resistance(soil: Soil, load: Real, speed: Real, xp: Any = np) -> Rea
     """R = sign(v) W μr [N], to be subtracted from the thrust (thesis 2.34, W = mg/2 a track).
 
     Args:
-        soil: ground.
         load: W, normal load on the track [N].
         speed: v of the track over the ground [m/s]; nothing resists at standstill.
-        xp: array namespace.
     """
     return xp.sign(speed) * load * soil.rolling
 
@@ -36,12 +34,10 @@ def lateral_force(
     beyond the ends of the tracks everything slides one way and F_y stays μl mg.
 
     Args:
-        soil: ground.
         weight: mg on both tracks [N].
         icr: x_ICR [m].
         yaw_rate: ψ̇ [rad/s]; only its sign matters.
         length: L [m].
-        xp: array namespace.
     """
     half = 0.5 * length
     inside = xp.clip(icr, -half, half)
@@ -81,7 +77,6 @@ def lateral_reaction(
     Args:
         soil, weight, icr, yaw_rate, length: as of :func:`lateral_force`.
         pressure: how the load is spread along each track.
-        xp: array namespace.
 
     Returns:
         F_y [N], left positive, and M_r [N m], to be subtracted.
@@ -117,7 +112,6 @@ def lateral_at_radius(lateral: Real, radius: Real, track_distance: Real, xp: Any
         lateral: μ_max [1].
         radius: R of the path of the vehicle's middle [m]; its sign does not matter.
         track_distance: B [m].
-        xp: array namespace.
 
     Returns:
         μ [1].

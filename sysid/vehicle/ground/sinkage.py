@@ -16,7 +16,6 @@ def sinkage(soil: Soil, pressure: Real, width: Real, xp: Any = np) -> Real:
         soil: ground; 0 where its k_phi is infinite.
         pressure: p [Pa].
         width: b, the smaller side of the contact area [m].
-        xp: array namespace.
 
     Returns:
         z [m].
@@ -41,11 +40,9 @@ def compaction_resistance(
     wheel is not given back.
 
     Args:
-        soil: ground.
         load: W, normal load on the track [N].
         length, width: L and b [m].
         pressure: how the load is spread; uniform where none is given.
-        xp: array namespace.
 
     Source: Wong, Theory of Ground Vehicles, section 2.5.
     """

@@ -71,7 +71,6 @@ def ground_forces(
         traction: vehicle, soil and pressure; of a track that runs backwards the rear end leads.
         velocity: Vx, Vy [m/s], ψ̇ [rad/s] of the body at its centre of mass.
         tracks: speeds v = r ω of the left and right track [m/s].
-        xp: array namespace.
     """
     vx, vy, yaw_rate = velocity
     half_gauge = 0.5 * traction.vehicle.geometry.B

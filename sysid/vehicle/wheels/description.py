@@ -29,7 +29,6 @@ class VehicleFile(Settings):
     """What a vehicle file may say; without ``wheels`` it is a tracked robot of our lengths.
 
     Attributes:
-        name: of the vehicle.
         wheels: each with its keys (:class:`sysid.vehicle.wheels.wheel.Wheel`).
         r: sprocket radius of the tracks, or radius of the wheels that give none [m].
         B: distance between the track centre lines [m].

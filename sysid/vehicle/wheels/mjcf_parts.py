@@ -55,7 +55,6 @@ class Row:
     """The wheels of one track.
 
     Attributes:
-        name: of the track.
         y: how far to the left it stands [m].
         height: z of the axles in the frame of the body [m].
         places: how far each wheel stands ahead of the body's origin [m].

@@ -45,7 +45,6 @@ def within_limits(z: Array, basis: Array, wheels: Sequence[Wheel], scale: Scale)
         z: wanted, (3,), in the space.
         basis: of the space, orthonormal, (3, d).
         wheels: that are steered.
-        scale: of the vehicle.
 
     Raises:
         UsageError: more wheels have limits than can be tried.

@@ -100,7 +100,6 @@ def inverse(
     is the projection of the twist on what the sliding constraints leave free.
 
     Args:
-        wheels: of the vehicle.
         twist: Vx, Vy [m/s], ψ̇ [rad/s] in the body frame.
         angles: steering angles that are held [rad].
 
@@ -136,7 +135,6 @@ def forward(
     steerable wheels, in (m/s)².
 
     Args:
-        wheels: of the vehicle.
         speeds: ω by name [rad/s], of all wheels or some.
         angles: steering angles [rad]; those of the description unless given.
 
@@ -190,7 +188,6 @@ def largest_speed(wheels: Sequence[Wheel], direction: Sequence[float]) -> float 
     """The largest multiple of a twist that the wheels reach.
 
     Args:
-        wheels: of the vehicle.
         direction: a twist (Vx, Vy, ψ̇).
 
     Returns:

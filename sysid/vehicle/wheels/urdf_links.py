@@ -51,12 +51,10 @@ class Joint:
 
     Attributes:
         name, kind: of the joint; kind as the URDF calls its type.
-        parent, child: names of links.
         origin: of the child's frame in the parent's, at position 0.
         axis: unit vector in the child's frame, (3,).
         limits: least and largest position [rad or m], None where there are none.
         velocity: largest speed [rad/s or m/s].
-        line: of the file.
     """
 
     name: str

@@ -56,12 +56,10 @@ class Vehicle:
 
     Attributes:
         wheels: at least one, each with a name of its own.
-        name: of the vehicle.
-        body: what they carry.
+        body: what the wheels carry.
         mass: of the whole, wheels included [kg]; None where only the parts' are known, or none.
         yaw_inertia: measured, of the whole about its centre of mass [kg m²].
         friction: coefficient of the wheels on the ground.
-        tracks: of a tracked vehicle.
         notes: what reading the file left out or assumed.
 
     Raises:

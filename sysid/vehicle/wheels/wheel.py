@@ -47,7 +47,6 @@ class Wheel(Settings):
     """One wheel of a vehicle.
 
     Attributes:
-        name: how results call it.
         kind: fixed; steerable (turned by a motor about its vertical axis); caster (turns by itself
             about an axis off its contact); swedish (rollers round its rim).
         at: x, y of its axis, and z of its middle, in the body frame [m]; z may be left out, and

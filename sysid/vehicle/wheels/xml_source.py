@@ -18,7 +18,6 @@ class XmlElement:
     """One element of a file.
 
     Attributes:
-        tag: its name.
         attributes: name → value.
         line: where it begins, counted from 1.
         children: elements inside, in their order.
@@ -42,9 +41,6 @@ class XmlElement:
 
 def read_xml(path: str | Path) -> XmlElement:
     """Read an XML file; a document type, and with it every entity, is refused.
-
-    Args:
-        path: the file.
 
     Returns:
         The element at the top.

@@ -62,7 +62,7 @@ def test_the_latency_is_said_within_its_error(recorded: Path) -> None:
     log = read_file(recorded, ReadOptions(map=MAP))
     said = [f.sentence for f in log.findings if f.code == "latency"]
     assert len(said) == 1
-    words = said[0].split("answers /cmd_drive ")[1].split()
+    words = said[0].split("responds to /cmd_drive ")[1].split()
     late, error = float(words[0]), float(words[2])
     # the way of 50 ms, and the shortest queue of 4 ms / 2000 messages, at three standard errors
     assert abs(late - 50.0) <= 3.0 * error + 0.1

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.data.checks.quality import inspect_records
 from sysid.data.facts import LogFacts
 from sysid.data.finding import Severity
+from sysid.data.inspection import inspect_records
 from sysid.data.io import ReadOptions, read_file
 from sysid.errors import DataError, SysidError
 

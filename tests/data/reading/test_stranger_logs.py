@@ -8,8 +8,8 @@ import pytest
 from command_line import Capture, run
 from written_logs import LOGGERS, STEP, lines, motor, point, put, whole
 
-from sysid.data.checks.quality import inspect_records
 from sysid.data.facts import LogFacts
+from sysid.data.inspection import inspect_records
 from sysid.data.io import ReadOptions, read_file
 
 # ------------------------------------------------------------------------------------ whole files

@@ -55,7 +55,6 @@ class Law:
     """What is to be recorded.
 
     Attributes:
-        name, title: of the block.
         parameters: their values by place; those that nothing reads are left out.
         inputs: a tree of numbers or arrays like those the law will be given.
         start, step: the law, over :data:`TRACE`.
@@ -108,7 +107,6 @@ class _Recording:
     """A law being recorded.
 
     Attributes:
-        law: what.
         free: parameters that C may change.
     """
 

@@ -29,8 +29,6 @@ class LoopSources:
     """The files of a closed loop, and what they were made from.
 
     Attributes:
-        files: by name.
-        blocks: its laws.
         not_again: why the mission is not driven again in C, a sentence; empty where it is.
     """
 
@@ -265,10 +263,6 @@ def _function_test(block: Block) -> str:
 
 def robot_lines(loop: Loop, blocks: dict[str, Block]) -> dict[str, str]:
     """What a loop in C is made of around its laws, by its place in a template.
-
-    Args:
-        loop: of a robot plant.
-        blocks: its laws.
 
     Returns:
         ``robot``: its struct and functions; ``navigation``, ``motion``: lines that give both their

@@ -78,10 +78,6 @@ class Kind:
     ordered: Callable[[int], int] = lambda size: 0
 
 
-def _none(size: int) -> tuple[str, ...]:
-    return ()
-
-
 def _identity(x: Array, p: Array, stage: Stage) -> Evaluation:
     return x, np.ones_like(x), np.zeros((0, *x.shape))
 
@@ -104,13 +100,14 @@ def _dead_zone_value(low: bool, high: bool) -> Callable[[Any, Any, Stage, Any], 
     return value
 
 
+def _beyond(x: Array, p: Array, low: bool, high: bool) -> list[Array]:
+    """1 where x lies below the lower edge, and where it lies above the upper one."""
+    return [(x < p[0]).astype(np.float64)] * low + [(x > p[-1]).astype(np.float64)] * high
+
+
 def _dead_zone(low: bool, high: bool) -> Callable[..., Evaluation]:
     def evaluate(x: Array, p: Array, stage: Stage) -> Evaluation:
-        sides = []
-        if low:
-            sides.append((x < p[0]).astype(np.float64))
-        if high:
-            sides.append((x > p[-1]).astype(np.float64))
+        sides = _beyond(x, p, low, high)
         slope = np.sum(sides, axis=0)
         value = np.sum([s * (x - t) for s, t in zip(sides, p, strict=True)], axis=0)
         return value, slope, -np.array(sides)
@@ -129,11 +126,7 @@ def _saturation_value(low: bool, high: bool) -> Callable[[Any, Any, Stage, Any],
 
 def _saturation(low: bool, high: bool) -> Callable[..., Evaluation]:
     def evaluate(x: Array, p: Array, stage: Stage) -> Evaluation:
-        sides = []
-        if low:
-            sides.append((x < p[0]).astype(np.float64))
-        if high:
-            sides.append((x > p[-1]).astype(np.float64))
+        sides = _beyond(x, p, low, high)
         slope = 1.0 - np.sum(sides, axis=0)
         value = slope * x + np.sum([s * t for s, t in zip(sides, p, strict=True)], axis=0)
         return value, slope, np.array(sides)
@@ -254,38 +247,25 @@ def _named(*names: str) -> Callable[[int], tuple[str, ...]]:
     return lambda size: names
 
 
-def _two(size: int) -> int:
-    return 2
+def _edged(
+    name: str, letter: str, value: Callable[..., Any], evaluate: Callable[..., Any]
+) -> dict[str, Kind]:
+    """A kind with a lower and an upper edge, and those with one of them alone."""
+    low, high = f"{letter}_low", f"{letter}_high"
+    both = Kind(_named(low, high), value(True, True), evaluate(True, True), ordered=lambda size: 2)
+    return {
+        name: both,
+        f"{name}-lower": Kind(_named(low), value(True, False), evaluate(True, False)),
+        f"{name}-upper": Kind(_named(high), value(False, True), evaluate(False, True)),
+    }
 
 
 KINDS: Mapping[str, Kind] = MappingProxyType(
     {
-        "identity": Kind(_none, lambda x, p, s, xp: x, _identity),
+        "identity": Kind(lambda size: (), lambda x, p, s, xp: x, _identity),
         "abs": Kind(_named("c"), lambda x, p, s, xp: xp.abs(x - p[0]), _abs),
-        "dead-zone": Kind(
-            _named("d_low", "d_high"),
-            _dead_zone_value(True, True),
-            _dead_zone(True, True),
-            ordered=_two,
-        ),
-        "dead-zone-lower": Kind(
-            _named("d_low"), _dead_zone_value(True, False), _dead_zone(True, False)
-        ),
-        "dead-zone-upper": Kind(
-            _named("d_high"), _dead_zone_value(False, True), _dead_zone(False, True)
-        ),
-        "saturation": Kind(
-            _named("s_low", "s_high"),
-            _saturation_value(True, True),
-            _saturation(True, True),
-            ordered=_two,
-        ),
-        "saturation-lower": Kind(
-            _named("s_low"), _saturation_value(True, False), _saturation(True, False)
-        ),
-        "saturation-upper": Kind(
-            _named("s_high"), _saturation_value(False, True), _saturation(False, True)
-        ),
+        **_edged("dead-zone", "d", _dead_zone_value, _dead_zone),
+        **_edged("saturation", "s", _saturation_value, _saturation),
         "polynomial": Kind(
             _numbered("p"), _polynomial_value, _polynomial, smallest=1, has_gain=True
         ),

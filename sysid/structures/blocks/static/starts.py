@@ -22,7 +22,6 @@ class Shape:
 
     Attributes:
         static: with the abscissae of splines read off the data.
-        p: its parameters.
         gain: what it is multiplied by; 1 where it has a gain of its own.
         offset: what is added; 0 where it can add it itself.
     """

@@ -19,7 +19,7 @@ OPTIONAL_EACH = ("breakaway", "stribeck", "limit", "time_constant", "offset", "d
 
 
 def lumped(m: "DCMotor") -> tuple[Constant, ...]:
-    """Gain, time constant, coupling and sliding friction: what commands and speeds tell."""
+    """Gain, time constant, coupling and sliding friction: what commands and speeds determine."""
     two = m.ny == 2
     return (
         Constant(

@@ -50,8 +50,8 @@ class DCMotor(GreyBox):
         |f| ≤ K c (1 + (k−1)/(1 + (ω/ω_s)²)) + q ω²      sliding: × r_c and + (r_v − 1)|ω| at ω < 0
 
     T holds the time constants and, off its diagonal, what the body's mass and yaw inertia carry
-    from one track to the other. From commands and speeds alone, only these ratios can be told: R,
-    K_em, K_c and inertias cannot. With ``parameters=bench`` the constants of the thesis's bench
+    from one track to the other. From commands and speeds alone, only these ratios are determined:
+    R, K_em, K_c and inertias cannot. With ``parameters=bench`` the constants of the thesis's bench
     stand for them, those measured there held, the others estimated.
 
     Attributes:
@@ -142,7 +142,6 @@ class DCMotor(GreyBox):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Speeds, then positions where these are read."""
         tags = [""] if self.ny == 1 else ["_l", "_r"]
         speeds = tuple(f"omega{t}" for t in tags)
         return speeds + tuple(f"angle{t}" for t in tags if self.output == "position")
@@ -185,13 +184,11 @@ class DCMotor(GreyBox):
         return any(rank.get(n, 3) > level for n in names)
 
     def reading(self, xp: Any, x: Signal, p: Mapping[str, Signal]) -> Signal:
-        """Speeds, or positions."""
         return x[self.ny :] if self.output == "position" else x[: self.ny]
 
     # ----------------------------------------------------------------- motion
 
     def advance(self, xp: Any, x: Signal, u: Signal, p: Mapping[str, Signal], h: float) -> Signal:
-        """Speeds (and positions) after a step."""
         w = x[: self.ny]
         net = [
             gain * (xp.minimum(xp.maximum(v, -limit), limit) - offset)

@@ -17,7 +17,7 @@ def torque_source(m: "DCMotor", theta: Any) -> TorqueSource | None:
     """The motors of the model, their drive in its own unit of input.
 
     With constants of the bench the rotors are known apart from the body; of lumped constants the
-    stall torque tells what is torque. None where the model says speeds only.
+    stall torque shows what is torque. None where the model says speeds only.
     """
     if m.parametrisation != "bench" and not m.torque_per_input:
         return None
