@@ -6,7 +6,7 @@ have taken from the residuals, so the tests must see it.
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from sysid.estimation.assessment.figures import residual_tests
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.structures.base import Structure
+from sysid.structures.orders import parse_orders
 from sysid.structures.registry import structure_class
 
 A, B, C = (1.0, -1.5, 0.7), (0.0, 1.0, 0.5), (1.0, 0.5)
@@ -74,40 +75,29 @@ class Kind:
     """A structure, logs of its own kind, and one wrong and one right value for a parameter."""
 
     structure: str
-    orders: dict[str, int]
+    orders: str
     draw: Callable[[int, int], Record]
     name: str
     wrong: float
     right: float
-    options: dict[str, str]
+    options: dict[str, str] = field(default_factory=dict)
 
     def made(self) -> Structure:
-        return structure_class(self.structure).from_orders(self.orders, 1, 1, self.options)
+        orders = parse_orders(self.orders) if self.orders else {}
+        return structure_class(self.structure).from_orders(orders, 1, 1, self.options)
 
 
 POLES = ((1.0,), A)
 KINDS = {
-    "arx": Kind("arx", {"na": 2, "nb": 2, "nk": 1}, _linear(POLES), "a1", -1.2, -1.5, {}),
-    "arx gain": Kind("arx", {"na": 2, "nb": 2, "nk": 1}, _linear(POLES), "b1", 0.7, 1.0, {}),
-    "armax": Kind(
-        "armax", {"na": 2, "nb": 2, "nc": 1, "nk": 1}, _linear((C, A)), "a2", 0.5, 0.7, {}
-    ),
-    "armax noise": Kind(
-        "armax", {"na": 2, "nb": 2, "nc": 1, "nk": 1}, _linear((C, A)), "c1", -0.2, 0.5, {}
-    ),
-    "oe": Kind("oe", {"nb": 2, "nf": 2, "nk": 1}, _linear(((1.0,), (1.0,))), "f1", -1.3, -1.5, {}),
-    "bj": Kind(
-        "bj",
-        {"nb": 2, "nc": 1, "nd": 1, "nf": 2, "nk": 1},
-        _linear((C, (1.0, -0.8))),
-        "f2",
-        0.5,
-        0.7,
-        {},
-    ),
+    "arx": Kind("arx", "na=2 nb=2 nk=1", _linear(POLES), "a1", -1.2, -1.5),
+    "arx gain": Kind("arx", "na=2 nb=2 nk=1", _linear(POLES), "b1", 0.7, 1.0),
+    "armax": Kind("armax", "na=2 nb=2 nc=1 nk=1", _linear((C, A)), "a2", 0.5, 0.7, {}),
+    "armax noise": Kind("armax", "na=2 nb=2 nc=1 nk=1", _linear((C, A)), "c1", -0.2, 0.5, {}),
+    "oe": Kind("oe", "nb=2 nf=2 nk=1", _linear(((1.0,), (1.0,))), "f1", -1.3, -1.5),
+    "bj": Kind("bj", "nb=2 nc=1 nd=1 nf=2 nk=1", _linear((C, (1.0, -0.8))), "f2", 0.5, 0.7),
     "hammerstein-wiener": Kind(
         "hammerstein-wiener",
-        {"nb": 1, "nf": 1, "nk": 1},
+        "nb=1 nf=1 nk=1",
         _dead_zone,
         "input.d_high",
         0.1,
@@ -116,7 +106,7 @@ KINDS = {
     ),
     "narmax": Kind(
         "narmax",
-        {"na": 2, "nb": 2, "nk": 1},
+        "na=2 nb=2 nk=1",
         _linear(POLES),
         "y(t-1)",
         1.2,
@@ -124,7 +114,7 @@ KINDS = {
         {"terms": "y(t-1), y(t-2), u(t-1), u(t-2)", "selection": "err"},
     ),
     "dc-motor": Kind(
-        "dc-motor", {}, _motor, "coulomb", 0.3, 0.6, {"input": "voltage", "friction": "coulomb"}
+        "dc-motor", "", _motor, "coulomb", 0.3, 0.6, {"input": "voltage", "friction": "coulomb"}
     ),
 }
 

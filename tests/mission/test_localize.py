@@ -104,10 +104,7 @@ def test_the_command_writes_the_pose_with_its_covariance(
     ("more", "words"),
     [
         (("--sensor", "gyro_z=nothing"), "has no column 'nothing' for gyro_z"),
-        (
-            ("--sensor", "gyro=gyro_z"),
-            "'gyro' is not a known measurement; known are omega_l",
-        ),
+        (("--sensor", "gyro=gyro_z"), "'gyro' is not a known measurement; known are omega_l"),
         (("--sensor", "gyro_z"), "--sensor cannot read 'gyro_z'; write NAME=COLUMN"),
         (("--navigation", "x"), "unknown kind 'x' of navigation"),
         (("--unit", "gyro_z=m"), "gyro_z is in m, but gyro_z needs rad/s"),

@@ -112,7 +112,7 @@ def test_a_change_is_said_when_it_is_seen(tmp_path: Path, capsys: Capsys) -> Non
     lines = ["t,volts,omega\n", *(f"{0.02 * k:.2f},{a:g},{b:.6g}\n" for k, (a, b) in rows)]
     log.write_text("".join(lines))
     done = run(
-        capsys, "fit", log, "--follow", "--for", "0.5", "--every", "0.1",
+        capsys, "fit", log, "--follow", "--for", "2", "--every", "0.1",
         "--workspace", tmp_path / "w",
     )  # fmt: skip
     assert done.code == 0, done.err
