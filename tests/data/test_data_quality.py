@@ -3,7 +3,8 @@
 import os
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -59,11 +60,6 @@ def alarms(findings: tuple[Finding, ...]) -> set[str]:
 # ------------------------------------------------------------------------------- each fault named
 
 
-def spoil(base: Callable[[], Record], **changes: Callable[[Record], np.ndarray]) -> Record:
-    record = base()
-    return replace(record, sha256="", **{k: make(record) for k, make in changes.items()})
-
-
 def dead(y: np.ndarray) -> np.ndarray:
     out = y.copy()
     out[300:400] = out[300]
@@ -109,147 +105,116 @@ SIGNALS: dict[str, Callable[[int], np.ndarray]] = {
     "growing": lambda n: 1.2 ** np.arange(n),
 }
 
-FAULTS: dict[str, tuple[Callable[[], Record], str, Severity, str]] = {
-    "constant input": (
-        lambda: spoil(motor, u=lambda r: np.full_like(r.u, 0.1)),
+
+@dataclass(frozen=True)
+class Fault:
+    """A finding's code, a pattern of its sentence, and the log that has it."""
+
+    code: str
+    sentence: str
+    record: Callable[[], Record]
+
+    @classmethod
+    def of(
+        cls, code: str, sentence: str, base: Callable[[], Record], **changes: Callable
+    ) -> "Fault":
+        """Of a good log, some signals of which are changed."""
+
+        def spoilt() -> Record:
+            record = base()
+            return replace(record, sha256="", **{k: make(record) for k, make in changes.items()})
+
+        return cls(code, sentence, spoilt if changes else base)
+
+    @property
+    def severity(self) -> Severity:
+        fatal = self.code in ("constant", "missing", "length")
+        return Severity.FATAL if fatal else Severity.WARNING
+
+
+FAULTS = {
+    "constant input": Fault.of(
         "constant",
-        Severity.FATAL,
         "The input u never changes .it stays at 0.1",
+        motor,
+        u=lambda r: np.full_like(r.u, 0.1),
     ),
-    "constant output": (
-        lambda: spoil(motor, y=lambda r: np.zeros_like(r.y)),
-        "constant",
-        Severity.FATAL,
-        "The output y never changes",
+    "constant output": Fault.of(
+        "constant", "The output y never changes", motor, y=lambda r: np.zeros_like(r.y)
     ),
-    "not a number": (
-        lambda: spoil(motor, y=lambda r: np.where(np.arange(len(r))[:, None] == 7, np.nan, r.y)),
+    "not a number": Fault.of(
         "missing",
-        Severity.FATAL,
         "y is not a number in 1 sample at t = 0.7 s",
+        motor,
+        y=lambda r: np.where(np.arange(len(r))[:, None] == 7, np.nan, r.y),
     ),
-    "too short": (lambda: motor(15), "length", Severity.FATAL, "15 samples"),
-    "stuck": (
-        lambda: spoil(motor, y=lambda r: dead(r.y)),
-        "stuck",
-        Severity.WARNING,
-        "y repeats .* for 100 samples from t = 30 s",
+    "too short": Fault.of("length", "15 samples", partial(motor, 15)),
+    "stuck": Fault.of(
+        "stuck", "y repeats .* for 100 samples from t = 30 s", motor, y=lambda r: dead(r.y)
     ),
-    "doubled": (
-        lambda: spoil(motor, y=lambda r: lagging(r.y, 2)),
-        "doubled",
-        Severity.WARNING,
-        "each value 2 times",
+    "doubled": Fault.of("doubled", "each value 2 times", motor, y=lambda r: lagging(r.y, 2)),
+    "clipped": Fault.of(
+        "saturation", "y is at its largest value 0.6", motor, y=lambda r: np.minimum(r.y, 0.6)
     ),
-    "clipped": (
-        lambda: spoil(motor, y=lambda r: np.minimum(r.y, 0.6)),
-        "saturation",
-        Severity.WARNING,
-        "y is at its largest value 0.6",
+    "coarse": Fault.of(
+        "resolution", "resolution of about 0.5", motor, y=lambda r: np.round(r.y / 0.5) * 0.5
     ),
-    "coarse": (
-        lambda: spoil(motor, y=lambda r: np.round(r.y / 0.5) * 0.5),
-        "resolution",
-        Severity.WARNING,
-        "resolution of about 0.5",
+    "outliers": Fault.of(
+        "outliers", "2 outliers in y, the first at t = 20 s", motor, y=lambda r: spiked(r.y)
     ),
-    "outliers": (
-        lambda: spoil(motor, y=lambda r: spiked(r.y)),
-        "outliers",
-        Severity.WARNING,
-        "2 outliers in y, the first at t = 20 s",
-    ),
-    "weak input": (
-        lambda: spoil(motor, u=lambda r: np.sin(0.3 * np.arange(len(r)))[:, None], y=lambda r: r.y),
+    "weak input": Fault.of(
         "excitation",
-        Severity.WARNING,
         "u excites the plant to order 2 only; 8 was",
+        motor,
+        u=lambda r: np.sin(0.3 * np.arange(len(r)))[:, None],
+        y=lambda r: r.y,
     ),
-    "tracks always alike": (
-        lambda: spoil(robot, u=lambda r: r.u[:, [0, 0]]),
+    "tracks always alike": Fault.of(
         "collinear",
-        Severity.WARNING,
         "pwm_l and pwm_r always move together .correlation 1.000",
+        robot,
+        u=lambda r: r.u[:, [0, 0]],
     ),
-    "feedback": (controlled, "feedback", Severity.WARNING, "recorded in closed loop"),
-    "sampled too fast": (
-        lambda: slow_motor(0.999),
-        "sampling",
-        Severity.WARNING,
-        "much faster than the plant",
+    "feedback": Fault.of("feedback", "recorded in closed loop", controlled),
+    "sampled too fast": Fault.of(
+        "sampling", "much faster than the plant", partial(slow_motor, 0.999)
     ),
-    "sampled too slow": (
-        lambda: spoil(motor, y=lambda r: np.roll(r.u, 1, axis=0) + 0.01 * r.y),
-        "sampling",
-        Severity.WARNING,
-        "too slow to see",
+    "sampled too slow": Fault.of(
+        "sampling", "too slow to see", motor, y=lambda r: np.roll(r.u, 1, axis=0) + 0.01 * r.y
     ),
-    "reversed track": (
-        lambda: spoil(robot, y=lambda r: r.y * [1, -1]),
-        "sign",
-        Severity.WARNING,
-        "omega_r runs against pwm_r",
+    "reversed track": Fault.of(
+        "sign", "omega_r runs against pwm_r", robot, y=lambda r: r.y * [1, -1]
     ),
-    "sides swapped": (
-        lambda: spoil(robot, y=lambda r: r.y[:, ::-1]),
-        "side",
-        Severity.WARNING,
-        "left ω follows the right PWM",
+    "sides swapped": Fault.of(
+        "side", "left ω follows the right PWM", robot, y=lambda r: r.y[:, ::-1]
     ),
-    "rpm": (
-        lambda: spoil(robot, y=lambda r: r.y * 60 / (2 * np.pi)),
-        "omega-unit",
-        Severity.WARNING,
-        r"`units=\{'omega_l': 'rpm'\}`",
+    "rpm": Fault.of(
+        "omega-unit", r"`units=\{'omega_l': 'rpm'\}`", robot, y=lambda r: r.y * 60 / (2 * np.pi)
     ),
-    "degrees": (
-        lambda: spoil(robot, y=lambda r: np.degrees(r.y)),
-        "omega-unit",
-        Severity.WARNING,
-        r"`units=\{'omega_l': 'deg/s'\}`",
+    "degrees": Fault.of(
+        "omega-unit", r"`units=\{'omega_l': 'deg/s'\}`", robot, y=lambda r: np.degrees(r.y)
     ),
-    "ticks": (
-        lambda: spoil(robot, y=lambda r: r.y * 1920 / (2 * np.pi)),
-        "omega-unit",
-        Severity.WARNING,
-        "ticks/360",
+    "ticks": Fault.of("omega-unit", "ticks/360", robot, y=lambda r: r.y * 1920 / (2 * np.pi)),
+    "turns": Fault.of(
+        "omega-unit", r"`units=\{'omega_l': 'rev/s'\}`", robot, y=lambda r: r.y / (2 * np.pi)
     ),
-    "turns": (
-        lambda: spoil(robot, y=lambda r: r.y / (2 * np.pi)),
-        "omega-unit",
-        Severity.WARNING,
-        r"`units=\{'omega_l': 'rev/s'\}`",
+    "8-bit PWM": Fault.of(
+        "pwm-scale", "`pwm_max=255.0`", robot, u=lambda r: np.round(r.u / 20000 * 255)
     ),
-    "8-bit PWM": (
-        lambda: spoil(robot, u=lambda r: np.round(r.u / 20000 * 255)),
-        "pwm-scale",
-        Severity.WARNING,
-        "`pwm_max=255.0`",
-    ),
-    "PWM in ±1": (
-        lambda: spoil(robot, u=lambda r: r.u / 20000),
-        "pwm-scale",
-        Severity.WARNING,
-        "`pwm_max=1.0`",
-    ),
-    "PWM too large": (
-        lambda: spoil(robot, u=lambda r: r.u * 2),
-        "pwm-scale",
-        Severity.WARNING,
-        "beyond ±20000",
-    ),
+    "PWM in ±1": Fault.of("pwm-scale", "`pwm_max=1.0`", robot, u=lambda r: r.u / 20000),
+    "PWM too large": Fault.of("pwm-scale", "beyond ±20000", robot, u=lambda r: r.u * 2),
 }
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_each_fault_is_named(fault: str) -> None:
-    make, code, severity, sentence = FAULTS[fault]
-    findings = inspect_records([make()])
-    hit = [f for f in findings if f.code == code and f.severity is severity]
+    known = FAULTS[fault]
+    findings = inspect_records([known.record()])
+    hit = [f for f in findings if f.code == known.code and f.severity is known.severity]
     assert hit, [f.text for f in findings]
-    assert re.search(sentence, hit[0].text), hit[0].text
+    assert re.search(known.sentence, hit[0].text), hit[0].text
     assert hit[0].advice
-    assert worst(findings) is severity
+    assert worst(findings) is known.severity
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -290,9 +255,8 @@ def test_several_experiments_are_judged_together() -> None:
 def test_require_usable_raises_the_fatal_sentence() -> None:
     require_usable([motor()])
     for fault in ("constant input", "not a number", "too short"):
-        make, _, _, sentence = FAULTS[fault]
-        with pytest.raises(DataError, match=sentence):
-            require_usable([make()])
+        with pytest.raises(DataError, match=FAULTS[fault].sentence):
+            require_usable([FAULTS[fault].record()])
     with pytest.raises(DataError, match="no record"):
         inspect_records([])
 

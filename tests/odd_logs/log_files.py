@@ -65,9 +65,7 @@ def ticks(
     return [int(v) for v in np.rint((start + t) / unit)]
 
 
-def clocked(
-    names: Sequence[str], unit: float, start: float = 0.0, wrap: int = 0, **how: object
-) -> Callable:
+def clocked(time: str, unit: float, start: float = 0.0, wrap: int = 0, **how: object) -> Callable:
     """A motor's log whose time column counts in a unit of its own, and may start over."""
 
     def make(rng: np.random.Generator, folder: Path) -> Path:
@@ -75,7 +73,7 @@ def clocked(
         t = ticks(len(u), 0.02, unit, start)
         if wrap:
             t = [v % wrap for v in t]
-        return write(folder, dict(zip(names, (t, u, y), strict=True)), **how)  # type: ignore[arg-type]
+        return write(folder, {time: t, "u": u, "y": y}, **how)  # type: ignore[arg-type]
 
     return make
 
