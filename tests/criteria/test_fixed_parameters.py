@@ -154,7 +154,7 @@ def test_a_right_value_passes(kind: str) -> None:
 def test_alarm_rate_with_a_right_fixed_value(kind: str) -> None:
     """At a nominal 1 %, five or more alarms of 100 have a chance below 0.4 %."""
     case = KINDS[kind]
-    alarms = {"independence": 0, "whiteness": 0, "held": 0}
+    alarms = {"independence": 0, "whiteness": 0, "fixed": 0}
     for seed in range(100):
         log = case.draw(seed, 400)
         model = fit(case.made(), [log], FitOptions(fixed={case.name: case.right}))

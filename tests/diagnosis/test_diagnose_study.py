@@ -127,7 +127,8 @@ def test_a_study_with_a_stub_writes_its_report(tmp_path: Path) -> None:
     # Finished runs are kept: the broken adapter is not even asked.
     arguments[arguments.index("stub_diagnosis:tie")] = "stub_diagnosis:broken"
     assert diagnose.main([*arguments, *only]) == 0
-    assert out.read_text(encoding="utf-8") == text
+    again = out.read_text(encoding="utf-8")
+    assert again.replace("broken", "tie") == text  # the foot names the adapter
 
 
 @pytest.mark.usefixtures("stubs")

@@ -60,7 +60,7 @@ def test_the_log_of_an_earlier_version_is_not_without_its_dead_zone() -> None:
 def test_a_load_on_a_short_log_is_neither_named_nor_nothing() -> None:
     found = diagnose([short_log("load", 300)])
     assert found.effects == ()
-    assert headline(found) == "The log is too short to tell what is missing"
+    assert headline(found) == "The log is too short for a diagnosis"
     assert f"at least {LONG_ENOUGH} samples" in found.story
     assert "No effect is missing" not in nothing_named(found)
 

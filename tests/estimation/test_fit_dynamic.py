@@ -189,7 +189,7 @@ def test_a_model_of_speeds_is_no_motor() -> None:
 def test_commands_of_both_motors_are_needed() -> None:
     pytest.importorskip("mujoco", reason="the extra physics is not installed")
     record = replace(made(), u=made().u[:, :1], inputs=(Channel("u_l", "V"),))
-    with pytest.raises(DataError, match="no command of the left and of the right motor"):
+    with pytest.raises(DataError, match="no commands of both motors"):
         fit_vehicle([record], motion="dynamic")
 
 

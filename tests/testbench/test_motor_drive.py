@@ -45,7 +45,7 @@ def test_one_drive_with_an_encoder_tells_everything(tmp_path: Path) -> None:
     assert relative["R"] < 0.01
     assert relative["L"] < 0.1
     assert relative["J"] < 0.01
-    assert any("Kc is taken for equal to Kem" in note for note in bench.notes)
+    assert any("Kc is set equal to Kem" in note for note in bench.notes)
     assert bench.method == "joint"
 
 

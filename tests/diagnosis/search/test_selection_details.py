@@ -170,8 +170,8 @@ def test_a_name_whose_law_fits_in_part_says_how_much_is_left(tmp_path: Path) -> 
     lines = {v.name.partition("[")[0]: v.value for v in (*load.parameters, *ripple.parameters)}
     assert (lines["per_turn"], lines["load_per_turn"]) == pytest.approx((1 / 3, 5 / 3), rel=0.01)
     assert ripple.error_ratio_without is not None
-    assert 1.0 < ripple.error_ratio_without < 1.2
-    assert "something else remains" in ripple.fit_words
+    assert 1.0 < ripple.error_ratio_without < 1.6  # a small part of the gap, and a real one
+    assert "partly explained" in ripple.fit_words
     assert "is left" in found.story
 
 
@@ -187,7 +187,7 @@ def test_a_load_that_no_channel_records_is_told_from_noise() -> None:
     halves = [made.rows(0, 1200), made.rows(1200, 2400)]
     found = diagnose(halves[:1], halves[1:])
     assert found.verdict == "no-missing-effect"
-    assert "no channel records" in found.story
+    assert "An unrecorded load or disturbance" in found.story
 
 
 def test_a_floor_that_errors_fall_below_is_read_off_them() -> None:
