@@ -170,4 +170,4 @@ def test_another_ground_is_seen_as_another_width_and_a_short_log_cannot_tell() -
     assert not ratio.same
     seen = [v.effects[0].parameters[0].value for v in said.logs[:2]]
     assert seen == pytest.approx([0.8, 0.6], abs=0.02)
-    assert "track-width ratio differ between logs" in " ".join(sentences(said))
+    assert "The estimates of track-width ratio differ between logs" in " ".join(sentences(said))
