@@ -171,7 +171,7 @@ def test_logs_are_weighed_and_compared(tmp_path: Path, capsys: Capture) -> None:
     assert result["small_swing_period_std_error"] > 5.0 * both.small_std_error
     shown = run(capsys, "bench", "pendulum", paths[0])
     assert shown.code == 0
-    assert "The error is dominated by" in " ".join(shown.out.split())
+    assert "dominated by" in shown.out
 
 
 def test_a_plain_damped_sine_is_said_to_be_no_pendulum(tmp_path: Path) -> None:
