@@ -26,13 +26,14 @@ class Sampled(Protocol):
         """Sample time [s]."""
 
 
-def difference(record: Record, other: Sampled, called: str) -> str:
+def difference(record: Record, other: Sampled, called: str, unstated_fits: bool = False) -> str:
     """In what a record is of another kind, as a sentence without its full stop; empty where alike.
 
     Args:
         record: the record.
         other: what it is compared with.
         called: the name of ``other`` in the sentence.
+        unstated_fits: whether a unit that one of both does not state is taken for the other's.
     """
     if (names := _names(record)) != (wanted := _names(other)):
         return (
@@ -40,7 +41,8 @@ def difference(record: Record, other: Sampled, called: str) -> str:
             "same columns with `inputs` and `outputs`"
         )
     for channel, same in zip(_channels(record), _channels(other), strict=True):
-        if channel.unit != same.unit:
+        fits = unstated_fits and not (channel.unit and same.unit)
+        if channel.unit != same.unit and not fits:
             return (
                 f"{channel.name} is in {channel.unit or 'no unit'} in {record.name}, in "
                 f"{same.unit or 'no unit'} in {called}; give its unit with `units`"

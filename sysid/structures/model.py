@@ -210,7 +210,7 @@ class Model:
         Raises:
             ModelError: number of channels, names or sample time differ.
         """
-        if unlike := difference(record, self, "the model"):
+        if unlike := difference(record, self, "the model", unstated_fits=True):
             raise ModelError(unlike)
 
     def fits_clock(self, record: Record) -> bool:

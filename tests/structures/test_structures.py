@@ -1,5 +1,6 @@
 """Every polynomial structure crossed with every law that all of them obey."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from polynomial_cases import SYSTEMS
+from scipy.signal import lfilter
 from structure_cases import every_system, fitted
 
 from sysid.data.preprocess import Detrend
@@ -391,3 +393,14 @@ def test_a_structure_that_is_not_read_back_as_written_is_not_saved(
     with pytest.raises(ModelError, match="arx is not read back as it is written"):
         require_readable(structure)
     require_readable(ARX.from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1))
+
+
+def test_a_model_takes_a_log_that_states_no_unit_and_none_of_another_unit() -> None:
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((60, 1))
+    y = lfilter([0.0, 0.2], [1.0, -0.8], u, axis=0) + 0.01 * rng.standard_normal((60, 1))
+    log = Record(u, y, 0.1, (Channel("u", "V"),), (Channel("y"),))
+    model = fit(ARX.from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1), [log])
+    model.check(replace(log, inputs=(Channel("u"),)))
+    with pytest.raises(ModelError, match="u is in m in record, in V in the model"):
+        model.check(replace(log, inputs=(Channel("u", "m"),)))

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from sysid.data.reading.data_lines import DataLines, cut_tail
@@ -72,11 +73,12 @@ def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None)
     cut = cut_tail(data)
     if cut is not None:
         head, tail = cut
-        layout = _lay_out(head, where, delimiter, decimal)
-        alike = (layout.delimiter, len(layout.names)) == (tail.separator, tail.cells)
-        if alike and not any(layout.in_cells):
-            rows = DataLines(layout.rows.head, tail)
-            return replace(layout, rows=rows, lines=[*layout.lines, *tail.numbers])
+        with suppress(DataError):  # where the first lines are no log, all of them may be one
+            layout = _lay_out(head, where, delimiter, decimal)
+            alike = (layout.delimiter, len(layout.names)) == (tail.separator, tail.cells)
+            if alike and not any(layout.in_cells):
+                rows = DataLines(layout.rows.head, tail)
+                return replace(layout, rows=rows, lines=[*layout.lines, *tail.numbers])
     return _lay_out(data, where, delimiter, decimal)
 
 

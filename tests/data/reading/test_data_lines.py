@@ -59,6 +59,12 @@ def test_what_is_odd_behind_the_head_is_still_met(line: str, said: str, tmp_path
         assert len(read_log(path)) == ROWS
 
 
+def test_a_header_below_all_lines_that_are_looked_at_is_met(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("# a remark\n" * (HEAD - 1) + "".join(plain()))
+    assert len(read_log(path)) == ROWS
+
+
 @pytest.mark.parametrize(
     "text", ["", "t,u,y\n", "t u y\n" + "0 1 2\n" * ROWS, "t,u\n" + "1,2\n3\n" * ROWS]
 )
