@@ -94,7 +94,7 @@ def test_two_nodes_in_lock_step_and_what_is_said_when_one_ends(
         assert len(log.read_text().splitlines()) == len(Path(alone["log"]).read_text().splitlines())
     for name, code, words in (
         ("second", 1, "and only one robot may"),
-        ("left", 1, "the robot has gone: no node publishes /odom any more"),
+        ("left", 1, "the robot left, and no node publishes /odom any more"),
         ("wrong", 1, "is of type rosgraph_msgs/Log and geometry_msgs/Twist is needed"),
         ("waits", 130, ""),
     ):
