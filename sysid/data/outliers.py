@@ -112,9 +112,9 @@ def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np
             continue
         typical_distance = ROBUST * float(np.median(_distance(y, some, half_width)))
         limit = threshold * max(typical_distance, float(np.percentile(moves, 10)))
-        before, after = steps[:-1], -steps[1:]
-        alone = (np.minimum(np.abs(before), np.abs(after)) > limit) & (before * after > 0)
-        candidates = np.flatnonzero(alone) + 1
+        far = np.flatnonzero(np.abs(steps) > limit)
+        back = (np.diff(far) == 1) & (steps[far[:-1]] * steps[far[1:]] < 0.0)
+        candidates = far[:-1][back] + 1
         left, r, right = (_distance(y, candidates + k, half_width) for k in (-1, 0, 1))
         # beside a wild measurement a good one stands out too; the next pass tests it again
         kept = (r > limit) & (r >= left) & (r >= right)

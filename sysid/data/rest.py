@@ -68,8 +68,7 @@ def rest_head(record: Record) -> Rest | None:
     drift, and their spread and the error of their mean must be small against the whole range.
     """
     range_u, range_y = np.ptp(record.u, axis=0), np.ptp(record.y, axis=0)
-    moved = np.any(np.abs(record.u - record.u[0]) > STILL * range_u, axis=1)
-    n = int(np.argmax(moved)) if moved.any() else 0
+    n = _still(record.u, STILL * range_u)
     if n < SHORTEST:
         return None
     y = record.y[:n]
@@ -86,6 +85,17 @@ def rest_head(record: Record) -> Rest | None:
     u = np.where(np.abs(u) <= STILL * range_u, 0.0, u)
     mean = np.where(np.abs(mean) <= tiny, 0.0, mean)
     return Rest(u, mean, y_error, n)
+
+
+def _still(u: Array, near: Array) -> int:
+    """Samples before an input first leaves its start; 0 where none ever does."""
+    looked, ahead = 0, 1024
+    while looked < len(u):
+        moved = np.any(np.abs(u[looked : looked + ahead] - u[0]) > near, axis=1)
+        if moved.any():
+            return looked + int(np.argmax(moved))
+        looked, ahead = looked + ahead, 2 * ahead
+    return 0
 
 
 def _drifts(y: Array, tiny: float) -> bool:
