@@ -1,7 +1,7 @@
 """Logs that cannot be read as they are: broken files are refused in one sentence."""
 
-import os
 import contextlib
+import os
 import warnings
 from pathlib import Path
 

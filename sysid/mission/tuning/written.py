@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 import yaml
 
-from sysid.data.files import write_atomic
+from sysid.data.files import contents, write_atomic
 from sysid.data.yaml_files.source import read_yaml
 from sysid.errors import DataError, UsageError
 from sysid.mission.control.axes import AXES, AxisController
@@ -33,7 +33,7 @@ def write_mission(source: Path, target: Path, mission: Mission, role: str = "con
     """
     if target.exists() and target.samefile(source):
         raise UsageError(f"{target} is the mission itself; name another file")
-    text = source.read_bytes().decode("utf-8-sig")
+    text = contents(source).decode("utf-8-sig")
     law = getattr(mission, role)
     new = replaced(text, read_yaml(source).values, role, section(role, law))
     write_atomic(target, new.encode())
@@ -73,7 +73,7 @@ def write_vehicle(source: Path, target: Path, sections: Sections) -> Path:
         raise UsageError(f"{target} is the mission itself; name another file")
     rolls = kind_of("motion", load_mission(source).motion) == "kinematic"
     values = dict(read_yaml(source).values)
-    text = source.read_bytes().decode("utf-8-sig")
+    text = contents(source).decode("utf-8-sig")
     for role, keys in sections.items():
         if role == "motion" and not rolls:
             continue
