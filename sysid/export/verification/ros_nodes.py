@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from sysid import processes
+from sysid.data.files import contents
 from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.export.fmu.replay import reach
@@ -163,7 +164,7 @@ def _error(nodes: Path, folder: Path, drive: bytes) -> float:
                 raise ModelError(f"{name}_node takes longer than {SECONDS:g} s") from None
             if code:
                 raise ModelError(f"{name}_node ends with {code}")
-    logged = _rows(log.read_text(encoding="utf-8") if log.is_file() else "", "its log")
+    logged = _rows(contents(log).decode("utf-8", "replace") if log.is_file() else "", "its log")
     if logged.shape != expected.shape:
         raise ModelError(f"the nodes drive {len(logged)} samples, Python drives {len(expected)}")
     error = float(np.max(np.abs(logged - expected) / reach(expected)))
