@@ -105,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return _pipe_closed()
     except (KeyboardInterrupt, typer.Abort):
-        return _failed("interrupted", 130)
+        return 130  # the entry point says it, once
     except Exception as error:
         if debug:
             traceback.print_exc()
@@ -200,4 +200,6 @@ def _prepare() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from .start import main as started
+
+    sys.exit(started())

@@ -58,14 +58,15 @@ def export(
         mission = load_mission(controller)
     place = Workspace(workspace)
     stored = place.chosen(model)
-    path = write_package(
-        stored.model,
-        output or place.plant_dir,
-        stored.report,
-        stored.id,
-        None if formats is None else formats.split(","),
-        Form(mission, precision == "double"),
-    )
+    with place.locked():  # two exports to one place would each move away what the other made
+        path = write_package(
+            stored.model,
+            output or place.plant_dir,
+            stored.report,
+            stored.id,
+            None if formats is None else formats.split(","),
+            Form(mission, precision == "double"),
+        )
     error = selftest(path)
     for warning in stored.model.warnings:
         render.warn(warning)

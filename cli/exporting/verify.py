@@ -1,24 +1,35 @@
 """``sysid verify``: the self-test of a plant package on every installed runtime."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .. import reading, render
+from ..field_options import with_options
+
+if TYPE_CHECKING:
+    from sysid.export.verification.runtimes import Result
 
 
 def verify(
     package: Annotated[
         Path, typer.Argument(metavar="PACKAGE", help="A plant package: folder or zip.")
     ],
+    trust: Annotated[
+        bool,
+        typer.Option(
+            "--trust",
+            help="Also run code that is not what sysid makes of plant.json, without network.",
+        ),
+    ] = False,
     json: reading.Json = False,
 ) -> None:
     """Replay the self-test of a plant package on every installed runtime."""
     from sysid.export.verification.verify import verify as replayed
 
     with render.progress(f"Verifying {package}"):
-        replay = replayed(package)
+        replay = replayed(package, trust)
     if json:
         render.document(replay.summary())
     else:
@@ -27,7 +38,7 @@ def verify(
                 r.name,
                 r.version or "–",
                 "–" if r.max_error is None else render.number(r.max_error, 2),
-                "passed" if r.passed else f"skipped: {r.skipped}" if r.skipped else "FAILED",
+                _outcome(r),
             )
             for r in replay.results
         ]
@@ -40,6 +51,12 @@ def verify(
                 ]
                 render.table((f"instructions on {r.name}", "mean", "most"), counts)
             if r.failed:
-                render.warn(f"{r.name}: {r.failed}.")
+                render.warn(f"{r.name}: {with_options(r.failed)}.")
     if not replay.passed:
         raise typer.Exit(1)
+
+
+def _outcome(result: "Result") -> str:
+    if result.passed:
+        return "passed"
+    return f"skipped: {with_options(result.skipped)}" if result.skipped else "FAILED"

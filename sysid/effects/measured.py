@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from sysid.data.files import contents
 from sysid.effects.base import Effect, EffectParameter
 from sysid.errors import DataError, UsageError
 
@@ -39,7 +40,7 @@ def read_measured(path: str | Path) -> dict[str, Measured]:
     """
     path = Path(path)
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(contents(path))
         measured = {
             str(key): Measured(float(entry["value"]), float(entry["std_error"]))
             for key, entry in document["measured"].items()

@@ -6,11 +6,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from sysid.errors import ModelError
+from sysid.errors import ModelError, SysidError
 from sysid.export.base import Exporter, Source
 from sysid.export.closed_loop import loop_of
 from sysid.export.registry import DEFAULT, chosen
 from sysid.mission.spec import Mission
+from sysid.mission.tuning.written import mission_values
 from sysid.plant import package
 from sysid.plant.description import describe
 from sysid.plant.selftest import make_selftest
@@ -32,6 +33,9 @@ class Form:
 
 
 PLANT_ALONE = Form()
+
+FORM = "form"
+"""Where plant.json holds what its files were written with, where that is not the usual."""
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
@@ -86,9 +90,8 @@ def package_files(
     if not model.inputs:
         raise ModelError(f"{name} has no input, which a plant needs; fit a structure with inputs")
     loop = None if form.controller is None else loop_of(model, form.controller)
-    source = Source(
-        model, name, describe(model, report, name), make_selftest(model), loop, form.double
-    )
+    described = {**describe(model, report, name), **_described(form)}
+    source = Source(model, name, described, make_selftest(model), loop, form.double)
     files: dict[str, bytes] = {}
     usage = ""
     for exporter in exporters:
@@ -101,6 +104,28 @@ def package_files(
             words = f"There is no {exporter.title}: {error}."
         usage += f"{words.rstrip()}\n\n" if words else ""
     return package.assembled(model, source.description, source.selftest, files, usage)
+
+
+def form_of(described: Mapping[str, Any], where: str) -> Form:
+    """The form that a package was written in.
+
+    Raises:
+        ModelError: what plant.json says of it is damaged.
+    """
+    raw = described.get(FORM, {})
+    try:
+        mission, double = raw.get("mission"), raw.get("double", True)
+        return Form(None if mission is None else Mission.model_validate(mission), bool(double))
+    except (ValueError, AttributeError, TypeError, SysidError):
+        raise ModelError(f"{where}: plant.json is damaged ({FORM}); export it again") from None
+
+
+def _described(form: Form) -> dict[str, Any]:
+    """What plant.json says of a form: enough to write the same files again."""
+    if form == PLANT_ALONE:
+        return {}
+    mission = None if form.controller is None else mission_values(form.controller)
+    return {FORM: {"double": form.double, "mission": mission}}
 
 
 def _written(exporter: Exporter, source: Source) -> dict[str, bytes]:

@@ -1,16 +1,14 @@
 """The result of a mission: outcome, figures and log."""
 
 import csv
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from sysid.data.files import replacing
 from sysid.data.record import Array
-from sysid.errors import DataError
 from sysid.mission.contracts import Pose
 
 
@@ -110,22 +108,9 @@ def write_columns(columns: Mapping[str, Array], path: str | Path) -> Path:
     Raises:
         DataError: the file cannot be written there.
     """
-    path = Path(path)
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=path.name, suffix=".tmp", dir=path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-                writer = csv.writer(file, lineterminator="\n")
-                writer.writerow(columns)
-                cells = (["" if v != v else v for v in c.tolist()] for c in columns.values())
-                writer.writerows(zip(*cells, strict=True))
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
-    except OSError as error:
-        raise DataError(
-            f"{path} cannot be written ({error.strerror}): choose another place"
-        ) from None
-    return path
+    with replacing(path) as new, new.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        cells = (["" if v != v else v for v in c.tolist()] for c in columns.values())
+        writer.writerows(zip(*cells, strict=True))
+    return Path(path)

@@ -27,8 +27,8 @@ CARD = "README.md"
 FILES = "files"
 """Where plant.json lists the files that its hash covers beside itself: all that a runtime takes."""
 
-MOST_FILES, MOST_BYTES = 500, 128 * 1024**2
-"""More files, or bytes in all, than any package has: the largest of ours are some hundred kB."""
+MOST_FILES = 500
+"""More files than any package has."""
 
 SOURCES = frozenset({".c", ".cc", ".cpp", ".cxx", ".h", ".hh", ".hpp", ".ino", ".s", ".inc"})
 """Files that a compiler takes for sources."""
@@ -150,8 +150,6 @@ def files_of(path: str | Path) -> Files:
     path = Path(path)
     described = read_description(path)
     covered = _covered(described, str(path))
-    if len(covered) > MOST_FILES:
-        raise ModelError(f"{path} lists {len(covered)} files, more than a plant package holds")
     # in a folder people build and take notes; a zip holds what was exported
     there = _sources(path, covered) if path.is_dir() else names_in(path)
     strange = sorted(there - {MARK, CARD, *covered})
@@ -160,10 +158,7 @@ def files_of(path: str | Path) -> Files:
             f"{path} holds {strange[0]!r}, which its plant.json does not list; remove it, or "
             "export the plant again"
         )
-    members = read_members(path, (MARK, *covered))
-    if sum(map(len, members.values())) > MOST_BYTES:
-        raise ModelError(f"{path} is too large for a plant package; export it again")
-    return members
+    return read_members(path, (MARK, *covered))
 
 
 def _sources(path: Path, covered: tuple[str, ...]) -> frozenset[str]:
@@ -207,6 +202,8 @@ def _covered(described: Mapping[str, Any], where: str) -> tuple[str, ...]:
     names = described.get(FILES, list(UNLISTED))
     if not isinstance(names, list) or not all(map(_is_inside, names)):
         raise ModelError(f"{where}: plant.json is damaged (its list of files); export it again")
+    if len(names) > MOST_FILES:
+        raise ModelError(f"{where} lists {len(names)} files, more than a plant package holds")
     return tuple(names)
 
 

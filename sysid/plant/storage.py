@@ -1,17 +1,16 @@
 """Folders and zips of plant packages: written atomically, read without unpacking."""
 
+import errno
 import io
 import os
-import shutil
-import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
-from sysid.data.files import write_atomic
-from sysid.errors import DataError, ModelError, UsageError
+from sysid.data.files import contents, replacing, settle, write_atomic, write_new
+from sysid.errors import ModelError, UsageError
 
 Files = Mapping[str, bytes]
 """Contents by name inside the package, with ``/`` between folder and file."""
@@ -19,8 +18,10 @@ Files = Mapping[str, bytes]
 MARK = "plant.json"
 """The file that makes a folder or a zip a plant package."""
 
-MAX_MEMBER = 64 * 1024**2
-"""Files inside a package beyond this size [bytes] are refused before they are unpacked."""
+MOST_BYTES = 32 * 1024**2
+"""More bytes, packed or read, than any package has: the largest of ours are some hundred kB."""
+
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -39,20 +40,15 @@ def write_files(path: Path, files: Files, known: frozenset[str]) -> Path:
     """
     path = Path(path)
     if path.suffix.lower() == ".zip":
-        if path.is_file() and not _has_member(path, MARK):
+        if path.is_file() and not _is_package(path):
             raise UsageError(
                 f"{path} is not a plant package and was not changed; choose another name"
             )
         return write_atomic(path, zip_bytes(files))
-    target = Path(os.path.realpath(path))
-    _check_folder(path, target, known)
-    try:
-        _swap_in(target, files)
-    except (FileExistsError, NotADirectoryError):
-        raise UsageError(f"{path} cannot be created, because a parent is a file") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise DataError(f"{path} cannot be written ({reason}); choose another place") from None
+    _check_folder(path, Path(os.path.realpath(path)), known)
+    with replacing(path, folder=True) as new:
+        for name, content in files.items():
+            write_new(new / name, content)
     return path
 
 
@@ -78,39 +74,27 @@ def read_member(path: Path, name: str) -> bytes:
     Raises:
         ModelError: there is no package or no such file in it, or it cannot be read.
     """
-    path = Path(path)
-    try:
-        if path.is_dir():
-            inside = path.joinpath(name)
-            if inside.stat().st_size > MAX_MEMBER:
-                raise ModelError(f"{inside} is too large for a plant package; export it again")
-            return inside.read_bytes()
-        if not path.exists():
-            raise ModelError(f"there is no plant package {path}; run `sysid export` to make one")
-        with zipfile.ZipFile(path) as archive:
-            if archive.getinfo(name).file_size > MAX_MEMBER:
-                raise ModelError(f"{name} in {path} is too large; export the plant again")
-            return archive.read(name)
-    except (KeyError, FileNotFoundError):
-        raise ModelError(
-            f"{path} is not a plant package, because it has no {name}; export it again"
-        ) from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError):
-        raise ModelError(
-            f"{path} is not a plant package (neither a folder nor an intact zip); export it again"
-        ) from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ModelError(f"{path} cannot be read ({reason})") from None
+    with _opened(Path(path)) as package:
+        if name not in package:
+            raise ModelError(
+                f"{path} is not a plant package, because it has no {name}; export it again"
+            )
+        return package.read(name)
 
 
 def read_members(path: Path, names: Iterable[str]) -> Files:
     """Those of the files of a package that are there, by name.
 
     Raises:
-        ModelError: a file is there and cannot be read.
+        ModelError: a file is there and cannot be read, or they hold too much.
     """
-    return {name: read_member(path, name) for name in names if _has_member(Path(path), name)}
+    read: dict[str, bytes] = {}
+    with _opened(Path(path)) as package:
+        for name in (n for n in names if n in package):
+            read[name] = package.read(name)
+            if sum(map(len, read.values())) > MOST_BYTES:
+                raise ModelError(f"{path} is too large for a plant package; export it again")
+    return read
 
 
 def names_in(path: Path) -> frozenset[str]:
@@ -119,20 +103,90 @@ def names_in(path: Path) -> frozenset[str]:
     Raises:
         ModelError: it cannot be read.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return frozenset(n for n in archive.namelist() if not n.endswith("/"))
-    except (OSError, zipfile.BadZipFile) as error:
-        raise ModelError(f"{path} cannot be read ({error})") from None
+    with _opened(Path(path)) as package:
+        return frozenset(n for n in package.names() if not n.endswith("/"))
 
 
-def _has_member(path: Path, name: str) -> bool:
-    if path.is_dir():
-        return path.joinpath(name).is_file()
+class _Folder:
+    """The files of a package in a folder."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __contains__(self, name: object) -> bool:
+        return self._path.joinpath(str(name)).is_file()
+
+    def names(self) -> Iterable[str]:
+        """Of all files."""
+        return (
+            p.relative_to(self._path).as_posix() for p in self._path.rglob("*") if not p.is_dir()
+        )
+
+    def read(self, name: str) -> bytes:
+        """One file; no link may lead out of the package."""
+        place = self._path / name
+        if not Path(os.path.realpath(place)).is_relative_to(os.path.realpath(self._path)):
+            raise ModelError(f"{place} is a link that leads out of the package; export it again")
+        return contents(place, MOST_BYTES)
+
+
+class _Zip:
+    """The files of a package in a zip; the bytes of each are counted while they are unpacked."""
+
+    def __init__(self, archive: zipfile.ZipFile) -> None:
+        self._archive, self._names = archive, frozenset(archive.namelist())
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def names(self) -> Iterable[str]:
+        """Of all files."""
+        return self._names
+
+    def read(self, name: str) -> bytes:
+        """One file, stored or deflated: other methods take memory before their first byte."""
+        if self._archive.getinfo(name).compress_type not in _METHODS:
+            raise NotImplementedError
+        with self._archive.open(name) as member:
+            content = member.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise OSError(errno.EFBIG, "it holds too much")
+        return content
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[_Folder | _Zip]:
+    """A package, open for reading.
+
+    Raises:
+        ModelError: there is none, or what is done with it fails.
+    """
     try:
-        with zipfile.ZipFile(path) as archive:
-            return name in archive.namelist()
-    except (OSError, zipfile.BadZipFile):
+        if not path.exists():
+            settle(path.parent)  # a command that was killed may have moved it aside
+        if not path.exists():
+            raise ModelError(f"there is no plant package {path}; run `sysid export` to make one")
+        if path.is_dir():
+            yield _Folder(path)
+            return
+        with zipfile.ZipFile(io.BytesIO(contents(path, MOST_BYTES))) as archive:
+            yield _Zip(archive)
+    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError):
+        raise ModelError(
+            f"{path} is not a plant package (neither a folder nor an intact zip); export it again"
+        ) from None
+    except (OSError, ValueError) as error:
+        if getattr(error, "errno", None) == errno.EFBIG:
+            raise ModelError(f"{path} is too large for a plant package; export it again") from None
+        reason = getattr(error, "strerror", None) or error
+        raise ModelError(f"{path} cannot be read ({reason})") from None
+
+
+def _is_package(path: Path) -> bool:
+    try:
+        with _opened(path) as package:
+            return MARK in package
+    except ModelError:
         return False
 
 
@@ -143,32 +197,9 @@ def _check_folder(path: Path, target: Path, known: frozenset[str]) -> None:
         return
     if target == Path.cwd() or target in Path.cwd().parents:
         raise UsageError(f"{path} is the current folder; give the plant package its own folder")
-    there = {p.relative_to(target).as_posix() for p in target.rglob("*") if not p.is_dir()}
-    foreign = sorted(there - known)
+    foreign = sorted({*_Folder(target).names()} - known)
     if foreign:
         raise UsageError(
             f"{path} holds files that are not a plant package's ({foreign[0]}); it was not "
             "changed; choose another folder"
         )
-
-
-def _swap_in(target: Path, files: Files) -> None:
-    """Fill a folder beside the target, move the old one aside, and let the new take its name."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    fresh = Path(tempfile.mkdtemp(prefix=".part-", dir=target.parent))
-    old = fresh.with_name(fresh.name + "-old")
-    try:
-        for name, content in files.items():
-            write_atomic(fresh / name, content)
-        os.chmod(fresh, 0o755)  # mkdtemp's 0700 would hide the package from everybody else
-        if target.exists():
-            os.rename(target, old)
-        try:
-            os.rename(fresh, target)
-        except OSError:
-            with suppress(OSError):
-                os.rename(old, target)
-            raise
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
-        shutil.rmtree(old, ignore_errors=True)

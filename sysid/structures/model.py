@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.files import write_atomic
+from sysid.data.files import contents, write_atomic
 from sysid.data.operating_point import OperatingPoint, shifted
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
@@ -448,7 +448,7 @@ class Model:
             ModelError: the file cannot be read as a model.
         """
         try:
-            raw = json.loads(Path(path).read_text(encoding="utf-8"))
+            raw = json.loads(contents(path))
         except OSError as error:
             raise ModelError(f"cannot read the model {path}: {error.strerror}") from None
         except ValueError as error:

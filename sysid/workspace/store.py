@@ -100,10 +100,18 @@ class _Remembered:
 
 
 class Workspace:
-    """A folder that lets commands work in a row without paths; made when something is saved."""
+    """A folder that lets commands work in a row without paths; made when something is saved.
+
+    What commands left in it that were killed while they wrote is put in order first.
+    """
 
     def __init__(self, root: Path) -> None:
+        from sysid.data.files import settle
+
         self.root = Path(root)
+        with suppress(OSError):  # whatever is wrong with it, its use will say
+            for folder in (self.root, *(p for p in self.root.iterdir() if p.is_dir())):
+                settle(folder)
 
     @property
     def plant_dir(self) -> Path:
@@ -137,7 +145,7 @@ class Workspace:
         canonical = json.dumps(_identity(described), sort_keys=True, separators=(",", ":"))
         digest = hashlib.sha256(canonical.encode()).hexdigest()
         kept = documents.plain(dict(report))
-        with self._locked():
+        with self.locked():
             ids = self._ids()
             id = self._free_id(model.structure.name, digest, described)
             stored = StoredModel(id, self._path(id), model, kept)
@@ -177,7 +185,7 @@ class Workspace:
         """
         ids = self._ids()
         gone = id if id in ids else self.load(id).id
-        with self._locked():
+        with self.locked():
             try:
                 self._path(gone).unlink(missing_ok=True)
             except OSError as error:
@@ -187,7 +195,7 @@ class Workspace:
 
     def remember(self, key: str, value: Any) -> None:
         """Keep a small JSON-able value under a name; the order of remembering is kept too."""
-        with self._locked():
+        with self.locked():
             state = self._state()
             latest = max((entry["order"] for entry in state.values()), default=0)
             state[key] = {"value": documents.plain(value), "order": latest + 1}
@@ -303,8 +311,10 @@ class Workspace:
         return state
 
     def _json(self, path: Path, missing: Any = None) -> Any:
+        from sysid.data.files import contents
+
         try:
-            return json.loads(path.read_text(encoding="utf-8"))
+            return json.loads(contents(path))
         except FileNotFoundError:
             if missing is not None:
                 return missing
@@ -324,7 +334,7 @@ class Workspace:
             raise UsageError(f"the workspace {self.root} is a file; name a folder")
 
     @contextmanager
-    def _locked(self) -> Iterator[None]:
+    def locked(self) -> Iterator[None]:
         """Hold the workspace for reading, changing and writing back."""
         self._check_root()
         try:

@@ -6,11 +6,13 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from cli_answers import ask
-from sysid_cli import start
+from sysid_cli import app, start
 
 from sysid.workspace.store import Workspace
 
@@ -118,7 +120,7 @@ WRONG: dict[str, tuple[str, int, str]] = {
     "simulate unknown key": ("simulate bad.yaml", 1, "bad.yaml:2"),
     "simulate no such log": ("simulate no.csv", 2, "file not found: no.csv"),
     "simulate plot format": ("simulate mission.yaml --plot x.docx", 2, ".svg or .png"),
-    "simulate log at a folder": ("simulate mission.yaml --log empty", 1, "empty"),
+    "simulate log at a folder": ("simulate mission.yaml --log empty", 2, "empty"),
     "simulate log below a file": ("simulate mission.yaml --log log.csv/x.csv", 1, "log.csv"),
     "simulate onto itself": ("simulate log.csv --log log.csv", 2, "would overwrite"),
     "simulate onto the mission": (
@@ -199,6 +201,20 @@ def test_an_interrupt_ends_with_130(
         assert "Traceback" not in err
 
 
+@contextmanager
+def as_before() -> Iterator[None]:
+    """Signals are again what they were, and heard by nobody who would end the tests."""
+    known = {s: signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)}
+    hook = sys.unraisablehook
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(-1)
+        sys.unraisablehook = hook
+        for which, handler in known.items():
+            signal.signal(which, handler)
+
+
 def test_an_interrupt_before_the_command_is_loaded_is_quiet_too(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -207,25 +223,49 @@ def test_an_interrupt_before_the_command_is_loaded_is_quiet_too(
 
     monkeypatch.delitem(sys.modules, "sysid_cli.app")
     monkeypatch.setattr(importlib.machinery.SourceFileLoader, "exec_module", interrupted)
-    known = signal.getsignal(signal.SIGTERM)
-    try:
-        assert start.main() == 130
-    finally:
-        signal.signal(signal.SIGTERM, known)
+    with as_before():
+        assert start.command() == 130
     assert capsys.readouterr().err == "interrupted\n"
 
 
 def test_a_request_to_end_is_an_interrupt(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sys, "argv", ["sysid", "--version"])
-    known = signal.getsignal(signal.SIGTERM)
-    try:
-        assert start.main() == 0
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGTERM)
-    finally:
-        signal.signal(signal.SIGTERM, known)
+
+    def asked(*_: object) -> int:
+        signal.raise_signal(signal.SIGTERM)
+        return 0
+
+    monkeypatch.setattr(app, "main", asked)
+    with as_before():
+        assert start.command() == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+DEAF = """
+import os, signal, sys, threading, time, warnings
+from sysid_cli import app, start
+
+def deaf():
+    warnings.warn("of a library")
+    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    while True:
+        try:
+            time.sleep(60.0)
+        except KeyboardInterrupt:
+            pass
+
+app.main, start.PATIENCE, start.PROMPT = deaf, 0.1, 0.1
+start.main()
+"""
+
+
+def test_a_command_that_hears_no_interrupt_ends_all_the_same_and_no_library_warns() -> None:
+    """Solvers and compilers that run for minutes hear none."""
+    done = subprocess.run(
+        [sys.executable, "-c", DEAF], capture_output=True, text=True, check=False, timeout=60.0
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
 
 
 def test_a_closed_pipe_is_quiet(here: Path) -> None:

@@ -1,6 +1,7 @@
 """Logs that cannot be read as they are: broken files are refused in one sentence."""
 
 import contextlib
+import os
 import warnings
 from pathlib import Path
 
@@ -109,10 +110,10 @@ def test_places_that_are_no_file(tmp_path: Path) -> None:
 
 
 def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(_: Path) -> bytes:  # the superuser, as in a container, may read every file
+    def refuse(*_: object) -> int:  # the superuser, as in a container, may read every file
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "read_bytes", refuse)
+    monkeypatch.setattr(os, "open", refuse)
     with pytest.raises(DataError, match="is not readable; change its permissions"):
         read_log(put(tmp_path, GOOD))
 

@@ -12,12 +12,19 @@ from c_programs import needs_compiler
 from command_line import Capture, run
 from plant_models import robot_model
 
+import sysid
 from sysid.errors import ModelError
-from sysid.export.package import write_package
+from sysid.export.package import Form, form_of, write_package
 from sysid.export.verification import runtimes
 from sysid.export.verification import verify as module
+from sysid.export.verification.rebuilt import foreign_code
 from sysid.export.verification.verify import verify
+from sysid.mission.spec import load_mission
 from sysid.plant.content_hash import KEY, content_hash
+from sysid.plant.package import files_of, read_package
+from sysid.plant.storage import zip_bytes
+
+MISSIONS = Path(sysid.__file__).parents[1] / "datasets" / "missions"
 
 
 @pytest.fixture
@@ -74,7 +81,7 @@ def test_a_runtime_that_gives_something_else_fails_the_command(
     assert wrong != text
     source.write_text(wrong, encoding="utf-8")
     changed(package, lambda described: None)
-    gone = run(capsys, "verify", package, "--json")
+    gone = run(capsys, "verify", package, "--trust", "--json")
     by_name = {r["name"]: r for r in json.loads(gone.out)["runtimes"]}
     assert gone.code == 1
     assert by_name["python"]["passed"] is True
@@ -92,6 +99,56 @@ def test_a_program_that_never_ends_is_stopped(
     runtime = runtimes.Compiled("cc", "cc")
     files = {"c/selftest.c": b""}
     assert "longer than 1 s; it was stopped" in runtime.replay(package, files).failed
+
+
+ATTACK = """#include <stdio.h>
+#include <sys/socket.h>
+int main(void) {{
+  FILE *outside = fopen("{outside}", "w");
+  printf("0 %d\\n", (outside != NULL) + 2 * (socket(AF_INET, SOCK_STREAM, 0) >= 0));
+  return 0;
+}}
+"""
+
+
+@needs_compiler
+def test_code_of_somebody_else_runs_only_where_it_is_trusted_and_then_closed_off(
+    package: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its hash is right: what is compared is the code that plant.json gives."""
+    monkeypatch.setattr(module, "COMPILED", (runtimes.Compiled("cc", "cc"),))
+    outside = tmp_path / "outside.txt"
+    (package / "c" / "selftest.c").write_text(ATTACK.format(outside=outside), encoding="utf-8")
+    changed(package, lambda described: None)
+    gone = run(capsys, "verify", package)
+    assert gone.code == 1
+    assert "c/selftest.c is not what sysid" in gone.err
+    assert "--trust" in gone.err
+    assert not outside.exists()
+    result = next(r for r in verify(package, trust=True).results if r.name == "cc")
+    assert result.max_error == 0.0  # neither wrote outside nor opened a socket
+    assert not outside.exists()
+
+
+@pytest.mark.parametrize("double", [True, False])
+def test_the_code_of_a_mission_is_made_again_from_plant_json(tmp_path: Path, double: bool) -> None:
+    form = Form(load_mission(MISSIONS / "obstacles_6_3.yaml"), double)
+    path = write_package(robot_model(), tmp_path / "plant.zip", formats=["c"], form=form)
+    package = read_package(path)
+    assert form_of(package.description, "") == form
+    assert foreign_code(package, files_of(path)) == {}
+
+
+def test_a_binary_that_another_compiler_made_is_skipped(tmp_path: Path) -> None:
+    pytest.importorskip("fmpy")
+    path = write_package(robot_model(), tmp_path / "plant", formats=["fmu"])
+    unit = path / "fmu" / "plant.fmu"
+    with zipfile.ZipFile(unit) as archive:
+        inside = {n: archive.read(n) for n in archive.namelist()}
+    for change, sources in (("binaries/", False), ("sources/", True)):
+        unit.write_bytes(zip_bytes({n: b + b" " * n.startswith(change) for n, b in inside.items()}))
+        changed(path, lambda described: None)
+        assert foreign_code(read_package(path), files_of(path))["fmu"].sources == sources
 
 
 def orders_beyond_reason(described: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from sysid.data.files import open_regular
 from sysid.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ def digest(path: Path) -> "_Hash":
     """The checksum of a bag's files, read in blocks."""
     checksum = sha256()
     for file in sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]:
-        with file.open("rb") as stream:
+        with open_regular(file) as stream:
             while block := stream.read(BLOCK):
                 checksum.update(block)
     return checksum
@@ -150,6 +151,9 @@ def opened(path: Path) -> Iterator[Bag]:
     whole = (path / DESCRIPTION).exists() or not path.is_dir()
     files = [path] if whole else _files(path)
     try:
+        for file in path.iterdir() if path.is_dir() else [path]:
+            if not file.is_dir():
+                open_regular(file).close()
         reader = AnyReader(files, default_typestore=_standard() if _needs_types(files) else None)
         reader.open()
     except Exception as error:  # as in ``Bag.messages``

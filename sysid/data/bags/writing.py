@@ -1,13 +1,11 @@
 """Bags as the tools of ROS write them: ROS 1, a folder of ROS 2, or one MCAP file."""
 
-import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from sysid.errors import DataError, UsageError
+from sysid.data.files import replacing
+from sysid.errors import UsageError
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -118,21 +116,11 @@ def write_bag(path: Path, source: Source) -> Path:
         raise UsageError(f"{path} exists already; choose another path for the bag")
     types = get_typestore(Stores.ROS1_NOETIC if suffix == ".bag" else Stores.ROS2_HUMBLE)
     messages = sorted(source(Messages(types)), key=lambda m: m.received)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".part-", dir=path.parent) as place:
-            made = Path(place) / "bag"
-            (_write_first if suffix == ".bag" else _write_second)(made, messages, types, suffix)
-            if suffix == ".mcap":
-                made = next(made.glob("*.mcap"))
-            if made.is_dir():
-                shutil.move(made, path)
-            else:
-                os.replace(made, path)
-    except OSError as error:
-        raise DataError(
-            f"{path} cannot be written ({error.strerror}); choose another path"
-        ) from None
+    with replacing(path, folder=not suffix) as new:
+        made = new.with_name("bag") if suffix == ".mcap" else new
+        (_write_first if suffix == ".bag" else _write_second)(made, messages, types, suffix)
+        if suffix == ".mcap":  # written as a folder that holds the file
+            next(made.glob("*.mcap")).rename(new)
     return path
 
 

@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import IO
 
+from sysid.data.files import open_regular
 from sysid.errors import DataError, UsageError
 
 CHUNK = 1 << 16
@@ -77,7 +78,7 @@ class FileLines(Lines):
         self.restarted = False
         try:
             if self._file is None:
-                self._file = open(self._path, "rb")  # noqa: SIM115 (closed by close)
+                self._file = open_regular(self._path)
             data = self._file.read(CHUNK)
             if data:
                 return data
@@ -93,7 +94,7 @@ class FileLines(Lines):
         own, there = os.fstat(self._file.fileno()), os.stat(self._path)
         if (own.st_ino, own.st_dev) != (there.st_ino, there.st_dev):
             self._file.close()
-            self._file = open(self._path, "rb")  # noqa: SIM115
+            self._file = open_regular(self._path)
         elif there.st_size < self._file.tell():
             self._file.seek(0)
         else:

@@ -1,5 +1,6 @@
 """Read a small YAML file into plain values, with the line of each."""
 
+import errno
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from sysid.data.files import contents
 from sysid.errors import DataError
 
 LARGEST_FILE = 100_000
@@ -110,11 +112,9 @@ def shown(value: Any) -> str:
 
 def _text(path: Path, name: str) -> str:
     try:
-        if path.is_dir():
-            raise DataError(f"{name} is a folder: give the YAML file in it")
-        if path.stat().st_size > LARGEST_FILE:
-            raise DataError(f"{name} is larger than 100 kB: this is not a hand-written YAML file")
-        return path.read_bytes().decode("utf-8-sig")
+        return contents(path, LARGEST_FILE).decode("utf-8-sig")
+    except IsADirectoryError:
+        raise DataError(f"{name} is a folder: give the YAML file in it") from None
     except FileNotFoundError:
         raise DataError(f"file not found: {path}: check the name and the folder") from None
     except UnicodeDecodeError as error:
@@ -122,6 +122,10 @@ def _text(path: Path, name: str) -> str:
             f"{name} is not a text file (byte {error.start} is not UTF-8): save it as UTF-8 text"
         ) from None
     except (OSError, ValueError) as error:
+        if getattr(error, "errno", None) == errno.EFBIG:
+            raise DataError(
+                f"{name} is larger than 100 kB: this is not a hand-written YAML file"
+            ) from None
         reason = getattr(error, "strerror", None) or str(error)
         raise DataError(f"{name} cannot be read ({reason}): check the path") from None
 

@@ -1,5 +1,6 @@
 """Select a structure: search the orders of each, fit each, and rank them."""
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -299,9 +300,11 @@ def _searches(
     if jobs > 1 and work > PARALLEL_WORK:
         from joblib import Parallel, delayed
 
+        from sysid.processes import tied
+
         chains.sort(key=lambda c: -len(c[1]) * structure_class(c[0]).search_cost)
         outcomes = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-            delayed(_timed)(name, chain, grid, data[name], options, criterion)
+            delayed(tied)(os.getpid(), _timed, name, chain, grid, data[name], options, criterion)
             for name, chain, grid in chains
         )
         done = 0

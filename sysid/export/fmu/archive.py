@@ -2,7 +2,6 @@
 
 import platform
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -12,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 
+from sysid import processes
 from sysid.errors import ModelError
 from sysid.export.c.writing import number
 from sysid.export.fmu.description import Unit, build_description, xml_2, xml_3
@@ -126,11 +126,9 @@ def compiled(unit: Unit, sources: Mapping[str, str], version: Version) -> bytes 
         flags = ["-std=c99", "-O1", "-ffp-contract=off", "-shared", "-fPIC", "-fvisibility=hidden"]
         names = [version.functions, *unit.compiled]
         command = [compiler, *flags, f"-I{include}", "-o", target, *names, "-lm"]
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, check=False, timeout=SECONDS
-        )
-        if done.returncode:
-            raise ModelError(f"the unit does not compile: {' '.join(done.stderr.split())[:300]}")
+        done = processes.run(command, folder, SECONDS)
+        if done.code:
+            raise ModelError(f"the unit does not compile: {' '.join(done.err.split())[:300]}")
         return (folder / target).read_bytes()
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sysid.data.files import contents
 from sysid.errors import ModelError
 from sysid.export.fmu.replay import Replay, plant_replay, replay_from
 from sysid.export.verification.runtimes import Result, run
@@ -63,7 +64,7 @@ class CoSimulated:
     late: bool = False
     folders: tuple[str, ...] = FOLDERS
 
-    def replay(self, folder: Path, files: Files) -> Result:
+    def replay(self, folder: Path, files: Files, foreign: bool = False) -> Result:
         """Run every unit; the largest error of all."""
         for module in ("fmpy", self.name.lower()):
             if find_spec(module) is None:
@@ -75,12 +76,12 @@ class CoSimulated:
             words = "has no FMU" if not self.replays else "has no FMU of a version that it runs"
             return Result(self.name, installed, skipped=f"the package {words}")
         try:
-            worst = self._error(folder, units)
+            worst = self._error(folder, units, foreign)
         except ModelError as refused:
             return Result(self.name, installed, failed=str(refused))
         return Result(self.name, installed, worst, worst <= TOLERANCE)
 
-    def _error(self, folder: Path, units: Sequence[str]) -> float:
+    def _error(self, folder: Path, units: Sequence[str], foreign: bool) -> float:
         """Largest error of units in parts of the range of an output.
 
         Raises:
@@ -93,14 +94,15 @@ class CoSimulated:
             names = {"inputs": wanted.inputs, "outputs": wanted.outputs}
             cases.append({"unit": str(folder / unit), **names, "u": wanted.u.tolist()})
         asked.write_text(json.dumps(cases), encoding="utf-8")
-        done = run([sys.executable, "-m", _UNITS, self.name, str(asked), str(given)], folder)
-        tables = json.loads(given.read_text(encoding="utf-8")) if given.is_file() else []
+        command = [sys.executable, "-m", _UNITS, self.name, str(asked), str(given)]
+        done = run(command, folder, foreign)
+        tables = json.loads(contents(given)) if given.is_file() else []
         worst = 0.0
         for k, unit in enumerate(units):
             expected = self.replays[unit].late if self.late else self.replays[unit].now
             y = np.array(tables[k] if k < len(tables) else [], dtype=float)
             if y.shape != expected.shape:
-                why = done.stderr.strip().splitlines()[-1:] or ["no answer"]
+                why = done.err.strip().splitlines()[-1:] or ["no answer"]
                 raise ModelError(f"{unit} does not run: {why[0]}")
             error = float(np.max(np.abs(y - expected) / self.replays[unit].scale))
             worst = max(worst, error if np.isfinite(error) else float("inf"))

@@ -1,14 +1,14 @@
 """The C code on a Cortex-M4F that qemu-system-arm emulates, with the instructions of a step."""
 
 import re
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files as resources
 from pathlib import Path
 from string import Template
+from tempfile import gettempdir
 
-from sysid.export.verification.runtimes import FLAGS, SECONDS, Compiled
+from sysid.export.verification.runtimes import FLAGS, Compiled, run
 from sysid.plant.storage import Files
 
 TARGET = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
@@ -38,14 +38,8 @@ class CortexM(Compiled):
         missing = super().lacks()
         if missing:
             return missing
-        specs = subprocess.run(
-            [self.compiler, f"-print-file-name={_LIBRARY}"],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=SECONDS,
-        )
-        absent = specs.stdout.strip() == _LIBRARY
+        specs = run([self.compiler, f"-print-file-name={_LIBRARY}"], Path(gettempdir()))
+        absent = specs.out.strip() == _LIBRARY
         return "newlib for arm-none-eabi is not installed" if absent else ""
 
     def prepare(self, folder: Path, files: Files) -> None:

@@ -6,14 +6,15 @@ What is started here ends here: a master on a free port of 127.0.0.1 and two nod
 import os
 import shutil
 import socket
-import subprocess
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 
+from sysid import processes
+from sysid.data.files import contents
 from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.export.fmu.replay import reach
@@ -46,13 +47,16 @@ class RosNodes:
     """The two nodes of ``ros/``, by the ROS 1 of this machine."""
 
     name = "ros"
+    folders = ("ros",)
 
-    def replay(self, folder: Path, files: Files) -> Result:
+    def replay(self, folder: Path, files: Files, foreign: bool = False) -> Result:
         """Build them, drive the mission, and compare the robot's log with Python's."""
+        if foreign:
+            return Result(self.name, skipped="nodes of somebody else would need a network")
         lacking = lacks()
         if lacking:
             return Result(self.name, skipped=lacking)
-        version = run(["rosversion", "roscpp"], folder).stdout.strip()
+        version = run(["rosversion", "roscpp"], folder).out.strip()
         if DRIVE not in files:
             return Result(self.name, version, skipped="the package has no nodes of ROS")
         try:
@@ -91,8 +95,8 @@ def built(package: Path, build: Path) -> Path:
         ["cmake", "--build", str(build), "-j2"],
     ):
         done = run(command, package)
-        if done.returncode:
-            said = [line for line in f"{done.stderr}\n{done.stdout}".splitlines() if "rror" in line]
+        if done.code:
+            said = [line for line in f"{done.err}\n{done.out}".splitlines() if "rror" in line]
             raise ModelError(f"the nodes do not build: {said[0].strip() if said else 'no word'}")
     binary = next((build / "devel" / "lib").rglob("robot_node"), None)
     if binary is None:
@@ -128,21 +132,15 @@ def own_master(home: Path) -> Iterator[Mapping[str, str]]:
 @contextmanager
 def running(
     command: list[str], folder: Path, environment: Mapping[str, str]
-) -> Iterator[subprocess.Popen[bytes]]:
+) -> Iterator[processes.Command]:
     """A process that has ended when this ends."""
-    quiet = subprocess.DEVNULL
-    one = subprocess.Popen(
-        command, cwd=folder, env=environment, stdin=quiet, stdout=quiet, stderr=quiet
-    )
-    try:
-        yield one
-    finally:
-        one.terminate()
+    with processes.started(command, folder, environment) as one:
         try:
-            one.wait(5.0)
-        except subprocess.TimeoutExpired:
-            one.kill()
-            one.wait()
+            yield one
+        finally:
+            one.terminate()  # a node that is asked to end leaves its master
+            with suppress(processes.TooLong):
+                one.wait(5.0)
 
 
 def _error(nodes: Path, folder: Path, drive: bytes) -> float:
@@ -162,11 +160,11 @@ def _error(nodes: Path, folder: Path, drive: bytes) -> float:
         for name, one in zip(words, started, strict=True):
             try:
                 code = one.wait(max(until - time.monotonic(), 0.0))
-            except subprocess.TimeoutExpired:
+            except processes.TooLong:
                 raise ModelError(f"{name}_node takes longer than {SECONDS:g} s") from None
             if code:
                 raise ModelError(f"{name}_node ends with {code}")
-    logged = _rows(log.read_text(encoding="utf-8") if log.is_file() else "", "its log")
+    logged = _rows(contents(log).decode("utf-8", "replace") if log.is_file() else "", "its log")
     if logged.shape != expected.shape:
         raise ModelError(f"the nodes drive {len(logged)} samples, Python drives {len(expected)}")
     error = float(np.max(np.abs(logged - expected) / reach(expected)))

@@ -1,7 +1,6 @@
 """Runtimes of a plant package: each replays the self-test and reports its error."""
 
 import shutil
-import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -9,7 +8,9 @@ from pathlib import Path
 from platform import python_version
 from typing import Protocol
 
+from sysid import processes
 from sysid.errors import ModelError
+from sysid.launcher import REFUSED
 from sysid.plant.storage import Files
 
 SECONDS = 120.0
@@ -56,8 +57,17 @@ class Runtime(Protocol):
     @property
     def name(self) -> str: ...
 
-    def replay(self, folder: Path, files: Files) -> Result:
-        """Run the self-tests of a package whose files lie in ``folder``."""
+    @property
+    def folders(self) -> Sequence[str]:
+        """Folders of a package whose code it runs."""
+        ...
+
+    def replay(self, folder: Path, files: Files, foreign: bool = False) -> Result:
+        """Run the self-tests of a package whose files lie in ``folder``.
+
+        Args:
+            foreign: whether somebody else may have written their code.
+        """
         ...
 
 
@@ -73,8 +83,9 @@ class Python:
     error: float
     allowed: float
     name: str = "python"
+    folders: tuple[str, ...] = ()
 
-    def replay(self, folder: Path, files: Files) -> Result:
+    def replay(self, folder: Path, files: Files, foreign: bool = False) -> Result:
         """What reading the package showed."""
         return Result(self.name, python_version(), self.error, self.error <= self.allowed)
 
@@ -92,6 +103,7 @@ class Compiled:
     compiler: str
     emulator: str = ""
     asks_version: str = "-dumpversion"
+    folders: tuple[str, ...] = ("c",)
 
     @cached_property
     def commands(self) -> tuple[str, ...]:
@@ -115,7 +127,7 @@ class Compiled:
         """The command that runs it."""
         return [*([self.emulator] if self.emulator else []), f"./{made}"]
 
-    def replay(self, folder: Path, files: Files) -> Result:
+    def replay(self, folder: Path, files: Files, foreign: bool = False) -> Result:
         """Compile and run both self-tests."""
         lacking = self.lacks()
         if lacking:
@@ -126,14 +138,16 @@ class Compiled:
         self.prepare(folder, files)
         try:
             printed = [
-                line for program in PROGRAMS for line in self._printed(folder / "c", program, files)
+                line
+                for program in PROGRAMS
+                for line in self._printed(folder / "c", program, files, foreign)
             ]
             errors, instructions = _errors(printed), _instructions(printed)
         except ModelError as error:
             return Result(self.name, version, failed=str(error))
         return Result(self.name, version, max(errors), True, instructions=instructions)
 
-    def _printed(self, c: Path, program: str, files: Files) -> list[str]:
+    def _printed(self, c: Path, program: str, files: Files, foreign: bool) -> list[str]:
         """Lines that a self-test prints, none where the package has no such program.
 
         Raises:
@@ -146,13 +160,13 @@ class Compiled:
         if program == "selftest":
             sources = [s for s in sources if s == "plant.c"]
         made = f"{program}_{self.name}"
-        done = run(self.build(made, [PROGRAMS[program], *sources]), c)
-        if done.returncode:
-            raise ModelError(f"{program} does not compile: {_sentence(done.stderr)}")
-        done = run(self.command(made), c)
-        lines = done.stdout.splitlines()
-        if done.returncode or not lines:
-            why = " ".join(f"{done.stdout} {done.stderr}".split())[:MOST_SAID]
+        done = run(self.build(made, [PROGRAMS[program], *sources]), c, foreign)
+        if done.code:
+            raise ModelError(f"{program} does not compile: {_sentence(done.err)}")
+        done = run(self.command(made), c, foreign)
+        lines = done.out.splitlines()
+        if done.code or not lines:
+            why = " ".join(f"{done.out} {done.err}".split())[:MOST_SAID]
             raise ModelError(f"{program} fails: {why or 'no answer'}")
         return lines
 
@@ -187,7 +201,7 @@ def _number(word: str) -> float:
 
 
 def _first_line(command: Sequence[str], folder: Path) -> str:
-    lines = run(command, folder).stdout.splitlines()
+    lines = run(command, folder).out.splitlines()
     return lines[0].strip() if lines else ""
 
 
@@ -197,22 +211,19 @@ def _sentence(text: str) -> str:
     return lines[0] if lines else " ".join(text.split())[:200]
 
 
-def run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
+def run(command: Sequence[str], folder: Path, foreign: bool = False) -> processes.Ended:
     """Run a command to its end or to :data:`SECONDS`, whichever is first.
 
+    Args:
+        foreign: whether it is code of somebody else, which gets no network.
+
     Raises:
-        ModelError: it takes too long.
+        ModelError: it takes too long, or this system cannot take the network from it.
     """
     try:
-        return subprocess.run(
-            command,
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=SECONDS,
-            stdin=subprocess.DEVNULL,
-            errors="replace",
-        )
-    except subprocess.TimeoutExpired:
+        done = processes.run(command, folder, SECONDS, foreign)
+    except TimeoutError:
         raise ModelError(f"{command[0]} takes longer than {SECONDS:g} s; it was stopped") from None
+    if foreign and done.code == REFUSED:
+        raise ModelError("this system cannot take the network from code of somebody else")
+    return done

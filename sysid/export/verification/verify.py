@@ -1,15 +1,18 @@
 """``verify``: the self-test of a package on every installed runtime."""
 
 import tempfile
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sysid.data.files import write_new
 from sysid.errors import ModelError
 from sysid.export.verification.co_simulated import CoSimulated, replays_of
 from sysid.export.verification.cortex_m import CORTEX_M4
+from sysid.export.verification.rebuilt import Foreign, foreign_code
 from sysid.export.verification.ros_nodes import RosNodes
 from sysid.export.verification.runtimes import COMPILED, Python, Result, Runtime
 from sysid.plant.package import files_of, read_package
@@ -37,13 +40,17 @@ class Verification:
         return {"package": self.package, "passed": self.passed, "runtimes": runtimes}
 
 
-def verify(path: str | Path) -> Verification:
+def verify(path: str | Path, trust: bool = False) -> Verification:
     """Replay the self-test of a package on every installed runtime.
 
     Python, gcc, clang, ARM, a Cortex-M4F, which counts instructions, FMPy, libcosim and ROS.
 
-    The C code is compiled and run in a folder of its own, with a limit of time. A package whose
-    content was changed after its export is refused before anything of it runs.
+    Code runs in a folder of its own, with limits of time, memory and files, and only where it is
+    what this version makes of plant.json. A package whose content was changed after its export is
+    refused before anything of it runs.
+
+    Args:
+        trust: run other code too, in processes without network that write in that folder alone.
 
     Raises:
         ModelError: there is no package, or it is damaged, tampered with or hostile.
@@ -53,6 +60,7 @@ def verify(path: str | Path) -> Verification:
     plant = package.plant()
     test = _selftest(plant, files, str(path))
     replays = replays_of(files, plant, test)
+    foreign = foreign_code(package, files)
     runtimes: tuple[Runtime, ...] = (
         Python(_replayed(plant, test), TOLERANCE),
         *COMPILED,
@@ -64,10 +72,22 @@ def verify(path: str | Path) -> Verification:
     with tempfile.TemporaryDirectory(prefix="sysid-verify-") as made:
         folder = Path(made)
         for name, content in files.items():
-            place = folder / name
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_bytes(content)
-        return Verification(str(path), tuple(r.replay(folder, files) for r in runtimes))
+            write_new(folder / name, content)
+        results = tuple(_result(r, foreign, trust, folder, files) for r in runtimes)
+        return Verification(str(path), results)
+
+
+def _result(
+    runtime: Runtime, foreign: Mapping[str, Foreign], trust: bool, folder: Path, files: Files
+) -> Result:
+    """What a runtime gives; code of somebody else runs only where it is trusted."""
+    found = [foreign[f] for f in runtime.folders if f in foreign]
+    if not found or trust:
+        return runtime.replay(folder, files, foreign=bool(found))
+    worst = max(found, key=lambda f: f.sources)
+    if worst.sources:
+        return Result(runtime.name, failed=worst.words)
+    return Result(runtime.name, skipped=worst.words)
 
 
 def _selftest(plant: Plant, files: Files, where: str) -> SelfTest:

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from multiprocessing import get_context
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
+from sysid import processes
 from sysid.errors import ModelError
 from sysid.mission.monte_carlo.chunks import Chunk, ChunkResult, Runner
 from sysid.mission.monte_carlo.setup import Setup
@@ -78,12 +79,8 @@ class Processes:
                     continue
 
     def _started(self) -> _Worker:
-        context = get_context("spawn")  # a fork of threads that compile may hang
-        our_end, worker_end = context.Pipe()
-        process = context.Process(
-            target=_serve, args=(worker_end, self.setup.plain(), self.at_once), daemon=True
-        )
-        process.start()
+        our_end, worker_end = Pipe()
+        process = processes.worker(_serve, worker_end, self.setup.plain(), self.at_once)
         worker_end.close()
         return _Worker(process, our_end)
 

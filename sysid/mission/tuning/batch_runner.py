@@ -5,15 +5,14 @@ from run to run are the gains and the plant's parameters.
 """
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from multiprocessing import get_context
 from os import cpu_count
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from sysid import processes
 from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.fitting.compiled import compiled, jax_module
@@ -108,7 +107,7 @@ class BatchRunner:
         if len(at) == 1:
             return self.one_by_one(runs)
         runner = replace(self, setup=self.setup.plain())
-        with ProcessPoolExecutor(cpu_count(), mp_context=get_context("spawn")) as pool:
+        with processes.pool(cpu_count()) as pool:
             return joined(list(pool.map(runner.one_by_one, [runs.rows(rows) for rows in at])))
 
     def one_by_one(self, runs: Runs) -> Driven:

@@ -2,13 +2,15 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import yaml
+from pydantic import BaseModel
 
-from sysid.data.files import write_atomic
+from sysid.data.documents import plain
+from sysid.data.files import contents, write_atomic
 from sysid.data.yaml_files.source import read_yaml
-from sysid.errors import DataError, UsageError
+from sysid.errors import DataError, SysidError, UsageError
 from sysid.mission.control.axes import AXES, AxisController
 from sysid.mission.registry import kind_of
 from sysid.mission.settings import TunedSettings
@@ -33,7 +35,7 @@ def write_mission(source: Path, target: Path, mission: Mission, role: str = "con
     """
     if target.exists() and target.samefile(source):
         raise UsageError(f"{target} is the mission itself; name another file")
-    text = source.read_bytes().decode("utf-8-sig")
+    text = contents(source).decode("utf-8-sig")
     law = getattr(mission, role)
     new = replaced(text, read_yaml(source).values, role, section(role, law))
     write_atomic(target, new.encode())
@@ -73,7 +75,7 @@ def write_vehicle(source: Path, target: Path, sections: Sections) -> Path:
         raise UsageError(f"{target} is the mission itself; name another file")
     rolls = kind_of("motion", load_mission(source).motion) == "kinematic"
     values = dict(read_yaml(source).values)
-    text = source.read_bytes().decode("utf-8-sig")
+    text = contents(source).decode("utf-8-sig")
     for role, keys in sections.items():
         if role == "motion" and not rolls:
             continue
@@ -97,6 +99,24 @@ def _rounded(keys: Mapping[str, Any]) -> dict[str, Any]:
         return [short(v) for v in value] if isinstance(value, list) else value
 
     return {name: short(value) for name, value in keys.items()}
+
+
+def mission_values(mission: Mission) -> dict[str, Any] | None:
+    """A mission as plain values, of which ``Mission.model_validate`` makes the same mission.
+
+    None where a mission file could not say it, such as a law that no package names.
+    """
+    values = mission.model_dump(exclude_unset=True)
+    for role in ("guidance", "control", "navigation", "motion"):
+        values[role] = section(role, getattr(mission, role))
+    values["sensors"] = {
+        kind: cast(BaseModel, sensor).model_dump() for kind, sensor in mission.sensors.items()
+    }
+    try:
+        values = plain(values)
+        return values if Mission.model_validate(values) == mission else None
+    except (TypeError, ValueError, SysidError):
+        return None
 
 
 def section(role: str, control: Any) -> dict[str, Any]:

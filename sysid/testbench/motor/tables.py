@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from sysid.data.column_words import REFERENCES, SUPPLIES, words
+from sysid.data.files import contents
 from sysid.data.reading.table import Table, read_table
 from sysid.data.record import Array
 from sysid.data.unit_words import ending, synonym
@@ -75,7 +76,7 @@ def read_bench_table(path: Path) -> Table:
         DataError: there is no such file, or it is no table of named columns.
     """
     try:
-        return read_table(path.read_bytes(), path.name)
+        return read_table(contents(path), path.name)
     except OSError as error:
         raise DataError(f"{path} cannot be read ({error.strerror}); name a CSV file") from None
 

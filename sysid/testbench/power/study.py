@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.files import write_atomic
+from sysid.data.files import contents, write_atomic
 from sysid.data.finding import Finding, Severity
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.yaml_files.source import read_yaml
@@ -182,7 +182,7 @@ def write_supply(mission: Path, bench: PowerBench) -> Path:
         raise UsageError("no measured value belongs to a mission's vehicle.supply")
     vehicle = {**(values.get("vehicle") or {})}
     vehicle["supply"] = {**(vehicle.get("supply") or {}), **keys}
-    text = mission.read_bytes().decode("utf-8-sig")
+    text = contents(mission).decode("utf-8-sig")
     write_atomic(mission, replaced(text, values, "vehicle", vehicle))
     load_mission(mission)
     return mission
