@@ -10,7 +10,6 @@ from sysid.errors import SysidError
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
 
-
 BESIDE_THE_PLANT = (
     "The plant explains the measured wheel speeds, so the cause lies in what the runs have besides "
     "it: check the mission's start, laws, vehicle lengths and ground."

@@ -258,7 +258,7 @@ def _step(t: Array, share: Array) -> tuple[Array, Array]:
 
 def _left(share: Array) -> Array:
     """Steady-state error |1 − share| of the last tenth of answers (T, K), its mean, [%]."""
-    return 100.0 * np.abs(1.0 - share[-max(1, len(share) // 10) :].mean(axis=0))
+    return np.asarray(100.0 * np.abs(1.0 - share[-max(1, len(share) // 10) :].mean(axis=0)))
 
 
 def _reached(t: Array, share: Array, level: float) -> Array:
