@@ -215,9 +215,9 @@ CASES = (
     Case("compare --val {slow.csv}", 1, "slow.csv"),
     Case("compare --plot ranking.gif", 2, "ranking.gif"),
     Case("compare --workspace {nowhere}", 1, "sysid fit"),
-    _broken("model_no_json", "compare", "arx-"),
-    _broken("model_no_model", "compare", "arx-"),
-    _broken("model_no_time", "compare", "arx-"),
+    _broken("model_no_json", "compare arx", "arx-"),
+    _broken("model_no_model", "compare arx", "arx-"),
+    _broken("model_no_time", "compare arx", "arx-"),
     _broken("index_damaged", "compare", "index.json"),
     _broken("state_damaged", "export", "state.json"),
     # missions, one of each way to end (others: test_mission_spec), and plants
