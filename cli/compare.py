@@ -68,13 +68,21 @@ def compare(
     criterion = known_name(criterion)
     targets.check_picture(plot)
     store = Workspace(workspace)
-    stored = [store.load(i) for i in dict.fromkeys(models)] if models else store.all()
+    unreadable: dict[str, str] = {}
+    if models:
+        stored = [store.load(i) for i in dict.fromkeys(models)]
+    else:
+        stored, unreadable = store.readable()
     with render.progress("Comparing"):
         data = StoredData()
         contenders = [data.contender(s) for s in stored]
         judged_on, findings = _validation(stored, validation, read)
         ranking = rank(contenders, criterion, judged_on, policy)
-    ranking = replace(ranking, notes=(*ranking.notes, *warned(findings)))
+    ranking = replace(
+        ranking,
+        notes=(*ranking.notes, *warned(findings)),
+        excluded={**ranking.excluded, **unreadable},
+    )
     crossed = _cross_validated(ranking, folds)
     store.remember("best", ranking.best.contender.id)
     if plot is not None:

@@ -44,7 +44,7 @@ def models(
         raise UsageError(f"sysid models {action.value} {complaint}; `sysid models` lists them")
     store = Workspace(workspace)
     if action is Action.LIST or id is None:
-        (_list_document if json else _list)(store.all(), store.root)
+        (_list_document if json else _list)(*store.readable(), store.root)
     elif action is Action.SHOW:
         (_document if json else _show)(store.chosen(None if id == BEST else id))
     else:
@@ -80,11 +80,12 @@ def _fit_percent(report: dict[str, Any]) -> dict[str, float | None]:
     return {}
 
 
-def _list_document(stored: "list[StoredModel]", _root: Path) -> None:
-    render.document({"models": [_summary(s) for s in stored]})
+def _list_document(stored: "list[StoredModel]", unreadable: dict[str, str], _root: Path) -> None:
+    left_out = [{"model": id, "reason": reason} for id, reason in unreadable.items()]
+    render.document({"models": [_summary(s) for s in stored], "unreadable": left_out})
 
 
-def _list(stored: "list[StoredModel]", root: Path) -> None:
+def _list(stored: "list[StoredModel]", unreadable: dict[str, str], root: Path) -> None:
     if not stored:
         render.say(f"The workspace {root} holds no model; run `sysid fit` first.")
         return
@@ -102,6 +103,8 @@ def _list(stored: "list[StoredModel]", root: Path) -> None:
         for s in map(_summary, stored)
     ]
     render.table(("model", "orders", "channels", "fit [%]", "stable", "data"), rows)
+    for reason in unreadable.values():
+        render.warn(f"! {reason}")
 
 
 def _document(stored: "StoredModel") -> None:

@@ -36,19 +36,33 @@ def zone_words(pair: "LivePair", unit: str) -> str:
 def change_sentence(change: "LiveChange") -> str:
     """When the plant changed, what, and by how much."""
     moved = [
-        f"{n.input} → {n.output} gain {_estimate(n.gain_before)} → {_estimate(n.gain_after)}, "
-        f"time constant {_estimate(n.time_constant_before)} → {_estimate(n.time_constant_after)} s"
+        f"{n.input} → {n.output}: gain {_moved(n.gain_before, n.gain_after)}, "
+        f"time constant {_moved(n.time_constant_before, n.time_constant_after, 's')}"
         for n in change.numbers
         if n.output == change.output
     ]
     return (
-        f"The plant changed at {change.time:.4g} s (± {change.within:.2g} s): the response of "
-        f"{change.output} changed by {100.0 * change.share:.2g} %; {'; '.join(moved)}."
+        f"The plant changed at {change.time:.4g} s (± {change.within:.2g} s), seen in "
+        f"{change.output}: {'; '.join(moved)}."
     )
 
 
-def _estimate(estimate: "Estimate | None") -> str:
-    return "not known yet" if estimate is None else with_error(estimate.value, estimate.std_error)
+def _moved(before: "Estimate", after: "Estimate | None", unit: str = "") -> str:
+    """By how much a number changed, and from what to what; only what errors do not explain."""
+    first = with_error(before.value, before.std_error)
+    if after is None:
+        return f"{first} before, not known yet after"
+    ends = f"({first} → {with_error(after.value, after.std_error, unit)})"
+    change = after.value - before.value
+    if not abs(change) > SURELY * (before.std_error**2 + after.std_error**2) ** 0.5:
+        return f"not significantly changed {ends}"
+    share = 100.0 * abs(change / before.value) if before.value else float("inf")
+    way = "falls" if abs(after.value) < abs(before.value) else "rises"
+    return f"{way} by {share:.2g} % {ends}"
+
+
+SURELY = 3.0
+"""Standard errors by which a number must have moved to be said to have changed."""
 
 
 def excitation_sentence(state: "LiveState") -> str:

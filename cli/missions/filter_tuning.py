@@ -105,7 +105,7 @@ def _show(name: str, tuning: "FilterTuning", facts: dict[str, Any]) -> None:
     before, after = facts["consistency"]["before"], facts["consistency"]["after"]
     pairs = [
         (key, render.number(before[key], 3), render.number(after[key], 3))
-        for key in ("nis_mean", "nees_mean")
+        for key in ("nis_mean", "nees_mean", "nees_heading_mean")
         if before.get(key) is not None and after.get(key) is not None
     ]
     errors = facts["errors"]

@@ -113,8 +113,13 @@ def _show(name: str, facts: dict[str, Any]) -> None:
             ("error of the position, rms [m]", render.number(errors["position_rms_m"], 3)),
             ("error of the position, at the end [m]", render.number(errors["position_end_m"], 3)),
             ("error of the heading, rms [rad]", render.number(errors["heading_rms_rad"], 3)),
+            ("error of the heading, at the end [rad]", render.number(errors["heading_end_rad"], 3)),
         ]
-    for figure, words in (("nis", "innovations (NIS)"), ("nees", "errors (NEES)")):
+    for figure, words in (
+        ("nis", "innovations (NIS)"),
+        ("nees", "errors of the position (NEES)"),
+        ("nees_heading", "errors of the heading (NEES)"),
+    ):
         if figures.get(f"{figure}_mean") is not None:
             low, high = figures[f"{figure}_bounds"]
             mean = figures[f"{figure}_mean"]

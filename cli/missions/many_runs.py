@@ -241,7 +241,7 @@ def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
         for words, key in figures
         if batch[key]
     ]
-    render.table(("", "5 %", "half", "95 %"), quantiles)
+    render.table(("", "5 %", "median", "95 %"), quantiles)
     _show_drivers(batch)
     render.say(batch["sentence"])
     worst = ", ".join(

@@ -64,7 +64,7 @@ def show_measured(comparison: dict[str, Any]) -> None:
     for note in comparison["notes"]:
         render.say(note)
     share = 100 * comparison["inside_share"]
-    render.say(f"{comparison['sentence']} It lies inside for {share:.3g} % lie inside.")
+    render.say(f"{comparison['sentence']} {share:.3g} % of the drive lies inside.")
 
 
 def draw_measured(path: Path, name: str, mission: "Mission", comparison: "Comparison") -> None:

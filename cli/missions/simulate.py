@@ -216,6 +216,8 @@ def show_drive(name: str, facts: dict[str, Any]) -> None:
             ("time [s]", render.number(facts["time_s"], 4)),
             ("final x, y [m]", f"{final['x']:.3f}, {final['y']:.3f}"),
             ("final heading [rad]", f"{final['psi']:.3f}"),
+            ("off the goal [m]", render.number(facts["off_goal_m"], 3)),
+            ("… as the robot believes", render.number(facts["believed"]["off_goal_m"], 3)),
             ("path driven [m]", render.number(facts["path_length_m"], 4)),
             ("nearest obstacle [m]", render.number(facts["min_clearance_m"], 3)),
             ("off the straight line [m]", render.number(facts["max_deviation_m"], 3)),

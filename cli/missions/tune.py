@@ -187,6 +187,8 @@ _COLUMNS = (
     ("over V [%]", "overshoot_speed", 1),
     ("rise ψ [s]", "rise_yaw_s", 2),
     ("over ψ [%]", "overshoot_yaw", 1),
+    ("off V [%]", "error_speed", 1),
+    ("off ψ [%]", "error_yaw", 1),
     ("time [s]", "time_s", 1),
     ("clear [m]", "min_clearance_m", 2),
     ("effort [s]", "effort", 2),
@@ -212,8 +214,8 @@ def _number(value: float | None, digits: int) -> str:
 def _caption(tuning: "Tuning") -> str:
     test = tuning.test
     return (
-        f"V to {test.speed:.3g} m/s, ψ by 60° and back to -60°; effort: ∫(V_cmd² + ψ_cmd²) dt; –: "
-        f"never; --json has all {len(tuning.front)} sets to choose from"
+        f"V to {test.speed:.3g} m/s, ψ by 60° and back to -60°; off: steady-state error; effort: "
+        f"∫(V_cmd² + ψ_cmd²) dt; –: never; --json has all {len(tuning.front)} sets to choose from"
     )
 
 

@@ -10,6 +10,16 @@ from sysid.errors import SysidError
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
 
+BESIDE_THE_PLANT = (
+    "The plant explains the measured wheel speeds, so the cause lies in what the runs have besides "
+    "it: check the mission's start, laws, vehicle lengths and ground."
+)
+NO_NAME = (
+    "The plant does not explain the measured wheel speeds, and no effect of the catalogue is "
+    "significant; run `sysid diagnose` on this log."
+)
+"""What a diagnosis without a name means for a drive that leaves its prediction."""
+
 
 @dataclass(frozen=True)
 class LikelyCause:
@@ -47,7 +57,8 @@ def likely_cause(
         return LikelyCause(None, (), f"No cause can be named: {error}.")
     causes = [e for e in diagnosis.effects if e.id not in OF_THE_LOG]
     if not causes:
-        return LikelyCause(None, (), f"The diagnosis names no cause: {diagnosis.story}")
+        explained = diagnosis.verdict == "no-missing-effect"
+        return LikelyCause(None, (), BESIDE_THE_PLANT if explained else NO_NAME)
     first, *rest = causes
     others = tuple(e.id for e in rest)
     also = f" Also found: {', '.join(others)}." if others else ""

@@ -19,9 +19,11 @@ from sysid.estimation.offsets.choice import known_policy
 from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.select_structure import select_structure, structures_for
+from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.structures.orders import orders_text
 from sysid.structures.own_names import options_in_generic_names
+from sysid.structures.registry import structure_class
 
 SHOWN_CANDIDATES = 10
 
@@ -95,6 +97,16 @@ def identify(
     known_policy(request.detrend)
     findings = inspect_records(facts, nonlinearity=request.orders is None) if inspect else ()
     names = structures_for(request.structures, records[0].input_names)
+    bare = replace(request.options, method=Method.LEVENBERG_MARQUARDT, extra={})
+    if (
+        request.options.method is not Method.LEVENBERG_MARQUARDT
+        and bare == FitOptions()
+        and all(structure_class(n).solved_at_once for n in names)
+    ):
+        raise UsageError(
+            f"{', '.join(names)} is solved in closed form, without a search; omit `method`, or fit "
+            "with `focus='simulation'`"
+        )
     grids = None if request.orders is None else parse_grids(request.orders, names)
     request = replace(request, criterion=known_name(request.criterion))
     options = replace(

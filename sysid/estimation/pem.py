@@ -16,6 +16,7 @@ from sysid.errors import DataError, UsageError
 from sysid.estimation.offsets.estimated_offset import fit_with_offset
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.robust_fit import bounded_errors, fitter
+from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter
 from sysid.structures.base import Structure
@@ -161,6 +162,11 @@ def _constrained(
         raise UsageError(
             f"{structure.name} has no input, so that its free run from rest stays at zero; fit it "
             "with the focus on prediction"
+        )
+    if options.method is not Method.LEVENBERG_MARQUARDT and not structure.takes_method:
+        raise UsageError(
+            f"{structure.name} has a search of its own, on which `method` does not act; omit "
+            "`method`, or choose another structure"
         )
     parameters = structure.parameters(record.inputs, record.outputs)
     names = [p.name for p in parameters]

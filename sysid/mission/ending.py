@@ -49,8 +49,8 @@ def sentence(
         last: references at the end.
     """
     guidance = mission.guidance.advice
-    if outcome is Outcome.ARRIVED:
-        return _arrived(mission, float(_to_goal(mission, log)[-1]))
+    if outcome in (Outcome.ARRIVED, Outcome.MISSED):
+        return _arrived(outcome, mission, float(_to_goal(mission, log)[-1]))
     if outcome is Outcome.TIMEOUT:
         faster = _either("raise timeout", guidance.faster)
         led = f" while it was led out of {_HOLD_WORDS[Hold(int(last.hold))]}" if last.detour else ""
@@ -61,10 +61,13 @@ def sentence(
     return _stuck(mission, log, last)[1]
 
 
-def _arrived(mission: Mission, away: float) -> str:
+def _arrived(outcome: Outcome, mission: Mission, away: float) -> str:
     """What it holds for the goal, and where it is: with slip or sensors these are two places."""
-    if away <= mission.tolerance:
+    if away <= mission.tolerance or not mission.guidance.traits.ends_at_goal:
         return "The robot reached the goal within the tolerance."
+    if outcome is Outcome.ARRIVED:
+        beyond = f"{100 * (away / mission.tolerance - 1):.2g} % beyond the tolerance"
+        return f"The robot reached the goal: it is {away:.3g} m from it, {beyond}."
     return (
         f"The estimated pose reached the goal, but the robot is {away:.2g} m from it: its wheels "
         "slip or its sensors err; add a position sensor to navigation."

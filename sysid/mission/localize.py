@@ -14,6 +14,7 @@ from sysid.errors import DataError
 from sysid.mission.contracts import Body, NavigationInputs, Pose, Reporting, Scene
 from sysid.mission.registry import law
 from sysid.mission.spec import Mission
+from sysid.vehicle.kinematics import wrap_angle
 
 MEASUREMENTS = (
     Wanted("omega_l", "rad/s", "speed", "left"),
@@ -49,9 +50,10 @@ class Localization:
     Attributes:
         columns: ``t``, the estimate and what the law reports, by name, (N,) each.
         consistency: ``nis_mean``, ``nis_bounds``, and where the log holds the true pose
-            ``nees_mean``, ``nees_bounds``; empty where the law reports no covariance.
+            ``nees_mean``, ``nees_bounds`` of the position and ``nees_heading_…`` of the heading;
+            empty where the law reports no covariance.
         errors: of the estimate where the log holds the true pose: ``position_rms_m``,
-            ``position_end_m``, ``heading_rms_rad``; empty elsewhere.
+            ``position_end_m``, ``heading_rms_rad``, ``heading_end_rad``; empty elsewhere.
         notes: what was assumed.
     """
 
@@ -204,12 +206,12 @@ def _errors(columns: Mapping[str, Array], pose: Array) -> dict[str, float]:
     """Errors against the true pose, where that is known."""
     known = np.isfinite(pose).all(axis=1)
     distance = np.hypot(columns["x_est"] - pose[:, 0], columns["y_est"] - pose[:, 1])[known]
-    angle = (columns["psi_est"] - pose[:, 2])[known]
-    angle = np.arctan2(np.sin(angle), np.cos(angle))
+    angle = wrap_angle((columns["psi_est"] - pose[:, 2])[known])
     return {
         "position_rms_m": float(np.sqrt(np.mean(distance**2))),
         "position_end_m": float(distance[-1]),
         "heading_rms_rad": float(np.sqrt(np.mean(angle**2))),
+        "heading_end_rad": float(abs(angle[-1])),
     }
 
 
@@ -218,8 +220,9 @@ def _consistency(columns: Mapping[str, Array], pose: Array | None) -> dict[str, 
 
     NIS: the innovations of a right filter are independent, so that their sum is χ² of all
         measurements.
-    NEES: the error of the position, (x̂ − x)ᵀP⁻¹(x̂ − x), is χ² of 2 at each instant, but errors of
-    one run are like each other over time: it counts as many of them as are independent.
+    NEES: the error of the position, (x̂ − x)ᵀP⁻¹(x̂ − x), is χ² of 2 at each instant, that of the
+    heading, (ψ̂ − ψ)²/P_ψ, of 1; but errors of one run are like each other over time: as many of
+    them count as are independent.
     """
     if "nis" not in columns:
         return {}
@@ -228,14 +231,18 @@ def _consistency(columns: Mapping[str, Array], pose: Array | None) -> dict[str, 
     facts: dict[str, Any] = {"nis_mean": None, "nis_bounds": None}
     if came.any():
         facts = {"nis_mean": float(nis.mean()), "nis_bounds": _bounds(float(dof.sum()), len(nis))}
-    facts |= {"nees_mean": None, "nees_bounds": None}
+    facts |= dict.fromkeys(f"nees{of}_{n}" for of in ("", "_heading") for n in ("mean", "bounds"))
     if pose is not None:
         dx, dy = columns["x_est"] - pose[:, 0], columns["y_est"] - pose[:, 1]
         xx, xy, yy = (columns[n] for n in ("P_xx", "P_xy", "P_yy"))
-        nees = (yy * dx**2 - 2 * xy * dx * dy + xx * dy**2) / (xx * yy - xy**2)
-        nees = nees[np.isfinite(nees)][1:]  # the start is given, not estimated
-        count = _independent(nees)
-        facts |= {"nees_mean": float(nees.mean()), "nees_bounds": _bounds(2.0 * count, count)}
+        place = (yy * dx**2 - 2 * xy * dx * dy + xx * dy**2) / (xx * yy - xy**2)
+        heading = wrap_angle(columns["psi_est"] - pose[:, 2]) ** 2 / columns["P_psi"]
+        for of, nees, size in (("", place, 2.0), ("_heading", heading, 1.0)):
+            nees = nees[np.isfinite(nees)][1:]  # the start is given, not estimated
+            if len(nees):
+                count = _independent(nees)
+                bounds = _bounds(size * count, count)
+                facts |= {f"nees{of}_mean": float(nees.mean()), f"nees{of}_bounds": bounds}
     return facts
 
 

@@ -62,6 +62,11 @@ class StuckRule:
 
 STUCK = StuckRule()
 
+THERE = 1.5
+"""A robot has arrived when it truly is within so many tolerances of the goal. Guidance stops it at
+the edge of the tolerance by the estimated pose, so within one tolerance an error of a millimetre
+would decide; half of it is left to navigation."""
+
 
 class Verdict(IntEnum):
     """Whether a run goes on, as a number that arrays can hold."""
@@ -71,6 +76,7 @@ class Verdict(IntEnum):
     ARRIVED = 2
     STUCK = 3
     TIMEOUT = 4
+    MISSED = 5
 
 
 class Tick(NamedTuple):
@@ -409,9 +415,13 @@ class Loop:
         late = tick.t + self.plant.dt > self.timeout * (1 + 1e-9)
         standing = xp.logical_not(closer) & (tick.t - last.best_time >= STUCK.time)
         verdict = xp.where(late, Verdict.TIMEOUT, Verdict.GOES_ON)
+        there: Real = True
+        if self.guidance.traits.ends_at_goal:
+            there = scene.to_goal(body.pose, xp) <= THERE * scene.tolerance
         for condition, name in (
             (standing | wanted.gives_up, Verdict.STUCK),
-            (wanted.arrived, Verdict.ARRIVED),
+            (wanted.arrived, Verdict.MISSED),
+            (wanted.arrived & there, Verdict.ARRIVED),
             (clearance <= 0, Verdict.COLLISION),
         ):
             verdict = xp.where(condition, name, verdict)

@@ -13,9 +13,10 @@ from sysid.mission.contracts import Pose
 
 
 class Outcome(StrEnum):
-    """How a mission ended."""
+    """How a mission ended; ``missed``: the robot believes that it has arrived, and is not there."""
 
     ARRIVED = "arrived"
+    MISSED = "missed"
     TIMEOUT = "timeout"
     COLLISION = "collision"
     STUCK = "stuck"
@@ -55,7 +56,10 @@ class MissionResult:
 
     Attributes:
         time_s: when [s].
-        final: the last X [m], Y [m], ψ [rad].
+        final: the last X [m], Y [m], ψ [rad], as the robot truly is.
+        off_goal_m: its distance from the goal [m].
+        believed: the pose that navigation takes for the last one.
+        believed_off_goal_m: the distance of that from the goal [m].
         path_length_m: length of the path driven [m].
         min_clearance_m: smallest distance from the robot's centre to an obstacle's surface [m];
             None without obstacles.
@@ -69,6 +73,9 @@ class MissionResult:
     outcome: Outcome
     time_s: float
     final: Pose
+    off_goal_m: float
+    believed: Pose
+    believed_off_goal_m: float
     path_length_m: float
     min_clearance_m: float | None
     max_deviation_m: float
@@ -83,6 +90,8 @@ class MissionResult:
             "sentence": self.sentence,
             "time_s": self.time_s,
             "final": self.final._asdict(),
+            "off_goal_m": self.off_goal_m,
+            "believed": self.believed._asdict() | {"off_goal_m": self.believed_off_goal_m},
             "path_length_m": self.path_length_m,
             "min_clearance_m": self.min_clearance_m,
             "max_deviation_m": self.max_deviation_m,

@@ -80,7 +80,9 @@ def simulate(
 
     A mission ends at the first sample where the robot has touched an obstacle (clearance ≤ 0
     anywhere on the way there), guidance reports arrival, the distance to go has shrunk too little
-    for too long (:class:`sysid.mission.loop.StuckRule`), or the timeout is reached.
+    for too long (:class:`sysid.mission.loop.StuckRule`), or the timeout is reached. It has arrived
+    where its true pose is at the goal (:data:`sysid.mission.loop.THERE`), and has missed it where
+    only the estimated one is.
 
     Args:
         mission: what to do, and by which laws.
@@ -133,11 +135,15 @@ def result_of(
             f"the mission was interrupted at t = {table[-1, 0]:g} s by its other half; read its "
             "message, and start both again"
         )
-    (x, y, psi), last = state.body.pose, state.references
+    final, believed = (Pose(*map(float, b.pose)) for b in (state.body, state.estimate))
+    last = state.references
     return MissionResult(
         outcome=outcome,
         time_s=float(table[-1, 0]),
-        final=Pose(float(x), float(y), float(psi)),
+        final=final,
+        off_goal_m=float(loop.scene.to_goal(final, floats)),
+        believed=believed,
+        believed_off_goal_m=float(loop.scene.to_goal(believed, floats)),
         path_length_m=float(state.progress.path_length),
         min_clearance_m=float(state.progress.clearance) if has_surfaces(loop.scene) else None,
         max_deviation_m=_deviation(mission, log),

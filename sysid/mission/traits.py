@@ -25,12 +25,14 @@ class GuidanceTraits:
         feasible: its references are kept within the limits of the plant unless a mission says
             otherwise.
         top_speed: no reference of speed is above it [m/s].
+        ends_at_goal: it calls reached what lies at the goal; otherwise its end is no place.
     """
 
     passes_waypoints: bool = False
     follows_path: bool = False
     feasible: bool = False
     top_speed: float = math.inf
+    ends_at_goal: bool = True
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ _SOLID = "#8d99a6"
 
 _ENDINGS = {
     "arrived": ("arrived after", style.GREEN),
+    "missed": ("missed the goal after", style.VERMILION),
     "timeout": ("timed out after", style.VERMILION),
     "collision": ("collided after", style.VERMILION),
     "stuck": ("stuck after", style.VERMILION),
@@ -53,7 +54,7 @@ class MissionPicture:
     """What a picture of a mission shows.
 
     Attributes:
-        outcome: ``arrived``, ``timeout``, ``collision`` or ``stuck``.
+        outcome: ``arrived``, ``missed``, ``timeout``, ``collision`` or ``stuck``.
         t: instants [s], shape (N,), N ≥ 1.
         pose: x [m], y [m], ψ [rad, counter-clockwise], shape (N, 3).
         speed: forward speed Vx [m/s], shape (N,).

@@ -44,6 +44,8 @@ class Structure(Dynamics):
     """Whether a fit chooses among products of past signals."""
     takes_inputs: ClassVar[bool] = True
     """Whether it is driven by inputs; one that is not models a signal from its own past."""
+    takes_method: ClassVar[bool] = True
+    """Whether ``FitOptions.method`` says how it is searched, from its starts to its end."""
 
     @property
     def counts_from_zero(self) -> bool:

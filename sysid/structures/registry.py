@@ -92,7 +92,10 @@ def structure_from_json(raw: Mapping[str, Any]) -> Structure:
         cls = _load(MADE[name]) if name in MADE else structure_class(name)
         return cls.from_json(raw)
     except (KeyError, TypeError, ValueError, UsageError) as error:
-        raise ModelError(f"the model's structure cannot be read ({error}); fit it again") from None
+        raise ModelError(
+            f"the model's structure cannot be read ({error}); install the package that has it, or "
+            "fit the model again"
+        ) from None
 
 
 def require_readable(structure: Structure) -> None:

@@ -171,12 +171,26 @@ class Workspace:
         raise UsageError(f"no model {id!r} in the workspace {self.root}: {there}")
 
     def all(self) -> list[StoredModel]:
-        """Every model in the order of saving.
+        """Every model that can be read, as of :meth:`readable`."""
+        return self.readable()[0]
+
+    def readable(self) -> tuple[list[StoredModel], dict[str, str]]:
+        """The models in the order of saving, and id → why of those that cannot be read: a damaged
+        file, or a structure of a package that is not installed.
 
         Raises:
-            ModelError: a file is damaged; the sentence names it.
+            ModelError: none can be read; the sentence names the first.
         """
-        return [self._read(id) for id in self._ids()]
+        models: list[StoredModel] = []
+        unreadable: dict[str, ModelError] = {}
+        for id in self._ids():
+            try:
+                models.append(self._read(id))
+            except ModelError as error:
+                unreadable[id] = error
+        if unreadable and not models:
+            raise next(iter(unreadable.values()))
+        return models, {id: str(error) for id, error in unreadable.items()}
 
     def remove(self, id: str) -> str:
         """Delete one model by its id or the beginning of it; return its id.
@@ -226,7 +240,10 @@ class Workspace:
         """
         ids, preferred = self._ids(), self._preferred()
         for id in dict.fromkeys([*(i for i in preferred if i in ids), *reversed(ids)]):
-            stored = self._read(id)
+            try:
+                stored = self._read(id)
+            except ModelError:
+                continue
             made = stored.model.provenance.options.get("made_by") == "diagnose"
             if made and id not in preferred:
                 continue

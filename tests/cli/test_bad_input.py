@@ -58,8 +58,14 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     return Bench(root)
 
 
-def _first_model(workspace: Path) -> Path:
-    return sorted((workspace / "models").glob("arx-*.json"))[0]
+def _models(workspace: Path) -> list[Path]:
+    """All of them: one that can be read would be compared."""
+    return sorted((workspace / "models").glob("*.json"))
+
+
+def _overwrite_models(workspace: Path, text: str) -> None:
+    for file in _models(workspace):
+        file.write_text(text)
 
 
 def _edit_plant(key: str, value: object) -> Callable[[Path], None]:
@@ -73,15 +79,15 @@ def _edit_plant(key: str, value: object) -> Callable[[Path], None]:
 
 
 def _edit_model(workspace: Path) -> None:
-    file = _first_model(workspace)
-    content = json.loads(file.read_text())
-    del content["model"]["sample_time"]
-    file.write_text(json.dumps(content))
+    for file in _models(workspace):
+        content = json.loads(file.read_text())
+        del content["model"]["sample_time"]
+        file.write_text(json.dumps(content))
 
 
 DAMAGE: dict[str, Callable[[Path], None]] = {
-    "model_no_json": lambda w: _first_model(w).write_text("{"),
-    "model_no_model": lambda w: _first_model(w).write_text("[]"),
+    "model_no_json": lambda w: _overwrite_models(w, "{"),
+    "model_no_model": lambda w: _overwrite_models(w, "[]"),
     "model_no_time": _edit_model,
     "index_damaged": lambda w: (w / "index.json").write_text('{"a": 1}'),
     "state_damaged": lambda w: (w / "state.json").write_text("[1, 2]"),

@@ -111,6 +111,7 @@ DAMAGE = {
     "another id": lambda text: text.replace('"id": "arx', '"id": "bj', 1),
     "no report": lambda text: text.replace('"report"', '"story"', 1),
     "another schema": lambda text: text.replace("sysid-model/1", "sysid-model/9"),
+    "a package is gone": lambda text: text.replace('"structure": "arx"', '"structure": "own"'),
     "a channel too few": lambda text: text.replace('"inputs"', '"inputs": [], "old"', 1),
     "nested without end": lambda text: "[" * 100_000,
 }
@@ -121,7 +122,10 @@ def test_a_damaged_model_is_named_and_can_be_removed(place: Workspace, kind: str
     place.save(variant(1), {})
     stored = place.save(variant(2), {})
     stored.path.write_text(DAMAGE[kind](stored.path.read_text()))
-    for use in (place.all, lambda: place.load(stored.id), lambda: place.chosen(None)):
+    models, unreadable = place.readable()
+    assert len(models) == 1
+    assert str(stored.path) in unreadable[stored.id]
+    for use in (lambda: place.load(stored.id), lambda: place.chosen(None)):
         with pytest.raises(ModelError) as caught:
             use()
         assert str(stored.path) in str(caught.value)

@@ -18,9 +18,11 @@ from studies import coverage
 from sysid.criteria.fit import fit_percent, rmse
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
-from sysid.errors import Termination
+from sysid.errors import Termination, UsageError
+from sysid.estimation.identify import Request, identify
 from sysid.estimation.pem import fit
 from sysid.fitting import normal_equations as ne
+from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.structures.initial_state_window import initial_state_window
@@ -335,3 +337,31 @@ def test_a_long_record_is_searched_from_pieces_of_it(name: str) -> None:
     theta, _, _ = full._from(full._own_starts())
     errors = np.sqrt(np.diag(whole.covariance))
     assert np.all(np.abs(whole.theta - theta) < 0.02 * errors)
+
+
+@pytest.mark.parametrize("name", ["arx", "hammerstein-wiener", "narx-wavelet", "dc-motor"])
+def test_a_method_that_does_not_act_is_refused(name: str) -> None:
+    rng = np.random.default_rng(0)
+    record = Record(rng.standard_normal((200, 1)), rng.standard_normal((200, 1)), 0.1)
+    orders = " ".join(f"{o}=1" for o in structure_class(name).order_names) or None
+    request = Request(
+        structures=(name,),
+        orders=orders,
+        options=FitOptions(method=Method.GRADIENT),
+    )
+    with pytest.raises(UsageError, match="omit `method`"):
+        identify([record], [], request)
+
+
+def test_a_method_acts() -> None:
+    """Of the structures that take one: the end of few gradient steps is another."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal((300, 1))
+    y = np.stack([lfilter([0.0, 1.0], [1.0, -0.9], u[:, 0])], axis=1)
+    record = Record(u, y + 0.5 * rng.standard_normal((300, 1)), 0.1)
+    structure = structure_class("oe").from_orders({"nb": 1, "nf": 2, "nk": 1}, 1, 1)
+    one, other = (
+        fit(structure, [record], FitOptions(method=m, max_evaluations=20)).theta
+        for m in (Method.LEVENBERG_MARQUARDT, Method.GRADIENT)
+    )
+    assert not np.array_equal(one, other)

@@ -84,6 +84,22 @@ def test_a_filter_that_believes_too_much_is_told_so(driven: tuple[Path, Path, Mi
     assert localization["nees_mean"] > localization["nees_bounds"][1]
 
 
+def test_the_heading_is_judged_as_the_position_is(
+    driven: tuple[Path, Path, Mission], tmp_path: Path
+) -> None:
+    _, log, mission = driven
+    right = localize(log, mission).consistency
+    assert right["nees_heading_mean"] < right["nees_heading_bounds"][1]
+    turned = tmp_path / "turned.csv"
+    table = columns(log)
+    table["psi"][1:] += 0.1  # the truth, elsewhere than the filter believes
+    write_columns(table, turned)
+    wrong = localize(turned, mission)
+    assert wrong.consistency["nees_mean"] == right["nees_mean"]
+    assert wrong.consistency["nees_heading_mean"] > wrong.consistency["nees_heading_bounds"][1]
+    assert wrong.errors["heading_end_rad"] == pytest.approx(0.1, abs=0.02)
+
+
 def test_the_command_writes_the_pose_with_its_covariance(
     driven: tuple[Path, Path, Mission], tmp_path: Path, capsys: Capture
 ) -> None:
@@ -93,7 +109,9 @@ def test_the_command_writes_the_pose_with_its_covariance(
     facts = run(capsys, *line, "--navigation", "ekf", "--json").document
     assert facts["navigation"] == "ekf"
     assert facts["output"] == str(target)
-    assert set(facts["consistency"]) == {"nis_mean", "nis_bounds", "nees_mean", "nees_bounds"}
+    assert set(facts["consistency"]) == {
+        f"{of}_{n}" for of in ("nis", "nees", "nees_heading") for n in ("mean", "bounds")
+    }
     assert {"t", "x_est", "P_xx", "P_xy", "P_yy"} <= set(columns(target))
     assert "<svg" in picture.read_text()
     text = run(capsys, *line[:4], "--workspace", tmp_path / "w").out

@@ -14,6 +14,7 @@ from sysid.errors import ModelError, UsageError
 from sysid.mission.contracts import ROBOT_INPUTS, Body, NavigationInputs, Scene
 from sysid.mission.ending import sentence
 from sysid.mission.loop import COLUMNS
+from sysid.mission.monte_carlo.runs import simulate_runs
 from sysid.mission.navigation.odometry import Odometry
 from sysid.mission.result import MissionResult, Outcome, write_log
 from sysid.mission.simulator import simulate
@@ -180,8 +181,16 @@ def test_the_controller_sees_the_reading_of_its_own_instant() -> None:
 def test_navigation_decides_when_the_robot_believes_to_have_arrived() -> None:
     optimist = goal(1, 0, navigation={"r": 1.1 * Geometry().r})
     result = simulate(optimist, Robot(difference=0.0))
-    assert result.outcome is Outcome.ARRIVED
+    assert result.outcome is Outcome.MISSED
     assert result.final[0] == pytest.approx(0.9 / 1.1, abs=0.03)  # one sample at 0.2 m/s
+    assert result.believed_off_goal_m <= 0.1
+    assert result.off_goal_m == 1.0 - result.final[0]
+    batch = simulate_runs(optimist, [Robot(difference=0.0)], 1, vary=["noise"]).sentence
+    assert "believes that it has arrived in 100 %; in 100 % it is not there, 0.18 m off" in batch
+    nearly = goal(1, 0, navigation={"r": 1.03 * Geometry().r})  # millimetres decide nothing
+    result = simulate(nearly, Robot(difference=0.0))
+    assert result.outcome is Outcome.ARRIVED
+    assert result.off_goal_m > 0.1
     assert result.log["rho_goal"][-1] <= 0.1 < 1.0 - result.final[0]
 
 

@@ -150,7 +150,10 @@ def test_rise_and_overshoot_are_those_of_the_answers() -> None:
     assert seen.overshoot_speed[0] == 0.0
     assert seen.rise_yaw_s[0] == pytest.approx(0.8, abs=1e-3)
     assert seen.overshoot_yaw[0] == pytest.approx(10.0, abs=1e-6)
+    assert seen.error_speed[0] == pytest.approx(0.0, abs=0.02)  # e⁻⁹
+    assert seen.error_yaw[0] == pytest.approx(15.0)  # it ended at 1.15 of 1
     slow = criteria(test, runs._replace(v=0.8 * v[:, None]), runs)
+    assert slow.error_speed[0] == pytest.approx(20.0, abs=0.02)
     assert np.isinf(slow.rise_speed_s[0])
 
 

@@ -1,6 +1,7 @@
 """LiveFit: gain, time constant, dead zone, excitation and changes of a plant while it runs."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -284,7 +285,8 @@ class LiveFit:
                 beyond = step_responses(self._beyond(model, zone, i))
                 of_output = [r for r in beyond if r.output == out.name]
             pairs += [pair_of(r, zone if r.input == signal else None) for r in of_output]
-        return tuple(pairs)
+        chosen = self._given or self.recursion.since >= FIRST_ORDERS
+        return tuple(replace(p, settled=p.settled and chosen) for p in pairs)
 
     def _dead_zone(self, pieces: Sequence[Array], i: int, j: int) -> DeadZone | None:
         s = self.recursion.structure

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.checks.delay import estimate_delays
+from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import DataError
 from sysid.fitting import normal_equations as ne
@@ -36,12 +37,13 @@ def chosen_orders(
     if not records:
         return plain
     try:
-        delays = estimate_delays(records, MOST_DELAY, shortest=1)
+        within = not LogFacts.of(records).closed_loop  # else it is a controller that answers
+        delays = estimate_delays(records, MOST_DELAY, shortest=0 if within else 1)
     except DataError:  # nothing moves yet
         return plain
     names_u, names_y = [c.name for c in inputs], [c.name for c in outputs]
     for d in delays:
-        nk[names_y.index(d.output)][names_u.index(d.input)] = d.delay or 1
+        nk[names_y.index(d.output)][names_u.index(d.input)] = 1 if d.delay is None else d.delay
     start = MOST_DELAY + 2
     scores = {}
     for order in (1, 2):

@@ -6,6 +6,7 @@ from pydantic import Field, field_validator, model_validator
 
 from sysid.mission.contracts import GuidanceInputs, Pose, References, Scene
 from sysid.mission.settings import GuidanceSettings
+from sysid.mission.traits import GuidanceTraits
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 Instants = Annotated[
@@ -41,6 +42,11 @@ class Steps(GuidanceSettings):
             if instants != sorted(set(instants)):
                 raise ValueError(f"the instants of {name} must rise: write [[0, a], [5, b]]")
         return self
+
+    @property
+    def traits(self) -> GuidanceTraits:
+        """It ends after a time, wherever the robot is."""
+        return GuidanceTraits(ends_at_goal=False)
 
     def start(self, scene: Scene, xp: Any) -> Real:
         """The time so far [s]."""

@@ -186,7 +186,7 @@ class CompiledRuns:
 
     @property
     def _counts(self) -> tuple[int, ...]:
-        return tuple(s.draws for s in self.setup.mission.sensors.values())
+        return tuple(s.draws for s in self.variant.scene.sensors.values())
 
     @property
     def _example(self) -> Numbers:
@@ -243,7 +243,7 @@ class CompiledRuns:
         _, jnp = _jax()
         named = [
             ([generator(self.setup.noise_seed(s), name) for s in seeds], sensor.draws)
-            for name, sensor in self.setup.mission.sensors.items()
+            for name, sensor in self.variant.scene.sensors.items()
         ]
         while True:
             yield tuple(

@@ -9,10 +9,10 @@ from sysid.data.record import Array, Index
 from sysid.mission.loop import Verdict
 from sysid.mission.result import MissionResult
 
-FAILED = 5
+FAILED = 6
 """The verdict, beside those of the loop, of a run whose plant or law gives no numbers."""
 
-OUTCOMES = ("arrived", "collision", "stuck", "timeout", "failed")
+OUTCOMES = ("arrived", "missed", "collision", "stuck", "timeout", "failed")
 """In the order of the report."""
 
 

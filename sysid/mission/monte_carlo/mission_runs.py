@@ -79,7 +79,7 @@ class MissionRuns:
 
     @property
     def outcomes(self) -> dict[str, OutcomeShare]:
-        """Arrived, collision, stuck, timeout, and failed where a run has failed."""
+        """Arrived, missed, collision, stuck, timeout, and failed where a run has failed."""
         shares = {}
         for name in OUTCOMES:
             code = FAILED if name == "failed" else Verdict[name.upper()]
@@ -127,7 +127,10 @@ class MissionRuns:
         runs = f"{self.n:,}".replace(",", " ") + " runs" if self.n != 1 else "1 run"
         if not arrived.count:
             most = max(self.outcomes, key=lambda name: self.outcomes[name].count)
-            return f"Arrives in none of {runs}: {most} in {_percent(self.outcomes[most].share)}."
+            return (
+                f"Arrives in none of {runs}: {most} in {_percent(self.outcomes[most].share)}."
+                f"{self._belief}"
+            )
         low, middle, high = np.quantile(time, (0.05, 0.5, 0.95))
         when = f"rrives in {middle:.1f} s (90 %: {low:.1f}–{high:.1f})"
         if arrived.count < self.n:
@@ -138,13 +141,26 @@ class MissionRuns:
             )
         head = "I" if arrived.count < self.n else "A"
         if not self.obstacles:
-            return f"{head}{when}, of {runs}."
+            return f"{head}{when}, of {runs}.{self._belief}"
         clearance = float(np.quantile(self.min_clearance_m, 1.0 - SURELY))
         if clearance <= 0.0:
-            return f"{head}{when}, of {runs}; some touch an obstacle."
+            return f"{head}{when}, of {runs}; some touch an obstacle.{self._belief}"
         return (
             f"{head}{when}, clears every obstacle by {clearance:.2f} m in {100 * SURELY:.0f} % of "
-            f"{runs}."
+            f"{runs}.{self._belief}"
+        )
+
+    @property
+    def _belief(self) -> str:
+        """What the robot takes for arrived, where it is wrong."""
+        missed = self.figures.verdict == Verdict.MISSED
+        if not missed.any():
+            return ""
+        believes = missed | (self.figures.verdict == Verdict.ARRIVED)
+        off = float(np.median(self.figures.final_error_m(self.goal)[missed]))
+        return (
+            f" The robot believes that it has arrived in {_percent(float(believes.mean()))}; in "
+            f"{_percent(float(missed.mean()))} it is not there, {off:.2g} m off in the median."
         )
 
     def summary(self) -> dict[str, Any]:

@@ -145,7 +145,7 @@ class Setup:
     def varied(self) -> tuple[str, ...]:
         """Names of what differs between the runs, as a user asks for them."""
         there = {name.partition(".")[0].partition("[")[0] for name, _ in self._varying}
-        if self.variation.noise and self.mission.sensors:
+        if self.variation.noise and self.plant_variants[0].scene.sensors:
             there.add("noise")
         if len(self.plants) > 1:
             there.add("models")

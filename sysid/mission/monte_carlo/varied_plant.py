@@ -8,9 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Index
+from sysid.data.record import Array
 from sysid.mission.contracts import SteppablePlant
 from sysid.structures.model import Model
+from sysid.structures.parameter_draws import ParameterDraws
 from sysid.structures.plant import Plant
 
 Flags = NDArray[np.bool_]
@@ -123,11 +124,8 @@ class ModelPlant:
         return self.model.theta
 
     @cached_property
-    def _free(self) -> Index:
-        """Entries of θ that are estimated, with a finite standard error."""
-        variance = np.diag(self.model.covariance)
-        free = [p.fixed is None for p in self.model.parameters]
-        return np.flatnonzero(np.array(free) & np.isfinite(variance) & (variance > 0.0))
+    def _draws(self) -> ParameterDraws:
+        return ParameterDraws(self.model)
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -136,20 +134,10 @@ class ModelPlant:
         pairs = zip(self.model.parameters, variance, strict=True)
         return tuple(p.name for p, v in pairs if p.fixed is None and not np.isfinite(v))
 
-    @cached_property
-    def _root(self) -> Array:
-        """L with L Lᵀ = P over the free entries, (free, size): eigenvectors of the correlation."""
-        free = self._free
-        P = np.nan_to_num(self.model.covariance[np.ix_(free, free)], posinf=0.0, neginf=0.0)
-        error = np.sqrt(np.diag(P))
-        values, vectors = np.linalg.eigh(P / np.outer(error, error))
-        kept = values > 1e-12 * max(len(free), 1)  # beyond it is rounding
-        return np.asarray(error[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
-
     @property
     def size(self) -> int:
         """Rank of the covariance."""
-        return int(self._root.shape[1])
+        return self._draws.size
 
     @property
     def has_friction(self) -> bool:
@@ -158,11 +146,7 @@ class ModelPlant:
 
     def drawn(self, z: Array, friction: Array) -> Array:
         """θ̂ + factor·L z, the entries of dry friction times their factor."""
-        thetas = np.repeat(self.theta[None], len(z), axis=0)
-        change = np.zeros((len(z), len(self._free)))
-        for k in range(self.size):  # not a product of matrices: one run alone gives the same bits
-            change += z[:, k, None] * self._root[:, k]
-        thetas[:, self._free] += self.factor * change
+        thetas = self._draws.drawn(z, self.factor)
         entries = list(self.model.structure.friction_entries())
         thetas[:, entries] *= friction[:, None]
         return thetas

@@ -77,13 +77,15 @@ def why_not_at_once(setup: Setup) -> str:
 
 def _culprit(setup: Setup, which: int, error: BaseException) -> str:
     """The part whose method was running when it failed."""
-    mission = setup.mission
+    mission, variant = setup.mission, setup.plant_variants[which]
     parts = {
         type(getattr(mission, role)): f"the law of {role}"
         for role in ("guidance", "control", "navigation", "motion")
     }
-    parts |= {type(s): f"the sensor {name}" for name, s in mission.sensors.items()}
-    culprit, place = f"the plant {setup.plants[which].name}", error.__traceback__
+    parts |= {type(s): f"the sensor {name}" for name, s in variant.scene.sensors.items()}
+    plant = f"the plant {setup.plants[which].name}"
+    parts |= {type(variant.robot): plant, type(setup.plants[which]): plant}
+    culprit, place = "the loop of the mission", error.__traceback__
     while place is not None:
         culprit = parts.get(type(place.tb_frame.f_locals.get("self")), culprit)
         place = place.tb_next

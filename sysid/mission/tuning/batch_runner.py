@@ -197,7 +197,7 @@ class BatchRunner:
     @cached_property
     def _types(self) -> Any:
         one = np.ones(len(self.names)), self.variant.sampler.plant.theta
-        counts = (s.draws for s in self.mission.sensors.values())
+        counts = (s.draws for s in self.variant.scene.sensors.values())
         return state_types(self._start, self._sampled((0, 1)), one, counts)
 
     def _sampled(self, pattern: Pattern) -> Callable[..., Any]:
@@ -270,7 +270,7 @@ class BatchRunner:
         jnp = jax_module().numpy
         named = [
             ({s: generator(s, name) for s in dict.fromkeys(seeds)}, sensor.draws)
-            for name, sensor in self.mission.sensors.items()
+            for name, sensor in self.variant.scene.sensors.items()
         ]
         while True:
             arrays = []

@@ -126,6 +126,8 @@ class Criteria(NamedTuple):
             reached.
         overshoot_speed, overshoot_yaw: beyond the step, of the yaw the larger one of step and
             reversal [%].
+        error_speed, error_yaw: what is left to their references at the end of their steps, of the
+            yaw the larger one of step and reversal [% of the step].
         time_s: of the mission [s].
         min_clearance_m: of the mission [m]; infinite without obstacles.
         effort: of the mission, ∫ (V_cmd² + ψ_cmd²) dt [s].
@@ -136,6 +138,8 @@ class Criteria(NamedTuple):
     rise_yaw_s: Array
     overshoot_speed: Array
     overshoot_yaw: Array
+    error_speed: Array
+    error_yaw: Array
     time_s: Array
     min_clearance_m: Array
     effort: Array
@@ -234,6 +238,8 @@ def criteria(test: StepTest, answers: Driven, drives: Driven) -> Criteria:
         np.where(failed, np.inf, rise_yaw),
         over_speed,
         np.maximum(over_step, over_back),
+        _left(answers.v[first] / test.speed),
+        np.maximum(_left(psi[second] / test.turn), _left(-psi[third] / test.turn)),
         drives.time_s,
         drives.clearance,
         drives.effort,
@@ -248,6 +254,11 @@ def _step(t: Array, share: Array) -> tuple[Array, Array]:
     return np.where(np.isnan(rise), np.inf, rise), 100.0 * np.maximum(
         0.0, np.max(share, axis=0) - 1.0
     )
+
+
+def _left(share: Array) -> Array:
+    """Steady-state error |1 − share| of the last tenth of answers (T, K), its mean, [%]."""
+    return np.asarray(100.0 * np.abs(1.0 - share[-max(1, len(share) // 10) :].mean(axis=0)))
 
 
 def _reached(t: Array, share: Array, level: float) -> Array:

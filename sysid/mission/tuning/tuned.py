@@ -130,6 +130,9 @@ class Tuning:
         head = f"Proposed: {named}; of {len(self.front)} sets to choose from it is {why}."
         if self.best.margins and not SAFE.kept(self.best.margins):
             head += " No set of the front has the usual margins."
+        speed, yaw = (self.best.criteria[f"error_{axis}"] for axis in ("speed", "yaw"))
+        if speed is not None and yaw is not None:
+            head += f" At the end of their steps V is off by {speed:.2g} % and ψ by {yaw:.2g} %."
         present, new = self.present.criteria["time_s"], self.best.criteria["time_s"]
         if not self.present.arrives:
             return f"{head} With the present gains the mission does not arrive."

@@ -221,7 +221,6 @@ class FinalFit:
                 max_evaluations=self.options.limit(),
                 tolerance=self.options.precision(SETTLED),
                 patience=PATIENCE,
-                method=self.options.method,
             ),
         )
 

@@ -32,6 +32,7 @@ class BlockStructure(NamedStructure):
     """Base of the block-oriented structures: everything follows from the chain of blocks."""
 
     has_noise_model: ClassVar[bool] = False
+    takes_method: ClassVar[bool] = False
     tells: ClassVar[str] = "static curves (dead zone, saturation), and the poles between them"
     stable_by_meaning: ClassVar[bool] = True
 

@@ -108,7 +108,6 @@ class Setting:
                 huber=huber,
                 max_evaluations=evaluations,
                 tolerance=COARSE if kept is not None else self.options.precision(),
-                method=self.options.method,
             ),
         )
 

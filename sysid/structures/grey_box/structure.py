@@ -65,6 +65,7 @@ class GreyBox(NamedStructure):
 
     order_names: ClassVar[tuple[str, ...]] = ()
     has_noise_model: ClassVar[bool] = False
+    takes_method: ClassVar[bool] = False
     tells: ClassVar[str] = "physical constants with units and errors"
     physical: ClassVar[bool] = True
     takes_floats: ClassVar[bool] = False

@@ -220,7 +220,6 @@ def _all_rows_refined(
             max_evaluations=options.limit(ROUNDS if samples < SHORT else FEWER_ROUNDS),
             tolerance=options.precision(TOLERANCE),
             regular=True,
-            method=options.method,
         ),
     )
     how = f"refined over {chunk} samples"

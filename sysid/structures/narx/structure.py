@@ -56,6 +56,7 @@ class NarxWavelet(RecursiveStructure):
     )
     when: ClassVar[str] = "friction, dead zones, saturation: nonlinearities of unknown form"
     # products and units see their regressors clipped: what leaves the data comes back more often
+    takes_method: ClassVar[bool] = False
     runaway: ClassVar[float] = 3.0
     has_losses: ClassVar[bool] = False  # linear algebra over thousands of units
     options: ClassVar[Mapping[str, str]] = narx_options.OPTIONS

@@ -117,7 +117,7 @@ def test_a_change_is_said_when_it_is_seen(tmp_path: Path, capsys: Capsys) -> Non
     )  # fmt: skip
     assert done.code == 0, done.err
     assert "The plant changed at 1" in done.out  # 12 s, within a block
-    assert "volts → omega gain 18.5" in done.out
+    assert "volts → omega: gain falls by 30 % (18.5" in done.out
 
 
 @pytest.mark.parametrize(

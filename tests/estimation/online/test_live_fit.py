@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sysid_cli.live.view import change_sentence
 from turning_motor import TurningMotor, steps_of
 
 from sysid.data.record import Array, Channel
@@ -92,6 +93,9 @@ def test_a_change_of_the_plant_is_told_with_numbers() -> None:
     assert numbers.gain_after is not None
     assert numbers.gain_after.value == pytest.approx(0.8 * motor.gain, rel=0.02)
     assert state.since_change < 420
+    # what is said is what the numbers say
+    assert "gain falls by 20 % (18." in change_sentence(change)
+    assert "time constant not significantly changed (0.15" in change_sentence(change)
     assert state.rows == 1400
 
 
@@ -156,12 +160,20 @@ def test_an_operating_point_away_from_zero() -> None:
     assert pair.gain.value == pytest.approx(TurningMotor().gain, rel=0.02)
 
 
-def test_orders_and_dead_time_are_chosen() -> None:
+@pytest.mark.parametrize("nk", [0, 1, 5])
+def test_orders_and_dead_time_are_chosen(nk: int) -> None:
+    """0: each row holds the speed at the end of its command, as many loggers write it."""
     u = steps_of(LEVELS, 500, 15, 7)
     y = TurningMotor().speeds(u, DT)
-    late = np.concatenate([np.zeros(4), y[:-4]])
-    live = live_motor(u, late + 0.05 * np.random.default_rng(6).standard_normal(500))
-    assert np.ravel(live.state().orders["nk"]).tolist() == [5]
+    late = np.roll(y, nk - 1)
+    late[: max(nk - 1, 0)] = 0.0
+    live = live_motor(u[:499], (late + 0.05 * np.random.default_rng(6).standard_normal(500))[:499])
+    state = live.state()
+    assert np.ravel(state.orders["nk"]).tolist() == [nk]
+    assert state.pairs[0].settled
+    assert state.pairs[0].gain.value == pytest.approx(TurningMotor().gain, rel=0.01)
+    early = live_motor(u[:150], late[:150]).state().pairs[0]
+    assert not early.settled  # as long as the dead time is not chosen
 
 
 def test_what_cannot_be_followed_is_refused() -> None:

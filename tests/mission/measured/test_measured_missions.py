@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from mission_cases import Robot, goal
 
 from sysid.data.noise import white_noise
 from sysid.data.record import Array, Record
+from sysid.diagnosis.likely_cause import likely_cause
 from sysid.effects.ground import Ground
 from sysid.errors import DataError, UsageError
 from sysid.estimation.pem import fit
@@ -244,3 +246,21 @@ def test_a_log_without_pose_is_refused_in_one_sentence(bench: Path, capsys: Capt
     replayed = run(capsys, "simulate", log, "--plant", "plant", "--measured", log)
     assert replayed.code == 2
     assert "omit --measured" in replayed.err
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ("no-missing-effect", "The plant explains the measured wheel speeds, so the cause lies in"),
+        ("unexplained", "The plant does not explain the measured wheel speeds"),
+    ],
+)
+def test_a_drive_outside_the_fan_is_never_said_to_miss_nothing(
+    verdict: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = SimpleNamespace(effects=(), verdict=verdict, story="Nothing is missing.")
+    monkeypatch.setattr("sysid.diagnosis.likely_cause.diagnose", lambda *_, **__: result)
+    log = Record(np.zeros((50, 2)), np.zeros((50, 2)), 0.1, ROBOT_INPUTS, ROBOT_OUTPUTS)
+    cause = likely_cause(log, model(), None)
+    assert cause.name is None
+    assert cause.sentence.startswith(words)

@@ -66,9 +66,11 @@ def test_runs_at_once_are_runs_alone() -> None:
     assert len(agreement(setup, seeds, moved).apart) == len(seeds)  # it can fail
 
 
-def test_a_plant_that_is_no_model_runs_at_once_too() -> None:
-    setup = Setup.of(goal(0.4, 0), [Robot()])
-    assert setup.varied == ("start", "friction")
+@pytest.mark.parametrize("kind", ["odometry", "compass"])
+def test_a_plant_that_is_no_model_runs_at_once_too(kind: str) -> None:
+    setup = Setup.of(goal(0.4, 0, navigation={"kind": kind}), [Robot()])
+    noise = ("noise",) if kind == "compass" else ()
+    assert setup.varied == (*noise, "start", "friction")
     seeds = run_seeds(0, 4)
     figures = CompiledRuns(setup, 0, 4).figures(setup.plant_variants[0].sampler.draw(seeds))
     assert agreement(setup, seeds, figures).apart == ()
@@ -247,7 +249,7 @@ def test_the_command_drives_many_and_replays_one(tmp_path: Path, capsys: Capture
     many = run(capsys, *batch, "--plot", tmp_path / "fan.svg", "--json").document
     assert (tmp_path / "fan.svg").read_text().startswith("<?xml")
     runs = many["runs"]
-    assert set(runs["outcomes"]) == {"arrived", "collision", "stuck", "timeout"}
+    assert set(runs["outcomes"]) == {"arrived", "missed", "collision", "stuck", "timeout"}
     assert set(runs["outcomes"]["arrived"]) == {"count", "share", "interval"}
     assert set(runs["time_s"]) == {"p05", "p50", "p95"}
     assert runs["vary"] == ["parameters", "start", "friction"]

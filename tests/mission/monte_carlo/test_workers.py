@@ -89,6 +89,27 @@ def test_a_law_that_cannot_be_compiled_is_named_and_runs_all_the_same() -> None:
     assert agreement(setup, batch.seeds, batch.figures).largest == 0.0
 
 
+@pytest.mark.parametrize("kind", ["ekf", "ukf", "compass", "finite-model"])
+def test_a_filter_with_default_sensors_is_compiled(kind: str) -> None:
+    mission = goal(0.3, 0.0, navigation={"kind": kind})
+    setup = Setup.of(mission, [Robot()])
+    assert "noise" in setup.varied
+    assert why_not_at_once(setup) == ""
+
+
+@dataclass(frozen=True)
+class Impatient(Robot):
+    """A plant that takes its numbers for Python's."""
+
+    def step(self, x: Any, u: Any) -> Any:
+        return super().step(x, np.array([float(v) for v in u]))
+
+
+def test_a_plant_that_cannot_be_compiled_is_named() -> None:
+    setup = Setup.of(MISSION, [Impatient()])
+    assert why_not_at_once(setup).startswith("the plant Impatient cannot be compiled (")
+
+
 def test_an_unknown_scheduler_is_refused() -> None:
     with pytest.raises(UsageError, match="there is no scheduler 'cloud': give processes"):
         simulate_runs(MISSION, [Robot()], 4, scheduler="cloud")
