@@ -90,6 +90,8 @@ class Record:
         references: what the outputs were to be, shape (N, nr), in the file's units, or None. They
             only serve to see whether a controller was running.
         reference_names: their nr column names.
+        since: what went before a piece of a longer record: seconds, and the integral of each
+            output, (1 + ny,); None at the beginning of a record.
 
     Raises:
         DataError: lengths differ, the sample time is not positive, or names do not fit.
@@ -107,6 +109,7 @@ class Record:
     weights: Array | None = None
     references: Array | None = None
     reference_names: tuple[str, ...] = ()
+    since: Array | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
