@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -52,6 +52,17 @@ class Channel:
         if ticks:
             return ticks[1] + ("/s" if ticks[2] or ticks[6] else "")
         return self.file_unit
+
+    @property
+    def to_file(self) -> tuple[float, str]:
+        """(factor, unit): value in the file's unit = factor × value; (1, ``unit``) unconverted."""
+        same = self.scale == 1.0 or not self.file_unit
+        return (1.0, self.unit) if same else (1.0 / self.scale, self.file_words)
+
+    def worded(self, write: Callable[[float], str]) -> str:
+        """``71.3 rpm (7.47 rad/s)``: in the file's unit, and SI; ``write`` takes the factor."""
+        (factor, unit), si = self.to_file, f"{write(1.0)} {self.unit}".strip()
+        return si if factor == 1.0 else f"{write(factor)} {unit} ({si})"
 
 
 def frozen(values: ArrayLike, columns: int | None = None) -> Array:

@@ -68,6 +68,7 @@ class StepResponse:
         settling: time after which the output stays within 2 % of its final change [s].
         integrates: whether the output runs away at a constant rate.
         settles: whether it comes to rest, or to a constant rate, at all.
+        span: range of the input that the model has seen, in its unit; the step where unknown.
     """
 
     input: str
@@ -86,6 +87,18 @@ class StepResponse:
     settling: Estimate
     integrates: bool
     settles: bool
+    span: float = 1.0
+
+    @property
+    def moves(self) -> float:
+        """What the input does to the output, NaN where it does not settle.
+
+        Gains of inputs in different units are compared by this: |gain| times the range seen, or
+        the step of a nonlinear model.
+        """
+        return abs(self.gain.value) * (
+            self.span if self.share is None else abs(self.level - self.start)
+        )
 
     def to_json(self) -> dict[str, Any]:
         """All of it as a JSON object; numbers that are not finite are left to the writer."""
@@ -194,6 +207,7 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
                 settling=settling,
                 integrates=run.integrates,
                 settles=run.settles,
+                span=float(np.ptp(model.ranges[j])) if len(model.ranges) else 1.0,
             )
         )
     return steps
