@@ -138,7 +138,7 @@ def _parameters(a: "Assessment") -> None:
 
 def in_both_units(value: float, channel: "Channel") -> str:
     """An error of a channel in the file's unit, and in SI where that is another one."""
-    return channel.worded(lambda factor: render.number(abs(factor) * value, 4))
+    return channel.worded(lambda factor: render.number(factor * value, 4))
 
 
 def _figures(a: "Assessment") -> None:

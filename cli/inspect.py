@@ -69,9 +69,9 @@ def _show(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", verdic
         render.table(
             ("channel", "role", "unit", "lowest", "highest", "mean"),
             [
-                (c.name, f["role"], unit, *sorted((k * f["min"], k * f["max"])), k * f["mean"])
+                (c.name, f["role"], unit, *(factor * f[end] for end in ("min", "max", "mean")))
                 for c, f in channels
-                for k, unit in [c.to_file]
+                for factor, unit in [c.to_file]
             ],
             title=f"{record.name}: {len(record)} samples, one every {record.dt:.6g} s, "
             f"{len(record) * record.dt:.6g} s in all",

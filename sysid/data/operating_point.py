@@ -135,8 +135,8 @@ def _value(channel: Channel, value: float, error: float) -> str:
     """``71.3 ± 0.2 rpm (7.47 ± 0.02 rad/s)``."""
     if value == 0.0:
         factor, unit = channel.to_file
-        return f"{value_with_error(0.0, abs(factor) * error)} {unit}".strip()
-    return channel.worded(lambda f: value_with_error(f * value, abs(f) * error))
+        return f"{value_with_error(0.0, factor * error)} {unit}".strip()
+    return channel.worded(lambda f: value_with_error(f * value, f * error))
 
 
 def value_with_error(value: float, error: float) -> str:

@@ -44,20 +44,22 @@ class Channel:
         A conversion such as ``counts=2048/rev`` or ``±255`` also says how large the unit is; in
         a sentence only the unit itself means what the number counts.
         """
-        if self.file_unit.startswith("±"):
+        written = self.file_unit.removeprefix("-")
+        if written.startswith("±"):
             return "count"
-        ticks = re.fullmatch(
-            r"(counts|ticks)(/s)?(=[^/]*)?(/[0-9.eE+]+)?(/rev)?(/s)?", self.file_unit
-        )
+        ticks = re.fullmatch(r"(counts|ticks)(/s)?(=[^/]*)?(/[0-9.eE+]+)?(/rev)?(/s)?", written)
         if ticks:
             return ticks[1] + ("/s" if ticks[2] or ticks[6] else "")
-        return self.file_unit
+        return written
 
     @property
     def to_file(self) -> tuple[float, str]:
-        """(factor, unit): value in the file's unit = factor × value; (1, ``unit``) unconverted."""
-        same = self.scale == 1.0 or not self.file_unit
-        return (1.0, self.unit) if same else (1.0 / self.scale, self.file_words)
+        """(factor, unit): size in the file's unit = factor × value; (1, ``unit``) unconverted.
+
+        A column whose sign was changed keeps the new one.
+        """
+        same = abs(self.scale) == 1.0 or not self.file_unit
+        return (1.0, self.unit) if same else (1.0 / abs(self.scale), self.file_words)
 
     def worded(self, write: Callable[[float], str]) -> str:
         """``71.3 rpm (7.47 rad/s)``: in the file's unit, and SI; ``write`` takes the factor."""

@@ -111,7 +111,7 @@ def _in_file(base: Base, value: Value, track: int) -> Value | None:
     """
     first = base.parts.estimation[0]
     channel = first.outputs[max(track, 0)]
-    size, unit = abs(channel.to_file[0]), channel.to_file[1]
+    size, unit = channel.to_file
     if "drive" in value.unit and track >= 0 and not first.full_drive_is_known:
         channel = first.inputs[track]
         size = float(full_drive(base.parts.estimation)[track]) / channel.scale
@@ -125,7 +125,7 @@ def _in_file(base: Base, value: Value, track: int) -> Value | None:
     return Value(
         value.name,
         factor * value.value,
-        None if value.std_error is None else abs(factor) * value.std_error,
+        None if value.std_error is None else factor * value.std_error,
         unit,
         (ends[0], ends[1]) if ends else None,
         bounded=value.bounded,

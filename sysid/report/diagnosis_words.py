@@ -85,9 +85,9 @@ def channel_lines(result: Diagnosis) -> tuple[ChannelLine, ...]:
             ChannelLine(
                 name,
                 unit,
-                abs(factor) * c.rmse_before,
-                abs(factor) * c.rmse_after,
-                abs(factor) * c.noise_floor,
+                factor * c.rmse_before,
+                factor * c.rmse_after,
+                factor * c.noise_floor,
                 _fit(traces, at, after=False),
                 _fit(traces, at, after=True),
                 min(closed, 100.0),
@@ -134,7 +134,7 @@ def detectable(result: Diagnosis) -> tuple[tuple[str, str], ...]:
             size = size / full if unit.startswith("1/") else size * full
             unit = unit.replace("drive", u.file_words or u.unit or u.name)
         if size is not None and "speed" in unit:
-            size *= abs(y.to_file[0]) ** (-1 if unit.startswith("1/") else 1)
+            size *= y.to_file[0] ** (-1 if unit.startswith("1/") else 1)
         unit = unit.replace("speed", y.to_file[1] or y.name).replace("drive", "of full drive")
         lines.append((id, "–" if size is None else f"{size:.3g} {unit}".strip()))
     return tuple(lines)

@@ -93,7 +93,7 @@ def _gain(r: StepResponse) -> str:
     text = f"{with_error(r.gain.value, r.gain.std_error)}{unit}"
     if r.file_unit:
         factor = r.file_factor
-        shown = with_error(factor * r.gain.value, abs(factor) * r.gain.std_error)
+        shown = with_error(factor * r.gain.value, factor * r.gain.std_error)
         text = f"{shown} {r.file_unit} ({text})"
     text = f"it integrates: gain {text}" if r.integrates else f"gain {text}"
     if abs(r.gain.value) <= CLEAR * r.gain.std_error and math.isfinite(r.gain.std_error):

@@ -59,7 +59,7 @@ class StepResponse:
         share: the level as a share of the largest input seen; None for a linear model, whose
             gain and times are the same at every level.
         gain: final change of the output per unit of input; of its rate [1/s] when it integrates.
-        file_factor: gain in the units of the file = file_factor × gain.
+        file_factor: gain in the units of the file = file_factor × gain; its sign stays.
         file_unit: unit of the gain in the file's units; empty where nothing was converted.
         time_constants: of the modes that a step shows, the slowest first [s].
         oscillation: natural frequency [rad/s] and damping of the slowest oscillating mode.
@@ -198,7 +198,7 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
                 share=share,
                 gain=gain,
                 unit=unit,
-                file_factor=u.scale / y.scale,
+                file_factor=abs(u.scale / y.scale),
                 file_unit=file_unit,
                 time_constants=times,
                 oscillation=oscillation,
@@ -428,7 +428,7 @@ def _dead_time(model: Model, i: int, j: int, run: _Run) -> float:
 def _gain_units(u: Channel, y: Channel, integrates: bool) -> tuple[str, str]:
     """Unit of the gain in the model's units and, where something was converted, in the file's."""
     gain_unit = _per(y.unit or y.name, u.unit or u.name, integrates)
-    if u.scale == y.scale == 1.0:
+    if abs(u.scale) == abs(y.scale) == 1.0:
         return gain_unit, ""
     top, bottom = y.file_words or y.unit or y.name, u.file_words or u.unit or u.name
     return gain_unit, _per(top, bottom, integrates)
