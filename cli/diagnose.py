@@ -111,7 +111,12 @@ def _estimation_data(
     given: StoredModel | None,
     drive: Driven,
 ) -> _EstimationData:
-    """The logs, read such that the model to diagnose can run on them."""
+    """The logs, read such that the model to diagnose can run on them.
+
+    Where outputs follow each other's commands the inputs are taken in the outputs' order.
+    """
+    from sysid.data.checks.robot_checks import exchanged_inputs, wrong_wires
+
     if read.resample == "auto":  # an empty reading is one of the things to be found: a dropout
         read = replace(read, resample="hold")
     records, findings = _records(logs, read, steps)
@@ -122,7 +127,13 @@ def _estimation_data(
         # no model at the sensor's rate: repeats are masked, and commands keep their instants
         read = replace(read, held="keep")
         records, findings = _records(logs, read, steps)
-    return _EstimationData(records, findings, read, base, given_model)
+    wired = wrong_wires(records)
+    if wired and given_model is None and (inputs := exchanged_inputs(records)):
+        read = replace(read, inputs=inputs)
+        records, findings = _records(logs, read, steps)
+    if wired:  # the sides and signs of a path are those of the wheels
+        records = [replace(r, pose=None) for r in records]
+    return _EstimationData(records, (*findings, *wired), read, base, given_model)
 
 
 def _folder(folder: Path, logs: list[Path], val: list[Path]) -> Path:

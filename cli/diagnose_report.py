@@ -143,7 +143,8 @@ def _shrunk(result: "Diagnosis") -> None:
     rows = [
         [
             c.name,
-            _change(result, render.number(c.rmse_before, 4), render.number(c.rmse_after, 4)),
+            f"{_change(result, *(render.number(e, 4) for e in (c.rmse_before, c.rmse_after)))} "
+            f"{c.unit}".rstrip(),
             render.number(c.noise_floor, 4),
             _change(result, fit_words(c.fit_before), fit_words(c.fit_after)),
         ]

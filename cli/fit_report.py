@@ -137,11 +137,8 @@ def _parameters(a: "Assessment") -> None:
 
 
 def in_both_units(value: float, channel: "Channel") -> str:
-    """An error of a channel in its unit, and in the file's own where that is another one."""
-    text = f"{render.number(value, 4)} {channel.unit}".strip()
-    if channel.scale == 1.0 or not channel.file_unit:
-        return text
-    return f"{text} ({render.number(value / channel.scale, 4)} {channel.file_words})"
+    """An error of a channel in the file's unit, and in SI where that is another one."""
+    return channel.worded(lambda factor: render.number(factor * value, 4))
 
 
 def _figures(a: "Assessment") -> None:

@@ -64,15 +64,17 @@ def _document(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", ve
 
 
 def _show(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", verdict: str) -> None:
-    for record in map(_facts, records):
+    for record in records:
+        channels = zip((*record.inputs, *record.outputs), _facts(record)["channels"], strict=True)
         render.table(
             ("channel", "role", "unit", "lowest", "highest", "mean"),
             [
-                (c["name"], c["role"], c["unit"], c["min"], c["max"], c["mean"])
-                for c in record["channels"]
+                (c.name, f["role"], unit, *(factor * f[end] for end in ("min", "max", "mean")))
+                for c, f in channels
+                for factor, unit in [c.to_file]
             ],
-            title=f"{record['name']}: {record['samples']} samples, one every "
-            f"{record['sample_time_s']:.6g} s, {record['duration_s']:.6g} s in all",
+            title=f"{record.name}: {len(record)} samples, one every {record.dt:.6g} s, "
+            f"{len(record) * record.dt:.6g} s in all",
         )
     render.findings(findings)
     render.say(_VERDICTS[verdict], "bold")

@@ -132,12 +132,11 @@ def _values(channels: Sequence[Channel], offsets: Sequence[float], errors: Seque
 
 
 def _value(channel: Channel, value: float, error: float) -> str:
-    """``7.47 ± 0.02 rad/s (71.3 ± 0.2 rpm)``."""
-    text = f"{value_with_error(value, error)} {channel.unit}".strip()
-    if not channel.file_unit or value == 0.0:
-        return text
-    in_file = value_with_error(value / channel.scale, error / abs(channel.scale))
-    return f"{text} ({in_file} {channel.file_words})"
+    """``71.3 ± 0.2 rpm (7.47 ± 0.02 rad/s)``."""
+    if value == 0.0:
+        factor, unit = channel.to_file
+        return f"{value_with_error(0.0, factor * error)} {unit}".strip()
+    return channel.worded(lambda f: value_with_error(f * value, f * error))
 
 
 def value_with_error(value: float, error: float) -> str:

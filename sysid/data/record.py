@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -44,14 +44,27 @@ class Channel:
         A conversion such as ``counts=2048/rev`` or ``±255`` also says how large the unit is; in
         a sentence only the unit itself means what the number counts.
         """
-        if self.file_unit.startswith("±"):
+        written = self.file_unit.removeprefix("-")
+        if written.startswith("±"):
             return "count"
-        ticks = re.fullmatch(
-            r"(counts|ticks)(/s)?(=[^/]*)?(/[0-9.eE+]+)?(/rev)?(/s)?", self.file_unit
-        )
+        ticks = re.fullmatch(r"(counts|ticks)(/s)?(=[^/]*)?(/[0-9.eE+]+)?(/rev)?(/s)?", written)
         if ticks:
             return ticks[1] + ("/s" if ticks[2] or ticks[6] else "")
-        return self.file_unit
+        return written
+
+    @property
+    def to_file(self) -> tuple[float, str]:
+        """(factor, unit): size in the file's unit = factor × value; (1, ``unit``) unconverted.
+
+        A column whose sign was changed keeps the new one.
+        """
+        same = abs(self.scale) == 1.0 or not self.file_unit
+        return (1.0, self.unit) if same else (1.0 / abs(self.scale), self.file_words)
+
+    def worded(self, write: Callable[[float], str]) -> str:
+        """``71.3 rpm (7.47 rad/s)``: in the file's unit, and SI; ``write`` takes the factor."""
+        (factor, unit), si = self.to_file, f"{write(1.0)} {self.unit}".strip()
+        return si if factor == 1.0 else f"{write(factor)} {unit} ({si})"
 
 
 def frozen(values: ArrayLike, columns: int | None = None) -> Array:
@@ -90,6 +103,8 @@ class Record:
         references: what the outputs were to be, shape (N, nr), in the file's units, or None. They
             only serve to see whether a controller was running.
         reference_names: their nr column names.
+        since: what went before a piece of a longer record: seconds, and the integral of each
+            output, (1 + ny,); None at the beginning of a record.
 
     Raises:
         DataError: lengths differ, the sample time is not positive, or names do not fit.
@@ -107,6 +122,7 @@ class Record:
     weights: Array | None = None
     references: Array | None = None
     reference_names: tuple[str, ...] = ()
+    since: Array | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__

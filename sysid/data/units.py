@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sysid.data.column_words import words
 from sysid.data.record import PWM_FULL_SCALE, Channel
@@ -96,12 +96,16 @@ def conversion(unit: str, channel: str = "") -> Conversion:
 
     ``ticks/360`` means encoder ticks counted in one sample, 360 to a turn; ``ticks/s/360`` means
     ticks per second; ``counts=2048/rev`` (or ``counts/2048``) is a counter that goes on counting,
-    2048 to a turn: a position; ``counts/s/2048`` its speed. All others are in UNITS.
+    2048 to a turn: a position; ``counts/s/2048`` its speed. All others are in UNITS. A minus sign
+    before a unit changes the sign of the column.
 
     Raises:
         UsageError: the unit is not known; the sentence lists those that are.
     """
     unit = unit.strip()
+    if unit.startswith("-"):
+        turned = conversion(unit[1:], channel)
+        return replace(turned, scale=-turned.scale, file_unit=f"-{turned.file_unit}")
     where = f" of {channel}" if channel else ""
     position = _COUNTS.fullmatch(unit)
     match = position or _TICKS.fullmatch(unit)

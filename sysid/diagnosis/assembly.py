@@ -1,6 +1,6 @@
 """The diagnosis assembled: effects, verdict, both models, gap and next experiments."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from sysid.data.inspection import inspect_records
@@ -10,6 +10,7 @@ from sysid.diagnosis.augment import model_of
 from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
 from sysid.diagnosis.following import ASTRAY, not_followed
 from sysid.diagnosis.gap import Gap, with_path
+from sysid.diagnosis.long_logs import InFull
 from sysid.diagnosis.named_effects import NamedEffect
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis
@@ -35,21 +36,30 @@ FEW_WINDOWS = 40
 """Fewer windows of pose seldom prove an effect of the vehicle."""
 
 
-def assemble(result: SelectionResult, model: Model | None, pose: PoseDiagnosis | None) -> Diagnosis:
+def assemble(
+    result: SelectionResult,
+    model: Model | None,
+    pose: PoseDiagnosis | None,
+    judged: Callable[[DiagnosisSession, Selection], InFull] | None = None,
+) -> Diagnosis:
     """Everything but the mission.
 
     Args:
         result: what the search has found.
         model: the one that was given.
         pose: what is missing between tracks and ground.
+        judged: both models on all samples of logs that were searched in pieces.
     """
     session = result.session
     selection, rejected = session.confirmed(result.selection)
     before, base = session.origin.before, session.base
     after = session.residual_structure(selection, after=True) if selection.selected else before
     regions = _where(session, selection.final)
+    whole = judged(session, selection) if judged else None
     remaining = Remaining(
-        after, session.gap(selection), leading(regions, base.parts.holdout[0].output_names)
+        after,
+        whole.gap if whole else session.gap(selection),
+        leading(regions, base.parts.holdout[0].output_names),
     )
     samples = base.parts.samples
     effects = in_order(
@@ -65,6 +75,7 @@ def assemble(result: SelectionResult, model: Model | None, pose: PoseDiagnosis |
     linear = session.linear_words(selection)
     verdict = verdict_of(ids, remaining, off or poor.startswith(ASTRAY) or bool(linear))
     traces = _traces(session, selection)
+    whole_traces = whole.traces if whole else ()
     old, new = _models(session, selection, model, pose)
     gap = remaining.gap if pose is None else with_path(remaining.gap, pose.whole)
     size = excess_error(
@@ -97,8 +108,11 @@ def assemble(result: SelectionResult, model: Model | None, pose: PoseDiagnosis |
             r.verdict(name) for name, r in (("before", before), ("after", after)) if r is not None
         ),
         description="; ".join(filter(None, (linear, described))),
-        warnings=_warnings(session, selection, pose, samples.hidden),
-        traces=traces,
+        warnings=(
+            *((whole.sentence,) if whole else ()),
+            *_warnings(session, selection, pose, samples.hidden),
+        ),
+        traces=(*(t for t in traces if not whole or t.role == "estimation"), *whole_traces),
         geometry=pose.geometry if pose is not None else None,
         several=several_logs(session, selection),
     )

@@ -105,19 +105,28 @@ def _acting(base: Base, candidate: CandidateModel, id: str) -> tuple[str, ...]:
 
 
 def _in_file(base: Base, value: Value, track: int) -> Value | None:
-    """A share of the log's largest command as a command of the file; None where it is none."""
+    """A speed in the file's unit, and a share of the log's largest command as one of the file.
+
+    None where the value is neither, or was not converted.
+    """
     first = base.parts.estimation[0]
-    if "drive" not in value.unit or track < 0 or first.full_drive_is_known:
+    channel = first.outputs[max(track, 0)]
+    size, unit = channel.to_file
+    if "drive" in value.unit and track >= 0 and not first.full_drive_is_known:
+        channel = first.inputs[track]
+        size = float(full_drive(base.parts.estimation)[track]) / channel.scale
+        unit = value.unit.replace("drive", channel.file_words or channel.unit or channel.name)
+    elif channel.unit and value.unit in (channel.unit, f"1/{channel.unit}") and size != 1.0:
+        unit = value.unit.replace(channel.unit, unit)
+    else:
         return None
-    channel = first.inputs[track]
-    full = float(full_drive(base.parts.estimation)[track]) / channel.scale
-    factor = 1.0 / full if value.unit.startswith("1/") else full
+    factor = 1.0 / size if value.unit.startswith("1/") else size
     ends = value.interval and tuple(None if v is None else factor * v for v in value.interval)
     return Value(
         value.name,
         factor * value.value,
-        None if value.std_error is None else abs(factor) * value.std_error,
-        value.unit.replace("drive", channel.file_words or channel.unit or channel.name),
+        None if value.std_error is None else factor * value.std_error,
+        unit,
         (ends[0], ends[1]) if ends else None,
         bounded=value.bounded,
     )

@@ -142,6 +142,7 @@ class Base:
         on_rate: whether the rate of an output that integrates stands in its place.
         given: the model that was given, as the chain sees it; None for the plain base.
         sampled: whether measurements come a part of a sample late in it: how the log was made.
+        driven: a record as the search takes it: behind a given model, with its drive as the input.
     """
 
     parts: Parts
@@ -155,6 +156,7 @@ class Base:
     on_rate: bool = False
     given: GivenBase | None = None
     sampled: bool = False
+    driven: Callable[[Record], Record] = lambda record: record
 
     def with_sampling(self, like: CandidateModel) -> "Base":
         """The base with a sampling lag, fitted from the shares of a candidate."""
@@ -290,7 +292,9 @@ def given_base(
     given = GivenBase.of(model, gain, pole)
 
     def driven(r: Record) -> Record:
-        return replace(r, u=given.drive(runs[id(r)]))
+        run = runs.get(id(r))
+        run = outputs(model, r, None, _start(model, r)) if run is None else run
+        return replace(r, u=given.drive(run))
 
     in_loop = parts.facts.at_own_rate.surely_closed_loop
     search = ForwardSelection(
@@ -310,7 +314,18 @@ def given_base(
         q[plain.index["core", "f1", i]] = pole[i]
     candidate = search.evaluate((), q, ())
     words = f"the {model.structure.name} model, as it is"
-    return Base(parts, search, candidate, np.ones(first.nu), 1, False, words, in_loop, given=given)
+    return Base(
+        parts,
+        search,
+        candidate,
+        np.ones(first.nu),
+        1,
+        False,
+        words,
+        in_loop,
+        given=given,
+        driven=driven,
+    )
 
 
 def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.facts import LogFacts
 from sysid.data.record import Record
 from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.assembly import assemble
 from sysid.diagnosis.base_model import fit_baseline, full_drive, given_base
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.given_model import around_model, or_on_first_order
+from sysid.diagnosis.long_logs import searched_on
 from sysid.diagnosis.pose.correct_sensor import correct_sensor
 from sysid.diagnosis.resolve_ties_by_pose import resolve_ties_by_pose
 from sysid.diagnosis.search.forward_selection import Progress
@@ -76,13 +76,13 @@ def diagnose(
     say = progress or (lambda text, share: None)
     say("original model", 0.02)
     effects = within(chain_effects(), measured or {})
-    facts = LogFacts(tuple(estimation))
-    holdout_facts = LogFacts(tuple(holdout)) if holdout else None
+    searched = searched_on(estimation, holdout, model is not None)
+    facts, holdout_facts = searched.facts, searched.holdout_facts
     if model is None:
         base = fit_baseline(facts, holdout_facts, effects)
     else:
         base = given_base(model, facts, holdout_facts, effects)
-    session = DiagnosisSession(base, noise_of(base), full_drive(estimation), seed)
+    session = DiagnosisSession(base, noise_of(base), full_drive(facts.records), seed)
     say("testing the residuals", 0.06)
     if model is None:
         result = session.searched(base.search.model.effects, say)
@@ -93,7 +93,7 @@ def diagnose(
     if geometry is None and mission is not None:
         geometry = load_mission(mission).vehicle.given_geometry
     result, pose_diagnosis = resolve_ties_by_pose(result, geometry)
-    diagnosis = assemble(result, model, pose_diagnosis)
+    diagnosis = assemble(result, model, pose_diagnosis, searched.judged)
     if pose_diagnosis is not None and diagnosis.several.logs:
         corrected, corrected_holdout = correct_sensor(result.session.base, result.selection)
         every = (

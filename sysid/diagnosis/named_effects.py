@@ -16,8 +16,8 @@ class Value:
         unit: of value, error and interval.
         interval: a 95 % interval where gradients give no standard error; an end that the log leaves
             open is None.
-        in_file: the same parameter in the unit of the file's input, where full drive is not
-            declared and a share of it is one of the largest command of the log; else None.
+        in_file: the same parameter in the file's units where they are others: a speed, and a share
+            of full drive where that is not declared but the largest command of the log; else None.
         bounded: whether it ended on the bound of the search, beyond which it may lie.
     """
 

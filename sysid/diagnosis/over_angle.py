@@ -5,6 +5,7 @@ rad at once, as closely as the range of the angle can tell them apart.
 """
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from sysid.data.record import Array
 
@@ -33,8 +34,9 @@ def over_angle(angle: Array, signal: Array, highest: float) -> tuple[Array, Arra
     width = max(2.0 * np.pi / highest * WIDEST, span / MOST_BINS)
     bins = np.floor((angle - low) / width).astype(np.intp)
     sums = np.bincount(bins, weights=signal)
-    whole = np.fft.rfft(sums, FINER * len(sums))
-    lines = 2.0 * np.pi / width * np.arange(len(whole)) / (FINER * len(sums))
+    padded = next_fast_len(FINER * len(sums), real=True)  # a prime length takes six times as long
+    whole = np.fft.rfft(sums, padded)
+    lines = 2.0 * np.pi / width * np.arange(len(whole)) / padded
     # phases count from the angle zero, and samples lie in the middle of their bins
     turned = whole * np.exp(-1j * lines * (low + 0.5 * width))
     return lines[lines <= highest], turned[lines <= highest]

@@ -230,9 +230,14 @@ class DiagnosisSession:
 
     def gap(self, selection: Selection) -> Gap:
         """The gap on held-out data before and after."""
+        before, after = self.origin.base.model, selection.final
+        return self.gap_of(before.errors.holdout, after.errors.holdout)
+
+    def gap_of(self, before: Sequence[Array], after: Sequence[Array]) -> Gap:
+        """The gap of errors before and after, (N, ny) a record."""
         gap = measure_gap(
-            self.origin.base.model.errors.holdout,
-            selection.final.errors.holdout,
+            before,
+            after,
             self.floor,
             self.base.parts.estimation[0].output_names,
             self.seed,

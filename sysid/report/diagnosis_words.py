@@ -23,7 +23,7 @@ CLEAR = 0.01
 
 @dataclass(frozen=True)
 class ChannelLine:
-    """One output on held-out data: errors, floor, fits [%] and the share of its gap closed [%]."""
+    """One output on held-out data: errors and floor in the file's unit, fits and gap closed [%]."""
 
     name: str
     unit: str
@@ -73,20 +73,21 @@ def channel_lines(result: Diagnosis) -> tuple[ChannelLine, ...]:
     """The figures of every output before and after."""
     traces = held_out(result)
     outputs = traces[0].record.outputs if traces else result.before.outputs
-    units = {c.name: c.unit for c in outputs}
+    units = {c.name: c.to_file for c in outputs}
     lines = []
     for name, c in result.gap.channels.items():
         at = [c.name for c in outputs].index(name) if name in units else -1
+        factor, unit = units.get(name, (1.0, ""))
         gap = c.rmse_before**2 - c.noise_floor**2
         remaining = c.rmse_after**2 - c.noise_floor**2
         closed = 100.0 * (1.0 - remaining / gap) if gap > 0.0 else math.nan
         lines.append(
             ChannelLine(
                 name,
-                units.get(name, ""),
-                c.rmse_before,
-                c.rmse_after,
-                c.noise_floor,
+                unit,
+                factor * c.rmse_before,
+                factor * c.rmse_after,
+                factor * c.noise_floor,
                 _fit(traces, at, after=False),
                 _fit(traces, at, after=True),
                 min(closed, 100.0),
@@ -132,7 +133,9 @@ def detectable(result: Diagnosis) -> tuple[tuple[str, str], ...]:
         if size is not None and "drive" in unit and not records[0].full_drive_is_known:
             size = size / full if unit.startswith("1/") else size * full
             unit = unit.replace("drive", u.file_words or u.unit or u.name)
-        unit = unit.replace("speed", y.unit or y.name).replace("drive", "of full drive")
+        if size is not None and "speed" in unit:
+            size *= y.to_file[0] ** (-1 if unit.startswith("1/") else 1)
+        unit = unit.replace("speed", y.to_file[1] or y.name).replace("drive", "of full drive")
         lines.append((id, "–" if size is None else f"{size:.3g} {unit}".strip()))
     return tuple(lines)
 

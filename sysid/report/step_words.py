@@ -10,7 +10,7 @@ CLEAR = 2.0
 """Standard errors from zero that make a gain significant."""
 
 PASSES_LITTLE = 0.02
-"""A side path that passes on less than this share of an output's strongest gain is left out."""
+"""A side path that moves an output by less than this share of the strongest path is left out."""
 
 
 def with_error(value: float, error: float) -> str:
@@ -39,21 +39,19 @@ def step_sentences(responses: Sequence[StepResponse]) -> tuple[str, ...]:
     """
     strongest: dict[str, float] = {}
     for r in responses:
-        if math.isfinite(r.gain.value):
-            moved = abs(r.gain.value) * _reach(r)
-            strongest[r.output] = max(strongest.get(r.output, 0.0), moved)
+        if math.isfinite(r.moves):
+            strongest[r.output] = max(strongest.get(r.output, 0.0), r.moves)
     kept, small = [], set()
     for r in responses:
-        moved = abs(r.gain.value) * _reach(r) if math.isfinite(r.gain.value) else math.inf
-        side = moved < PASSES_LITTLE * strongest.get(r.output, 0.0) and r.settles
+        side = r.moves < PASSES_LITTLE * strongest.get(r.output, 0.0) and r.settles
         if side and r.share is None:
             small.add(f"{r.input} → {r.output}")
         elif not (side and _elsewhere(r, responses, strongest)):
             kept.append(sentence(r))
     if small:
         kept.append(
-            f"{', '.join(sorted(small))}: static gain below "
-            f"{100 * PASSES_LITTLE:g} % of the strongest path."
+            f"{', '.join(sorted(small))}: effect below {100 * PASSES_LITTLE:g} % of the strongest "
+            "path's, over the ranges of the inputs."
         )
     return tuple(kept)
 
@@ -92,15 +90,14 @@ def sentence(r: StepResponse) -> str:
 
 def _gain(r: StepResponse) -> str:
     unit = f" {r.unit}" if r.unit else ""
-    text = f"gain {with_error(r.gain.value, r.gain.std_error)}{unit}"
-    if r.integrates:
-        text = f"it integrates: {text}"
-    if abs(r.gain.value) <= CLEAR * r.gain.std_error and math.isfinite(r.gain.std_error):
-        text += " (not significant)"
+    text = f"{with_error(r.gain.value, r.gain.std_error)}{unit}"
     if r.file_unit:
         factor = r.file_factor
-        shown = with_error(factor * r.gain.value, abs(factor) * r.gain.std_error)
-        text += f" = {shown} {r.file_unit} in the file's units"
+        shown = with_error(factor * r.gain.value, factor * r.gain.std_error)
+        text = f"{shown} {r.file_unit} ({text})"
+    text = f"it integrates: gain {text}" if r.integrates else f"gain {text}"
+    if abs(r.gain.value) <= CLEAR * r.gain.std_error and math.isfinite(r.gain.std_error):
+        text += " (not significant)"
     return text
 
 
@@ -129,17 +126,12 @@ def _seconds(time: Estimate) -> str:
     return f"{with_error(time.value, time.std_error)} s"
 
 
-def _reach(r: StepResponse) -> float:
-    """Size of the step: gains of inputs in different units are compared by what they move."""
-    return abs(r.level - r.start)
-
-
 def _elsewhere(
     r: StepResponse, responses: Sequence[StepResponse], strongest: dict[str, float]
 ) -> bool:
     """Whether every step along this path moves next to nothing, so that it needs no line."""
     return all(
-        abs(o.gain.value) * _reach(o) < PASSES_LITTLE * strongest[o.output]
+        o.moves < PASSES_LITTLE * strongest[o.output]
         for o in responses
         if (o.input, o.output) == (r.input, r.output)
     )

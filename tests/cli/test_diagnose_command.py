@@ -15,6 +15,7 @@ import pytest
 import quick_diagnosis
 from command_line import Capture, Run, contents, robot_log, run, write_log
 from quick_diagnosis import dead_zone_log
+from scipy.signal import lfilter
 
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.workspace.logs import StoredData
@@ -41,6 +42,34 @@ def engine(answer: str, monkeypatch: pytest.MonkeyPatch) -> None:
     stub = types.ModuleType("sysid.diagnosis.diagnose")
     stub.diagnose = getattr(quick_diagnosis, answer)  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, stub.__name__, stub)
+
+
+def test_exchanged_sides_are_paired_and_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """Each output gets the command that it follows; the pose of exchanged wheels is not used."""
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.integers(-16, 17, size=(40, 2)), 15, axis=0) * 1000.0
+    y = np.column_stack(
+        [-lfilter([0, 1e-4], [1, -0.9], u[:, 1]), lfilter([0, 1e-4], [1, -0.9], u[:, 0])]
+    )
+    signals = [*u.T, *(y + 0.01 * rng.standard_normal(y.shape)).T, *(np.arange(600.0),) * 3]
+    names = ["pwm_l", "pwm_r", "omega_l", "omega_r", "x", "y", "psi"]
+    log = write_log(tmp_path / "log.csv", names, signals, 0.05)
+    seen = []
+
+    def stub(estimation: Any, *rest: Any, **facts: Any) -> Diagnosis:
+        seen.extend(estimation)
+        return quick_diagnosis.nothing(estimation, *rest, **facts)
+
+    engine("diagnose", monkeypatch)
+    monkeypatch.setattr(sys.modules["sysid.diagnosis.diagnose"], "diagnose", stub)
+    warned = " ".join(run(capsys, "diagnose", log, "--workspace", tmp_path / "ws").err.split())
+    (record,) = seen
+    assert record.input_names == ("pwm_r", "pwm_l")
+    assert record.pose is None
+    assert "give --input pwm_r,pwm_l" in warned
+    assert "--unit omega_l=-rad/s" in warned
 
 
 def no_page(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -188,6 +188,15 @@ FAULTS = {
     "sides swapped": Fault.of(
         "side", "left ω follows the right PWM", robot, y=lambda r: r.y[:, ::-1]
     ),
+    "sides swapped, one reversed": Fault.of(
+        "sign",
+        r"omega_l runs against pwm_r .*`units=\{'omega_l': '-rad/s'\}`",
+        robot,
+        y=lambda r: r.y[:, ::-1] * [-1, 1],
+    ),
+    "sides of swapped columns": Fault.of(
+        "side", "`inputs='pwm_r,pwm_l'`", robot, y=lambda r: r.y[:, ::-1]
+    ),
     "rpm": Fault.of(
         "omega-unit", r"`units=\{'omega_l': 'rpm'\}`", robot, y=lambda r: r.y * 60 / (2 * np.pi)
     ),

@@ -129,7 +129,23 @@ def test_gains_are_also_given_in_the_units_of_the_file() -> None:
     (step,) = step_responses(model_of(turned))
     assert step.file_unit == "rpm/V"
     assert step.gain.value * step.file_factor == pytest.approx(GAIN, rel=0.02)
-    assert "rpm/V in the file's units" in step_sentences([step])[0]
+    assert "gain 150" in step_sentences([step])[0]
+    assert " rpm/V (15." in step_sentences([step])[0]
+
+
+@pytest.mark.parametrize("unit", [1e-5, 1.0, 1e5])
+def test_paths_are_compared_by_what_they_move_whatever_their_units(unit: float) -> None:
+    """A brake in Pa moves the speed as far as a pedal in %, with a gain 10⁵ times smaller."""
+    rng = np.random.default_rng(4)
+    pedal, brake, idle = (np.repeat(rng.uniform(0.0, 100.0, 100), 15) for _ in range(3))
+    y = lfilter([0.0, 0.1], [1.0, -0.9], pedal - brake + 0.001 * idle)
+    y += 0.01 * rng.standard_normal(len(y))
+    names = tuple(Channel(n) for n in ("pedal", "brake", "idle"))
+    record = Record(np.column_stack([pedal, unit * brake, unit * idle]), y, DT, names)
+    lines = step_sentences(step_responses(model_of(record, "arx", "na=1 nb=1 nk=1")))
+    assert [line.partition(" ")[0] for line in lines] == ["pedal", "brake", "idle"]
+    assert ": gain " in lines[1]
+    assert "below 2 %" in lines[2]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from catalogue import OddLog
+from odd_log import OddLog
 from sysid_cli.app import main
 
 WITHIN = 0.03

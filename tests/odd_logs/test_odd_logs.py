@@ -9,8 +9,9 @@ import re
 from pathlib import Path
 
 import pytest
-from catalogue import CATALOGUE, OddLog
+from catalogue import CATALOGUE
 from judged import judge
+from odd_log import OddLog
 
 
 @pytest.mark.slow

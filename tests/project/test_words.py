@@ -17,7 +17,7 @@ PHRASES = {
     r"\bof its usual size\b": "of the typical output",
     r"\bstill follow the inputs\b": "correlated with the inputs",
     r"\banswers? nonlinearly\b": "nonlinear response",
-    r"\bto speak of\b": "static gain below 2 % of the strongest path",
+    r"\bto speak of\b": "effect below 2 % of the strongest path's",
     r"\bdata can(not)? serve\b": "data usable",
     r"\bunasked\b": "automatic warnings",
     r"\bname is dropped\b|\bdoes not stand\b": "effect rejected",

@@ -111,37 +111,59 @@ def _omega_unit(record: Record, u: Array, y: Array) -> list[Finding]:
     ]
 
 
+def wrong_wires(records: Sequence[Record]) -> tuple[Finding, ...]:
+    """What ``check_robot`` says of the sides and signs of a vehicle; nothing where they agree."""
+    if not (records[0].is_robot_log and records[0].ny > 1 and _has_sides(records[0])):
+        return ()
+    return tuple(_signs(records))
+
+
+def exchanged_inputs(records: Sequence[Record]) -> tuple[str, ...]:
+    """Inputs in the order of the outputs that follow them; empty where they are in this order."""
+    first, c = records[0], _correlations(records)
+    if not (first.is_robot_log and _exchanged(records, c)):
+        return ()
+    return first.input_names[::-1]
+
+
+def _exchanged(records: Sequence[Record], c: Array) -> bool:
+    """Whether each of two outputs follows the other one's command, given ``_correlations``."""
+    if c.shape != (2, 2):
+        return False
+    together = np.abs(np.corrcoef(np.concatenate([r.u for r in records]).T))[0, 1] > 0.95
+    return bool(not together and all(abs(c[j, 1 - j]) > abs(c[j, j]) + 0.2 for j in (0, 1)))
+
+
 def _signs(records: Sequence[Record]) -> list[Finding]:
     first = records[0]
-    c = _correlations(records)
-    pairs = min(first.nu, first.ny)
-    cross = np.abs(np.corrcoef(np.concatenate([r.u for r in records]).T)) if first.nu == 2 else None
-    together = cross is not None and bool(cross[0, 1] > 0.95)
-    if pairs == 2 and not together and all(abs(c[j, 1 - j]) > abs(c[j, j]) + 0.2 for j in (0, 1)):
-        return [
+    c, names = _correlations(records), first.input_names
+    findings = []
+    if _exchanged(records, c):
+        c, names = c[:, ::-1], names[::-1]
+        findings.append(
             Finding(
                 "side",
                 Severity.WARNING,
                 "The left ω follows the right PWM and the right ω the left PWM.",
-                "Swap two columns or two plugs: left and right are mixed up.",
+                "Swap two columns or two plugs: left and right are mixed up. Until then give "
+                f"{argument(inputs=','.join(names))}.",
             )
-        ]
-    return [
+        )
+    return findings + [
         Finding(
             "sign",
             Severity.WARNING,
-            f"{first.output_names[j]} runs against {first.input_names[j]} (correlation "
-            f"{c[j, j]:.2f}): "
+            f"{y.name} runs against {names[j]} (correlation {c[j, j]:.2f}): "
             + (
                 "positive PWM turns that track backward."
                 if _has_sides(first)
-                else f"where {first.input_names[j]} rises it falls."
+                else f"where {names[j]} rises it falls."
             ),
             "Swap the motor's two leads or the encoder's two channels, or change the sign of the "
-            "column.",
-            first.output_names[j],
+            f"column: {argument(units={y.name: f'-{y.file_unit or y.unit or 1}'})}.",
+            y.name,
         )
-        for j in range(pairs)
+        for j, y in enumerate(first.outputs[: min(first.nu, first.ny)])
         if c[j, j] < -0.3
     ]
 

@@ -29,7 +29,7 @@ class Data:
         moving: 1 in records that begin in motion, 0 where the command begins with the record,
             (M, tracks).
         counted: angle integrated from the measurements before each, (M, tracks).
-        t: time since the start of the record, (M, 1).
+        t: time since the start of the record, or of what a piece was taken from, (M, 1).
         reset: 1 at a record's start, (M,).
         first: row of the record's start, (M,).
         weight: 0 where a sample does not count, (M, tracks).
@@ -115,6 +115,8 @@ def prepare(
     of = [0] * len(records) if logs is None else logs
     pad = max(padded_length(total), least) - total
 
+    since = [np.zeros(1 + r.ny) if r.since is None else r.since for r in records]
+
     def stacked(parts: Sequence[Array]) -> Array:
         whole = np.concatenate(parts)
         return np.concatenate([whole, np.zeros((pad, *whole.shape[1:]))])
@@ -123,8 +125,18 @@ def prepare(
         stacked(drive),
         stacked([r.y for r in records]),
         stacked([np.repeat(b[None], n, axis=0) for b, n in zip(begins, lengths, strict=True)]),
-        stacked([(np.cumsum(r.y, axis=0) - r.y) * r.dt for r in records]),
-        stacked([r.dt * np.arange(len(r), dtype=np.float64)[:, None] for r in records]),
+        stacked(
+            [
+                s[1:] + (np.cumsum(r.y, axis=0) - r.y) * r.dt
+                for r, s in zip(records, since, strict=True)
+            ]
+        ),
+        stacked(
+            [
+                s[0] + r.dt * np.arange(len(r), dtype=np.float64)[:, None]
+                for r, s in zip(records, since, strict=True)
+            ]
+        ),
         np.concatenate([reset, np.zeros(pad)]),
         np.concatenate([first, np.full(pad, total - 1)]).astype(np.int64),
         stacked(weight),

@@ -184,7 +184,7 @@ def _readings(chain: _Chain, order: int, rows: "_Rows") -> Callable[..., Any]:
         x = (drive, acting, y, moving, counted, t, data["reset"], log)
         read = _moved(jax, jnp, chain, core, parameters, x, shape)
         sums = dt * (jnp.cumsum(read, axis=0) - 0.5 * read)
-        whole = replace(whole, turned=sums - sums[data["first"]])
+        whole = replace(whole, turned=sums - sums[data["first"]] + counted[data["first"]])
         read = over_time(jnp, chain.after, parameters, read, past, whole, dt)
         return jnp.swapaxes(_broadcast(jnp, read, shape), 0, 1)
 
@@ -216,7 +216,7 @@ def _moved(
         drive, now, y, moving, counted = (_broadcast(jnp, signal, shape) for signal in x[:5])
         t, reset, log = x[5:]
         w, begins = first_speed(chain.after, parameters, y), reset > 0.0
-        fresh = (rest_state(jnp, chain.inside, core, w, moving * now), zero)
+        fresh = (rest_state(jnp, chain.inside, core, w, moving * now), counted)
         state, turned = jax.tree.map(lambda a, b: jnp.where(begins, a, b), fresh, carried)
         speed = state[0][0]
         sample = Sample(drive, now, t, turned, counted, log)

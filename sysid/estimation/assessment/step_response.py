@@ -59,7 +59,7 @@ class StepResponse:
         share: the level as a share of the largest input seen; None for a linear model, whose
             gain and times are the same at every level.
         gain: final change of the output per unit of input; of its rate [1/s] when it integrates.
-        file_factor: gain in the units of the file = file_factor × gain.
+        file_factor: gain in the units of the file = file_factor × gain; its sign stays.
         file_unit: unit of the gain in the file's units; empty where nothing was converted.
         time_constants: of the modes that a step shows, the slowest first [s].
         oscillation: natural frequency [rad/s] and damping of the slowest oscillating mode.
@@ -68,6 +68,7 @@ class StepResponse:
         settling: time after which the output stays within 2 % of its final change [s].
         integrates: whether the output runs away at a constant rate.
         settles: whether it comes to rest, or to a constant rate, at all.
+        span: range of the input that the model has seen, in its unit; the step where unknown.
     """
 
     input: str
@@ -86,6 +87,18 @@ class StepResponse:
     settling: Estimate
     integrates: bool
     settles: bool
+    span: float = 1.0
+
+    @property
+    def moves(self) -> float:
+        """What the input does to the output, NaN where it does not settle.
+
+        Gains of inputs in different units are compared by this: |gain| times the range seen, or
+        the step of a nonlinear model.
+        """
+        return abs(self.gain.value) * (
+            self.span if self.share is None else abs(self.level - self.start)
+        )
 
     def to_json(self) -> dict[str, Any]:
         """All of it as a JSON object; numbers that are not finite are left to the writer."""
@@ -185,7 +198,7 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
                 share=share,
                 gain=gain,
                 unit=unit,
-                file_factor=u.scale / y.scale,
+                file_factor=abs(u.scale / y.scale),
                 file_unit=file_unit,
                 time_constants=times,
                 oscillation=oscillation,
@@ -194,6 +207,7 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
                 settling=settling,
                 integrates=run.integrates,
                 settles=run.settles,
+                span=float(np.ptp(model.ranges[j])) if len(model.ranges) else 1.0,
             )
         )
     return steps
@@ -414,7 +428,7 @@ def _dead_time(model: Model, i: int, j: int, run: _Run) -> float:
 def _gain_units(u: Channel, y: Channel, integrates: bool) -> tuple[str, str]:
     """Unit of the gain in the model's units and, where something was converted, in the file's."""
     gain_unit = _per(y.unit or y.name, u.unit or u.name, integrates)
-    if u.scale == y.scale == 1.0:
+    if abs(u.scale) == abs(y.scale) == 1.0:
         return gain_unit, ""
     top, bottom = y.file_words or y.unit or y.name, u.file_words or u.unit or u.name
     return gain_unit, _per(top, bottom, integrates)

@@ -218,13 +218,13 @@ def test_units_in_names(name: str, to: str, factor: float) -> None:
     assert (found.unit, found.scale) == (to, pytest.approx(factor, rel=1e-12))
 
 
-def test_an_error_is_shown_in_the_file_unit_too(tmp_path: Path, capsys: Capture) -> None:
+def test_an_error_is_shown_in_the_file_unit_first(tmp_path: Path, capsys: Capture) -> None:
     k, u, y = motor(400)
     path = put(tmp_path, "millis,pwm,rpm\n" + lines([whole(20 * k), whole(u), point(y)]))
     arguments = ("fit", path, "--structure", "arx", "--orders", "na=1 nb=1 nk=1")
     found = run(capsys, *arguments, "--workspace", tmp_path / "w")
     assert found.code == 0
-    assert " rpm)" in found.out
+    assert " rpm (" in found.out
     document = run(capsys, *arguments, "--workspace", tmp_path / "w", "--json").document
     error = document["estimation"]["one_step"]["rmse"]["rpm"] / RPM
     # the readings carry 0.3 rpm of noise, which an ARX model of them sees 1.35-fold
@@ -316,3 +316,20 @@ def test_a_wrong_unit_of_the_pose_is_refused(tmp_path: Path) -> None:
         read_file(path, ReadOptions(units={"psi": "V"}))
     with pytest.raises(UsageError, match=r"units={'t': 'rpm'}` is not a unit of time.*s, ms, us"):
         read_file(path, ReadOptions(units={"t": "rpm"}))
+
+
+def test_a_minus_before_a_unit_changes_the_sign(tmp_path: Path, capsys: Capture) -> None:
+    k, u, y = motor(400)
+    path = put(tmp_path, "millis,pwm,rpm\n" + lines([whole(20 * k), whole(u), point(-y)]))
+    fit = ("fit", path, "--structure", "arx", "--orders", "na=1 nb=1 nk=1")
+    place = ("--workspace", tmp_path / "w")
+    plain, turned = (
+        run(capsys, *fit, *more, "--json", *place).document for more in ((), ("--unit", "rpm=-rpm"))
+    )
+    gains = [
+        step["gain"]["value"] * step["file_factor"]
+        for d in (plain, turned)
+        for step in d["models"][0]["step_response"]
+    ]
+    assert gains[0] < 0.0
+    assert gains[1] == pytest.approx(-gains[0])

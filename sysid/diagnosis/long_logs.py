@@ -1,0 +1,150 @@
+"""Long logs: effects are searched on evenly spread pieces of them, and judged on all samples."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from sysid.data.facts import LogFacts
+from sysid.data.integrating import integrates
+from sysid.data.record import Array, Record
+from sysid.data.shortened import shortened
+from sysid.diagnosis.base_model import Base
+from sysid.diagnosis.diagnosis import Trace
+from sysid.diagnosis.gap import Gap
+from sysid.diagnosis.samples import inspect_samples
+from sysid.diagnosis.search.prepared import prepare
+from sysid.diagnosis.search.selection import CandidateModel, Selection
+from sysid.diagnosis.session import DiagnosisSession
+
+SEARCHED = 6_000
+"""Samples that effects are searched on: the search takes half a minute on them, and ten times as
+many find the same effects on all the machines of the studies."""
+
+LONG = 10_000
+"""Samples from which a log is searched in pieces."""
+
+
+def pieces_of(records: Sequence[Record]) -> tuple[Record, ...]:
+    """``SEARCHED`` samples of long records, as pieces that know what went before them.
+
+    How long a machine has run and how far it has turned by then is what a battery that empties, a
+    motor that warms and a ripple over the angle depend on.
+    """
+    total = sum(map(len, records))
+    if total <= LONG:
+        return tuple(records)
+    pieces = []
+    for r in records:
+        turned = np.vstack([np.zeros((1, r.ny)), np.cumsum(r.y, axis=0) * r.dt])
+        for piece in shortened((r,), max(len(r) * SEARCHED // total, 1)):
+            k = round((piece.t0 - r.t0) / r.dt)
+            pieces.append(replace(piece, since=np.append(k * r.dt, turned[k])))
+    return tuple(pieces)
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What effects are searched on.
+
+    Attributes:
+        facts, holdout_facts: of the logs, or of pieces of them; None without validation logs.
+        judged: both models on all samples; None where the search sees them all.
+    """
+
+    facts: LogFacts
+    holdout_facts: LogFacts | None
+    judged: "Callable[[DiagnosisSession, Selection], InFull] | None"
+
+
+def searched_on(
+    estimation: Sequence[Record], holdout: Sequence[Record] | None, given: bool
+) -> Searched:
+    """The logs, or pieces of long ones.
+
+    Args:
+        estimation: logs that effects are searched on.
+        holdout: validation logs, if any.
+        given: whether a model is given; without one, rates of positions are few already.
+    """
+    if not given and integrates(estimation):
+        pieces, judging = tuple(estimation), tuple(holdout or ())
+    else:
+        pieces, judging = pieces_of(estimation), pieces_of(holdout or ())
+    whole = tuple(holdout or estimation)
+    judged = partial(judged_in_full, whole=whole, apart=bool(holdout))
+    cut = (*pieces, *judging) != (*estimation, *(holdout or ()))
+    return Searched(
+        LogFacts(pieces), LogFacts(judging) if judging else None, judged if cut else None
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class InFull:
+    """Both models on all samples of long logs.
+
+    Attributes:
+        gap: over the samples that no effect was searched on.
+        traces: both runs, those samples counted.
+        sentence: what was searched and judged on.
+    """
+
+    gap: Gap
+    traces: tuple[Trace, ...]
+    sentence: str
+
+
+def judged_in_full(
+    session: DiagnosisSession, selection: Selection, whole: Sequence[Record], apart: bool
+) -> InFull:
+    """Free runs of the original and the augmented model over whole logs.
+
+    Args:
+        session: of the pieces.
+        selection: the accepted effects.
+        whole: the logs that the pieces were taken from, or the validation logs.
+        apart: whether these are validation logs, of which every sample counts.
+    """
+    origin, pieces = session.origin.base, session.base.parts.estimation
+    weights = [
+        w if apart else w * _outside(r, pieces)[:, None]
+        for r, w in zip(whole, inspect_samples(LogFacts(tuple(whole))).weights, strict=True)
+    ]
+    before = _runs(origin, origin.model, whole)
+    after = _runs(session.base, selection.final, whole) if selection.selected else before
+    old, new = (
+        [np.where(w > 0.0, r.y - y, np.nan) for r, y, w in zip(whole, runs, weights, strict=True)]
+        for runs in (before, after)
+    )
+    traces = tuple(
+        Trace(r, a, b, "held-out", np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
+        for r, a, b, w in zip(whole, before, after, weights, strict=True)
+    )
+    searched, counted = sum(map(len, pieces)), int(sum(t.counted.sum() for t in traces))
+    return InFull(
+        session.gap_of(old, new),
+        traces,
+        f"Effects were searched on {searched} samples in {len(pieces)} pieces; "
+        f"held-out errors are of {'all' if apart else 'the other'} {counted} samples.",
+    )
+
+
+def _outside(record: Record, pieces: Sequence[Record]) -> Array:
+    """1 for samples of a record in none of its pieces, (N,)."""
+    outside = np.ones(len(record))
+    for p in pieces:
+        k = round((p.t0 - record.t0) / record.dt)
+        if p.sha256 == record.sha256 and 0 <= k < len(record):
+            outside[k : k + len(p)] = 0.0
+    return outside
+
+
+def _runs(base: Base, candidate: CandidateModel, whole: Sequence[Record]) -> tuple[Array, ...]:
+    """Free runs of a candidate over whole records, (N, tracks) each."""
+    search = base.search
+    of = {r.sha256: k for r, k in zip(search.holdout, search.logs.holdout, strict=True)}
+    logs = [of.get(r.sha256, 0) for r in whole]
+    data = prepare([base.driven(r) for r in whole], base.scales, base.delay, logs=logs)
+    q = search.in_phase(candidate.q, candidate.effects)
+    return data.split(search.model.run(q[None], data)[0])
