@@ -12,6 +12,7 @@ from typing import Any
 from sysid.data.record import Array
 from sysid.errors import DataError
 from sysid.mission.contracts import Pose
+from sysid.outside_text import csv_text
 
 
 class Outcome(StrEnum):
@@ -116,7 +117,7 @@ def write_columns(columns: Mapping[str, Array], path: str | Path) -> Path:
         try:
             with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
                 writer = csv.writer(file, lineterminator="\n")
-                writer.writerow(columns)
+                writer.writerow(map(csv_text, columns))
                 cells = (["" if v != v else v for v in c.tolist()] for c in columns.values())
                 writer.writerows(zip(*cells, strict=True))
             os.chmod(temporary, 0o644)

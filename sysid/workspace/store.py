@@ -304,15 +304,15 @@ class Workspace:
 
     def _json(self, path: Path, missing: Any = None) -> Any:
         try:
-            return json.loads(path.read_text(encoding="utf-8"))
+            return documents.parsed(path.read_bytes())
         except FileNotFoundError:
             if missing is not None:
                 return missing
             raise ModelError(f"{path} is gone; fit the model again") from None
         except OSError as error:
             raise ModelError(f"{path} cannot be read ({error.strerror})") from None
-        except (ValueError, RecursionError):
-            raise ModelError(f"{path} is damaged (not JSON); delete it") from None
+        except ValueError as error:
+            raise ModelError(f"{path} is damaged ({error}); delete it") from None
 
     def _write(self, name: str, value: Any) -> None:
         from sysid.data.files import write_atomic

@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 
 from mutations import DEEP, NESTED
+from sysid.data import documents
 from sysid.errors import SysidError
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -85,7 +86,7 @@ def _use_model(path: Path) -> None:
     model.equations()
     model.parameter_table()
     model.operating_point_sentence()
-    json.dumps(model.to_json(), allow_nan=False)
+    documents.text(model.to_json())
 
 
 def _use_plant(path: Path) -> None:
@@ -103,31 +104,24 @@ def _run(plant: Any) -> None:
 
 
 def _workspace(path: Path) -> None:
+    """What the file holds, as each of the three files of a workspace."""
     from sysid.workspace.store import Workspace
 
-    files = json.loads(path.read_text())
-    root = path.with_suffix("")
-    if isinstance(files, dict):
-        for name, content in files.items():
-            place = root / ("models" if "-" in name else "") / name.replace("/", "_")[:99].replace("\0", "")
-            place.parent.mkdir(parents=True, exist_ok=True)
-            with contextlib.suppress(OSError):
-                place.write_text(json.dumps(content))
-    try:
-        store = Workspace(root)
-        store.all()
-        store.chosen(None)
-    finally:
-        import shutil
-
-        shutil.rmtree(root, ignore_errors=True)
+    for name in ("models/arx-1f00ba.json", "index.json", "state.json"):
+        place = path.parent / "ws" / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(path.read_bytes())
+        try:
+            with contextlib.suppress(SysidError):
+                Workspace(path.parent / "ws").chosen(None)
+        finally:
+            place.unlink()
 
 
 def _workspaces() -> list[Any]:
-    model = _model_files()[0]
-    entry = {"id": "arx-1f00ba", "model": model, "report": {}}
-    state = {"latest": {"value": "arx-1f00ba", "order": 1}, "best": {"value": ["arx-1f00ba"], "order": 2}}
-    return [{"arx-1f00ba.json": entry, "index.json": ["arx-1f00ba"], "state.json": state}]
+    entry = {"id": "arx-1f00ba", "model": _model_files()[0], "report": {}}
+    latest = {"value": "arx-1f00ba", "order": 1}
+    return [entry, ["arx-1f00ba"], {"latest": latest, "best": {"value": ["arx-1f00ba"], "order": 2}}]
 
 
 # ------------------------------------------------------------------------------- hand-written files
