@@ -143,6 +143,9 @@ def _sentence(error: Exception) -> tuple[str, int]:
         return str(error), error.exit_code
     if isinstance(error, _WRONG_USE):
         return _wrong_use(error), 2
+    if isinstance(error, OSError) and error.strerror:
+        what = error.filename or "the output"
+        return f"{what} cannot be read or written ({error.strerror}); choose another place", 1
     if isinstance(error, MemoryError):
         return "out of memory; use less data or lower orders", 1
     detail = " ".join(str(error).split())

@@ -13,6 +13,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, Literal
 
 from sysid.data import documents
+from sysid.outside_text import visible
 
 from .field_options import with_options
 
@@ -72,7 +73,7 @@ def table(
         # the first column names the row, such as an id to copy: the others break before it does
         whole = k == 0 and max((len(_cell(c)) for c in column), default=0) <= _LONGEST_NAME
         side: Literal["left", "right"] = "right" if numeric else "left"
-        drawn.add_column(Text(heading), justify=side, overflow="fold", no_wrap=whole)
+        drawn.add_column(Text(_shown(heading)), justify=side, overflow="fold", no_wrap=whole)
     for row in rows:
         drawn.add_row(*(Text(_cell(c)) for c in row))
     if title:  # as a line of its own: rich would break it at the width of the table
@@ -91,7 +92,7 @@ def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:
     grid.add_column(overflow="fold")
     grid.add_column(overflow="fold")
     for name, value in pairs:
-        grid.add_row(Text(name, style="bold"), Text(_cell(value)))
+        grid.add_row(Text(_shown(name), style="bold"), Text(_cell(value)))
     if title:
         say(title, "bold")
     _console(sys.stdout).print(grid)
@@ -105,12 +106,10 @@ def findings(verdicts: "Sequence[Finding]") -> None:
     for finding in verdicts:
         word = finding.severity.word
         line = Text(f"{word:>8}  ", style=_STYLES[word])
-        line.append(with_options(finding.sentence), style="not bold default")
+        line.append(_shown(finding.sentence), style="not bold default")
         console.print(line, soft_wrap=True)
         if finding.advice:
-            console.print(
-                Text(" " * 10 + with_options(finding.advice), style="dim"), soft_wrap=True
-            )
+            console.print(Text(" " * 10 + _shown(finding.advice), style="dim"), soft_wrap=True)
 
 
 READING_LINES = 8
@@ -262,11 +261,16 @@ def _with_options(value: Any) -> Any:
     return with_options(value) if isinstance(value, str) else value
 
 
+def _shown(text: str) -> str:
+    """A text as the terminal gets it: options named, nothing that would steer it."""
+    return visible(with_options(text))
+
+
 def _print(sentence: str, stream: Any, style: str) -> None:
     from rich.text import Text
 
     # Text, not markup: a sentence may hold [x, y] or a file called [red].csv
-    _console(stream).print(Text(with_options(sentence), style=style), soft_wrap=True)
+    _console(stream).print(Text(_shown(sentence), style=style), soft_wrap=True)
 
 
 def _console(stream: Any) -> "Console":
@@ -287,4 +291,4 @@ def _cell(value: object) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return number(value)
-    return with_options(str(value))
+    return _shown(str(value))

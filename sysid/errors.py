@@ -7,11 +7,22 @@ choose otherwise is named by its field (``argument``).
 from enum import Enum
 from typing import ClassVar
 
+from sysid.outside_text import visible
+
+LONGEST_SENTENCE = 2000
+"""Letters of a message; what a file or a command line adds beyond is left out of the middle."""
+
 
 class SysidError(Exception):
-    """Base of all errors a user can cause; its text is shown to the user as it is."""
+    """Base of all errors a user can cause; its text is shown to the user as it is.
+
+    What it repeats of a file can neither steer the terminal nor fill it.
+    """
 
     exit_code: ClassVar[int] = 1
+
+    def __init__(self, sentence: str = "") -> None:
+        super().__init__(_bounded(visible(sentence)))
 
 
 class DataError(SysidError):
@@ -26,6 +37,14 @@ class UsageError(SysidError):
     """Wrong use: an unknown option, name or order; the exit code is 2."""
 
     exit_code: ClassVar[int] = 2
+
+
+def _bounded(sentence: str) -> str:
+    beyond = len(sentence) - LONGEST_SENTENCE
+    if beyond <= 0:
+        return sentence
+    head, tail = sentence[: LONGEST_SENTENCE * 3 // 4], sentence[-LONGEST_SENTENCE // 4 :]
+    return f"{head} … ({beyond} letters left out) … {tail}"
 
 
 def argument(**fields: object) -> str:

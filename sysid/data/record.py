@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid.data.column_words import is_drive, is_wheel_speed
 from sysid.errors import DataError
+from sysid.outside_text import name_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -36,6 +37,10 @@ class Channel:
     unit: str = ""
     scale: float = 1.0
     file_unit: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("name", "unit", "file_unit"):  # in C, XML, HTML and on the terminal
+            object.__setattr__(self, name, name_of(getattr(self, name)))
 
     @property
     def file_words(self) -> str:

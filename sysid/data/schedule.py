@@ -9,6 +9,7 @@ import numpy as np
 from sysid.data.files import write_atomic
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel, frozen
 from sysid.errors import UsageError
+from sysid.outside_text import csv_text
 
 REST = 1.0
 """Standstill before and after the excitation [s]."""
@@ -53,7 +54,7 @@ def write_schedule(schedule: Schedule, path: str | Path) -> Path:
     Raises:
         DataError, UsageError: the file cannot be written; see ``write_atomic``.
     """
-    header = ",".join(("t", *(c.name for c in schedule.channels)))
+    header = ",".join(("t", *(csv_text(c.name) for c in schedule.channels)))
     rows = (
         ",".join((f"{t:.9g}", *(str(int(v)) for v in row)))
         for t, row in zip(schedule.t, schedule.u, strict=True)

@@ -14,6 +14,9 @@ from typing import Any, TypeVar
 STORED: Mapping[str, Any] = MappingProxyType({"extra": "forbid", "allow_inf_nan": False})
 """``__pydantic_config__`` of a schema: no key it does not know, no number that JSON cannot say."""
 
+DAMAGED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError)
+"""What reading a document raises that is not what it should be, where no schema has caught it."""
+
 Schema = TypeVar("Schema")
 
 
@@ -38,6 +41,8 @@ def checked(schema: type[Schema], raw: object, *, others: bool = False) -> Schem
         value: Schema = _adapter(kind).validate_json(json.dumps(raw), strict=True)
     except ValidationError as error:
         raise ValueError(_words(error.errors(include_url=False)[0])) from None
+    except (TypeError, RecursionError):
+        raise ValueError("it is not what JSON can hold") from None
     return value
 
 

@@ -67,6 +67,9 @@ UNITS: dict[str, tuple[str, float]] = {
 LEAST_PULSE = 1100.0
 """PWM that never goes beyond this is not in µs of ±20000, of which nothing moves below."""
 
+MOST = 1e9
+"""Counts of a turn and commands of full drive lie between 1/MOST and this."""
+
 _TICKS = re.compile(r"ticks(?P<rate>/s)?/(?P<per_turn>[0-9.eE+]+)")
 _COUNTS = re.compile(
     r"(?:counts?|cpr)(?P<rate>/s)?(?:/rev\s*=\s*|\s*=\s*|/)(?P<per_turn>[0-9.eE+]+)(?:/rev)?"
@@ -114,8 +117,10 @@ def conversion(unit: str, channel: str = "") -> Conversion:
             per_turn = float(match["per_turn"])
         except ValueError:
             per_turn = math.nan
-        if not (math.isfinite(per_turn) and per_turn > 0):
-            raise UsageError(f"unit {unit!r}{where}: the ticks per turn must be a positive number")
+        if not 1.0 / MOST <= per_turn <= MOST:
+            raise UsageError(
+                f"unit {unit!r}{where}: the ticks per turn must be a positive number up to {MOST:g}"
+            )
         if position and match["rate"] is None:
             return Conversion("rad", _TURN / per_turn, unit)
         every = position is None and match["rate"] is None
@@ -144,8 +149,11 @@ def pwm_conversion(pwm_max: float) -> Conversion:
     Raises:
         UsageError: ``pwm_max`` is not a positive number.
     """
-    if not (math.isfinite(pwm_max) and pwm_max > 0):
-        raise UsageError(f"`pwm_max` must be a positive number, such as 255, got {pwm_max}")
+    if not 1.0 / MOST <= pwm_max <= MOST:
+        raise UsageError(
+            f"`pwm_max` must be a positive number, such as 255, from {1 / MOST:g} to {MOST:g}, got "
+            f"{pwm_max:g}"
+        )
     return Conversion("µs", PWM_FULL_SCALE / pwm_max, f"±{pwm_max:g}")
 
 

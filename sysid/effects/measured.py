@@ -4,13 +4,14 @@ An effect's parameter says by ``measured_as`` which key of a mission's ``vehicle
 value.
 """
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from sysid.data import documents
 from sysid.data.files import contents
+from sysid.data.schema import DAMAGED
 from sysid.effects.base import Effect, EffectParameter
 from sysid.errors import DataError, UsageError
 
@@ -40,14 +41,14 @@ def read_measured(path: str | Path) -> dict[str, Measured]:
     """
     path = Path(path)
     try:
-        document = json.loads(contents(path))
+        document = documents.parsed(contents(path))
         measured = {
             str(key): Measured(float(entry["value"]), float(entry["std_error"]))
             for key, entry in document["measured"].items()
         }
     except FileNotFoundError:
         raise UsageError(f"file not found: {path}; write one with `sysid bench power`") from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, *DAMAGED):
         raise DataError(f"{path} is not a file of `sysid bench power`; write it again") from None
     if not all(math.isfinite(m.value) and m.std_error >= 0.0 for m in measured.values()):
         raise DataError(f"{path} holds impossible values; write it again")

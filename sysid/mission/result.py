@@ -10,6 +10,7 @@ from typing import Any
 from sysid.data.files import replacing
 from sysid.data.record import Array
 from sysid.mission.contracts import Pose
+from sysid.outside_text import csv_text
 
 
 class Outcome(StrEnum):
@@ -119,7 +120,7 @@ def write_columns(columns: Mapping[str, Array], path: str | Path) -> Path:
     """
     with replacing(path) as new, new.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
+        writer.writerow(map(csv_text, columns))
         cells = (["" if v != v else v for v in c.tolist()] for c in columns.values())
         writer.writerows(zip(*cells, strict=True))
     return Path(path)

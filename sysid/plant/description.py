@@ -10,9 +10,8 @@ import numpy as np
 from sysid.data import documents
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
-from sysid.data.schema import STORED, checked
+from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, Termination
-from sysid.structures.base import Structure
 from sysid.structures.model import Model, Provenance
 from sysid.structures.plant import Plant
 from sysid.structures.registry import structure_from_json
@@ -129,9 +128,9 @@ def from_text(text: bytes, where: str) -> dict[str, Any]:
         ModelError: it is not JSON, or of another schema.
     """
     try:
-        raw = json.loads(text.decode("utf-8"))
-    except (ValueError, RecursionError):
-        raise ModelError(f"{where}: plant.json is damaged (not JSON); export it again") from None
+        raw = documents.parsed(text)
+    except ValueError as error:
+        raise ModelError(f"{where}: plant.json is damaged ({error}); export it again") from None
     if not isinstance(raw, dict) or "schema" not in raw:
         raise ModelError(f"{where}: plant.json names no schema; export the plant again")
     if raw["schema"] != SCHEMA:
@@ -186,29 +185,13 @@ class _Core:
     covariance: tuple[str, ...] = ()  # of 0.1.0, the first packages held none
 
 
-@dataclass(frozen=True, eq=False)
-class _Parsed:
-    """A description, read and checked."""
-
-    structure: Structure
-    theta: Array
-    dt: float
-    inputs: tuple[Channel, ...]
-    outputs: tuple[Channel, ...]
-    detrend: Detrend
-    ranges: Array
-    covariance: Array
-    fixed: tuple[bool, ...]
-
-
 def to_plant(raw: Mapping[str, Any], where: str) -> Plant:
     """The plant that a description describes, made through the registry of structures.
 
     Raises:
         ModelError: the description is damaged, or its structure is not known here.
     """
-    p = _parsed(raw, where)
-    return Plant.of_structure(p.structure, p.theta, p.dt, p.inputs, p.outputs, p.detrend, p.ranges)
+    return to_model(raw, where).plant()
 
 
 def to_model(raw: Mapping[str, Any], where: str) -> Model:
@@ -219,30 +202,6 @@ def to_model(raw: Mapping[str, Any], where: str) -> Model:
     Raises:
         ModelError: the description is damaged, or its structure is not known here.
     """
-    p = _parsed(raw, where)
-    ny = len(p.outputs)
-    named = zip(p.structure.parameters(p.inputs, p.outputs), p.theta, p.fixed, strict=True)
-    return Model(
-        structure=p.structure,
-        theta=p.theta,
-        covariance=p.covariance,
-        parameters=tuple(
-            replace(q, fixed=float(value)) if fixed else q for q, value, fixed in named
-        ),
-        dt=p.dt,
-        inputs=p.inputs,
-        outputs=p.outputs,
-        detrend=p.detrend,
-        noise_covariance=np.zeros((ny, ny)),
-        n_estimated=0,
-        criteria={},
-        termination=Termination.CLOSED_FORM,
-        ranges=p.ranges,
-        provenance=Provenance(options={"package": where}),
-    )
-
-
-def _parsed(raw: Mapping[str, Any], where: str) -> _Parsed:
     try:
         file = checked(_PlantFile, raw, others=True)
         if tuple(b.get("kind") for b in file.blocks) != BLOCKS:
@@ -253,30 +212,35 @@ def _parsed(raw: Mapping[str, Any], where: str) -> _Parsed:
         structure = structure_from_json(file.blocks[1])
         if (structure.nu, structure.ny) != (len(file.inputs), len(file.outputs)):
             raise ValueError("its channels do not fit its structure")
-        if [p.name for p in values] != [
-            p.name for p in structure.parameters(file.inputs, file.outputs)
-        ]:
+        parameters = structure.parameters(file.inputs, file.outputs)
+        if [p.name for p in values] != [p.name for p in parameters]:
             raise ValueError("its parameters do not fit its orders")
-        if file.sample_time <= 0:
-            raise ValueError(f"the sample time {file.sample_time:g} s is not positive")
         domain = [file.domain["inputs"][c.name] for c in file.inputs]
-        return _Parsed(
-            structure,
-            np.array([p.value for p in values], dtype=np.float64),
-            file.sample_time,
-            file.inputs,
-            file.outputs,
-            Detrend(
+        return Model(
+            structure=structure,
+            theta=np.array([p.value for p in values], dtype=np.float64),
+            covariance=_symmetric(core.covariance, len(values)),
+            parameters=tuple(
+                replace(q, fixed=p.value) if p.fixed else q
+                for q, p in zip(parameters, values, strict=True)
+            ),
+            dt=file.sample_time,
+            inputs=file.inputs,
+            outputs=file.outputs,
+            detrend=Detrend(
                 _offsets(before, len(file.inputs), "input"),
                 _offsets(after, len(file.outputs), "output"),
             ),
-            np.array([] if None in domain else domain, dtype=np.float64).reshape(-1, 2),
-            _symmetric(core.covariance, len(values)),
-            tuple(p.fixed for p in values),
-        )
+            noise_covariance=np.zeros((len(file.outputs),) * 2),
+            n_estimated=0,
+            criteria={},
+            termination=Termination.CLOSED_FORM,
+            ranges=np.array([] if None in domain else domain, dtype=np.float64).reshape(-1, 2),
+            provenance=Provenance(options={"package": where}),
+        ).tried()
     except ModelError as error:
         raise ModelError(f"{where}: {error}") from None
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+    except DAMAGED as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else error
         raise ModelError(f"{where}: plant.json is damaged ({what}); export it again") from None
 

@@ -12,6 +12,7 @@ from sysid.criteria.fit import fit_percent, rmse
 from sysid.data.files import write_atomic
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError
+from sysid.outside_text import csv_text
 from sysid.plant.selftest import run
 from sysid.structures.plant import Plant
 
@@ -132,7 +133,8 @@ def write_replay(result: Replay, path: str | Path) -> Path:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     simulated = [f"{n}_sim" for n in record.output_names]
-    writer.writerow(["t", *record.input_names, *record.output_names, *simulated])
+    names = ["t", *record.input_names, *record.output_names, *simulated]
+    writer.writerow(map(csv_text, names))
     t = np.round(record.t, 12)
     writer.writerows(np.column_stack([t, record.u, record.y, result.simulated]).tolist())
     return write_atomic(path, text.getvalue())

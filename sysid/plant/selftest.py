@@ -10,6 +10,7 @@ import numpy as np
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array
 from sysid.errors import ModelError
+from sysid.outside_text import csv_text
 from sysid.plant.description import from_text, to_plant
 from sysid.plant.storage import MARK, read_member
 from sysid.structures.model import Model
@@ -96,10 +97,14 @@ def to_csv(test: SelfTest, model: Model) -> str:
     """The rows as CSV with 17 significant digits: t, inputs, outputs by name."""
     lines = io.StringIO()
     writer = csv.writer(lines, lineterminator="\n")
-    writer.writerow(["t", *(c.name for c in (*model.inputs, *model.outputs))])
+    writer.writerow(_header(model))
     for t, u, y in zip(test.t, test.u, test.y, strict=True):
         writer.writerow([f"{t:.12g}", *(f"{v:.17g}" for v in (*u, *y))])
     return lines.getvalue()
+
+
+def _header(plant: Plant | Model) -> list[str]:
+    return ["t", *(csv_text(c.name) for c in (*plant.inputs, *plant.outputs))]
 
 
 def read_csv(text: bytes, plant: Plant, where: str) -> SelfTest:
@@ -114,7 +119,7 @@ def read_csv(text: bytes, plant: Plant, where: str) -> SelfTest:
         values = np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
     except (ValueError, csv.Error):
         raise ModelError(damaged) from None
-    names = ["t", *(c.name for c in (*plant.inputs, *plant.outputs))]
+    names = _header(plant)
     if header != names or values.shape != (len(rows), len(names)) or not len(rows):
         raise ModelError(damaged)
     if not np.all(np.isfinite(values)):

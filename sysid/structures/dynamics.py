@@ -149,6 +149,11 @@ class Dynamics(ABC):
         }
 
     @classmethod
+    def upgraded(cls, raw: Mapping[str, Any]) -> Mapping[str, Any]:
+        """What a file of an older version says, in the words of this one."""
+        return raw
+
+    @classmethod
     @abstractmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
         """Undo ``to_json``."""

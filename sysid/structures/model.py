@@ -1,6 +1,5 @@
 """Model: a structure with parameters, their covariance, and provenance."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -9,12 +8,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data import documents
 from sysid.data.files import contents, write_atomic
 from sysid.data.operating_point import OperatingPoint, shifted
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.data.same_kind import SAME_CLOCK, difference
-from sysid.data.schema import STORED, checked
+from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure
@@ -170,10 +170,40 @@ class Model:
     provenance: Provenance = field(default_factory=Provenance)
     operating_point: OperatingPoint = field(default_factory=OperatingPoint)
 
+    def __post_init__(self) -> None:
+        """Refuse parts that do not fit each other."""
+        n, nu, ny = len(self.theta), len(self.inputs), len(self.outputs)
+        errors = (self.operating_point.u_error, self.operating_point.y_error)
+        fitting = (
+            (self.structure.nu, self.structure.ny) == (nu, ny)
+            and len(self.parameters) == n
+            and self.covariance.shape == (n, n)
+            and self.noise_covariance.shape == (ny, ny)
+            and (len(self.detrend.u_offset), len(self.detrend.y_offset)) == (nu, ny)
+            and len(self.ranges) in (0, nu, nu + ny)
+            and all(len(e) in (0, k) for e, k in zip(errors, (nu, ny), strict=True))
+        )
+        if not fitting:
+            raise ModelError("the parts of the model do not fit each other; fit it again")
+        if not 0.0 < self.dt < np.inf:
+            raise ModelError(f"the sample time {self.dt:g} s is not positive; fit the model again")
+
     @property
     def stable(self) -> bool:
         """Whether the free run is bounded for bounded inputs."""
         return self.structure.stable(self.theta)
+
+    def tried(self) -> "Model":
+        """The model itself once it has made a step from rest, as one read from a file must.
+
+        Raises:
+            ArithmeticError, LookupError, TypeError, ValueError: its numbers cannot be run.
+        """
+        with np.errstate(all="ignore"):
+            plant = self.plant()
+            plant.step(plant.initial_state(), plant.u_offset)
+            self.equations()
+        return self
 
     def parameter_table(self) -> tuple[ParameterEstimate, ...]:
         """Value ± standard error of every parameter, in θ's order."""
@@ -407,7 +437,7 @@ class Model:
             names = [p.name for p in structure.parameters(file.inputs, file.outputs)]
             if names != [p.name for p in file.parameters]:
                 raise ValueError("its parameters do not fit its orders")
-            return Model(
+            model = Model(
                 structure=structure,
                 theta=theta,
                 covariance=_array(file.covariance, len(theta), np.inf),
@@ -433,12 +463,13 @@ class Model:
                     else OperatingPoint.from_json(file.level)
                 ),
             )
-        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+            return model.tried()
+        except DAMAGED as error:
             raise ModelError(f"the model is damaged ({error}); fit it again") from None
 
     def save(self, path: Path) -> None:
         """Write the model as readable JSON (temporary name first, then renamed)."""
-        write_atomic(path, json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
+        write_atomic(path, documents.text(self.to_json()))
 
     @staticmethod
     def load(path: Path) -> "Model":
@@ -448,11 +479,11 @@ class Model:
             ModelError: the file cannot be read as a model.
         """
         try:
-            raw = json.loads(contents(path))
+            raw = documents.parsed(contents(path))
         except OSError as error:
             raise ModelError(f"cannot read the model {path}: {error.strerror}") from None
         except ValueError as error:
-            raise ModelError(f"{path} is not valid JSON ({error}); fit the model again") from None
+            raise ModelError(f"{path} is damaged ({error}); fit the model again") from None
         if isinstance(raw, dict) and "schema" not in raw and isinstance(raw.get("model"), dict):
             raw = raw["model"]  # a workspace keeps what the fit said beside it
         try:

@@ -3,13 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
+
+from annotated_types import Ge, Le
 
 from sysid.data.documents import plain
-from sysid.data.schema import STORED, checked
+from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, UsageError
 from sysid.extensions import loaded, points, unusable
 from sysid.structures.base import NamedStructure, Structure
+from sysid.structures.orders import MAX_ORDER
 
 BUILT_IN = {
     "arx": "linear.arx:ARX",
@@ -68,6 +71,12 @@ def structure_class(name: str) -> type[NamedStructure]:
     return classes[key]
 
 
+MAX_CHANNELS = 256
+"""Largest number of inputs or of outputs in a file: beyond it a damaged number asks for memory."""
+
+Order = Annotated[int, Ge(0), Le(MAX_ORDER)]
+
+
 @dataclass(frozen=True)
 class _Described:
     """What every structure says of itself in a file; the rest is its own."""
@@ -75,27 +84,49 @@ class _Described:
     __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
 
     structure: str
-    orders: Mapping[str, Any]
-    nu: int
-    ny: int
+    orders: Mapping[str, Order | tuple[Order, ...] | tuple[tuple[Order, ...], ...]]
+    nu: Annotated[int, Ge(0), Le(MAX_CHANNELS)]
+    ny: Annotated[int, Ge(1), Le(MAX_CHANNELS)]
     settings: Mapping[str, Any] | None = None
 
 
 def structure_from_json(raw: Mapping[str, Any]) -> Structure:
     """Undo ``Structure.to_json``.
 
+    What was read must be written alike: no setting is passed over, none taken for another kind.
+
     Raises:
         ModelError: the description is damaged.
     """
     try:
-        name = checked(_Described, raw, others=True).structure
+        described = checked(_Described, raw, others=True)
+        name = described.structure
         cls = _load(MADE[name]) if name in MADE else structure_class(name)
-        return cls.from_json(raw)
-    except (KeyError, TypeError, ValueError, UsageError) as error:
+        raw = cls.upgraded(raw)
+        structure = cls.from_json(raw)
+        written = plain(structure.to_json())
+        for key in ("nu", "ny", "settings"):
+            if raw.get(key) and not _holds(written[key], raw[key]):
+                raise ValueError(f"its {key} are not those of {name}")
+        return structure
+    except (*DAMAGED, UsageError) as error:
         raise ModelError(
             f"the model's structure cannot be read ({error}); install the package that has it, or "
             "fit the model again"
         ) from None
+
+
+def _holds(written: Any, raw: Any) -> bool:
+    """Whether all that a file says is written again; an older one may say less."""
+    if isinstance(raw, dict):
+        known = isinstance(written, dict) and raw.keys() <= written.keys()
+        return known and all(_holds(written[k], v) for k, v in raw.items())
+    if isinstance(raw, list | tuple):
+        alike = isinstance(written, list) and len(written) == len(raw)
+        return alike and all(map(_holds, written, raw))
+    return (type(raw) is type(written) and raw == written) or (
+        {type(raw), type(written)} == {int, float} and raw == written
+    )
 
 
 def require_readable(structure: Structure) -> None:
@@ -107,7 +138,11 @@ def require_readable(structure: Structure) -> None:
     if type(structure).__module__.startswith("sysid."):
         return
     written = plain(structure.to_json())
-    if plain(structure_from_json(written).to_json()) != written:
+    try:
+        same = plain(structure_from_json(written).to_json()) == written
+    except ModelError:
+        same = False
+    if not same:
         raise ModelError(
             f"{structure.name} is not read back as it is written: its from_json loses settings; "
             "the package that brings it must read there what its settings() returns"

@@ -331,15 +331,15 @@ class Workspace:
         from sysid.data.files import contents
 
         try:
-            return json.loads(contents(path))
+            return documents.parsed(contents(path))
         except FileNotFoundError:
             if missing is not None:
                 return missing
             raise ModelError(f"{path} is gone; fit the model again") from None
         except OSError as error:
             raise ModelError(f"{path} cannot be read ({error.strerror})") from None
-        except (ValueError, RecursionError):
-            raise ModelError(f"{path} is damaged (not JSON); delete it") from None
+        except ValueError as error:
+            raise ModelError(f"{path} is damaged ({error}); delete it") from None
 
     def _write(self, name: str, value: Any) -> None:
         from sysid.data.files import write_atomic

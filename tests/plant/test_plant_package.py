@@ -278,7 +278,7 @@ BROKEN = {
     "not JSON": ("plant.json", b"{", "not JSON"),
     "not UTF-8": ("plant.json", b"\xff\xfe{}", "not JSON"),
     "a list": ("plant.json", b"[]", "names no schema"),
-    "too deep": ("plant.json", b"[" * 100_000, "not JSON"),
+    "too deep": ("plant.json", b"[" * 100_000, "nested too deep"),
     "empty self-test": ("selftest.csv", b"", "selftest.csv is damaged"),
     "self-test of text": ("selftest.csv", HEADER + b"0,a,b,c,d\n", "damaged"),
     "self-test of NaN": ("selftest.csv", HEADER + b"0,0,0,nan,0\n", "damaged"),

@@ -53,15 +53,15 @@ def seconds_of(cells: Sequence[str]) -> tuple[Array, float] | int | None:
     if pattern is None:
         return None
     swapped = pattern is FORMATS["slashes"] and _day_before_month(cells, pattern)
-    nanoseconds = np.empty(len(cells), dtype=np.int64)
+    nanoseconds: list[int] = []  # of Python: those of NumPy end in the year 2262
     days: dict[tuple[str, ...], int] = {}
     for k, cell in enumerate(cells):
         match = pattern.fullmatch(cell.strip())
         instant = None if match is None else _nanoseconds(match.groupdict(), swapped, days)
         if instant is None:
             return k
-        nanoseconds[k] = instant
-    elapsed = (nanoseconds - nanoseconds[0]).astype(np.float64) / NANO
+        nanoseconds.append(instant)
+    elapsed = np.array([n - nanoseconds[0] for n in nanoseconds], dtype=np.float64) / NANO
     return elapsed, float(nanoseconds[0]) / NANO
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
+from sysid.outside_text import whole
 
 Mask = NDArray[np.bool_]
 
@@ -350,7 +351,7 @@ def check_held(how: str) -> str:
     Raises:
         UsageError: it is none of these.
     """
-    if how in ("auto", "keep") or (how.isdigit() and int(how) >= 1):
+    if how in ("auto", "keep") or (whole(how) or 0) >= 1:
         return how
     raise UsageError(f"`held` is auto, keep or a number of rows per sample, got {how!r}")
 

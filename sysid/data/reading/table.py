@@ -15,6 +15,7 @@ from sysid.data.reading.header import MISSING, STATES
 from sysid.data.reading.text_layout import Layout, lay_out, split_line
 from sysid.data.record import Array
 from sysid.errors import DataError
+from sysid.outside_text import name_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -321,6 +322,7 @@ def read_table(
     else:
         layout = lay_out(data, where, delimiter, decimal)
         raw, notes, source = layout.names, layout.notes, layout
+    raw = tuple(map(name_of, raw))
     twice = [n for n in raw if n and raw.count(n) > 1]
     if twice:
         raise DataError(f"{where} has two columns named {twice[0]}; rename one")
@@ -355,7 +357,8 @@ def _parquet(data: bytes, where: str) -> "pd.DataFrame":
     except Exception:  # pyarrow's errors share no base class
         raise DataError(f"{where} is not a Parquet file, or is damaged; write it again") from None
     if any(name is not None for name in frame.index.names):
-        frame = frame.reset_index()
+        taken = [f"{n} (index)" if n in frame.columns else n for n in frame.index.names]
+        frame = frame.reset_index(names=taken)
     if not len(frame.columns) or not len(frame):
         raise DataError(f"{where} holds no rows of numbers; record the log again")
     return frame

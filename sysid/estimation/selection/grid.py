@@ -3,12 +3,12 @@
 import re
 from collections.abc import Sequence
 from itertools import product
+from math import prod
 from typing import Any
 
-import numpy as np
-
 from sysid.errors import UsageError
-from sysid.structures.orders import parse_orders
+from sysid.outside_text import whole
+from sysid.structures.orders import MAX_ORDER, parse_orders
 from sysid.structures.registry import structure_class
 
 RawOrders = dict[str, Any]
@@ -27,14 +27,16 @@ def parse_grid(text: str) -> list[RawOrders]:
         name, _, value = item.partition("=")
         if ":" in value:
             low, _, high = value.partition(":")
-            if not (low.isdigit() and high.isdigit() and int(low) <= int(high)):
+            first, last = whole(low), whole(high)
+            if first is None or last is None or not first <= last <= MAX_ORDER:
                 apart = "; put spaces between orders, no commas" if item.count("=") > 1 else ""
                 raise UsageError(
-                    f"`orders`: {item!r} is not a range such as {name or 'na'}=1:4{apart}"
+                    f"`orders`: {item!r} is not a range such as {name or 'na'}=1:4, up to "
+                    f"{MAX_ORDER}{apart}"
                 )
             if name in choices:
                 raise UsageError(f"`orders`: {name} is given twice; give each order once")
-            choices[name] = list(range(int(low), int(high) + 1))
+            choices[name] = list(range(first, last + 1))
         else:
             plain.append(item)
     if plain or not choices:
@@ -42,7 +44,7 @@ def parse_grid(text: str) -> list[RawOrders]:
             if name in choices:
                 raise UsageError(f"`orders`: {name} is given twice; give each order once")
             choices[name] = [fixed]
-    size = int(np.prod([len(c) for c in choices.values()]))
+    size = prod(len(c) for c in choices.values())
     if size > MAX_GRID:
         raise UsageError(f"`orders` names {size} combinations; at most {MAX_GRID} are searched")
     return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]

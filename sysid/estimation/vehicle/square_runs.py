@@ -8,7 +8,6 @@ driven the other way they differ, so squares both ways distinguish them:
 """
 
 import csv
-import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -163,7 +162,11 @@ def read_returns(path: Path, side: float, geometry: Geometry) -> tuple[SquareRun
         DataError: a column or a number is missing.
         UsageError: there is no such file.
     """
-    rows = list(csv.DictReader(io.StringIO(read_bytes(path).decode("utf-8-sig"))))
+    text = read_bytes(path).decode("utf-8-sig", "replace")
+    try:
+        rows = list(csv.DictReader(text.splitlines()))
+    except csv.Error as error:
+        raise DataError(f"{path.name} is not a CSV table ({error}); write it again") from None
     lacking = [n for n in ("direction", "x", "y") if not rows or n not in rows[0]]
     if lacking:
         raise DataError(

@@ -20,6 +20,7 @@ from types import SimpleNamespace
 from typing import Any, TypeVar
 
 from sysid.errors import UsageError
+from sysid.outside_text import whole
 from sysid.structures.difference_equations.signals import Signal
 from sysid.structures.orders import MAX_ORDER
 
@@ -293,7 +294,7 @@ class _Reader:
         if self.now == "^":
             self.at += 1
             exponent = self.next()
-            if not exponent.isdigit() or not 1 <= int(exponent) <= MAX_POWER:
+            if not 1 <= (whole(exponent) or 0) <= MAX_POWER:
                 raise self.error(
                     f"the exponent {exponent!r} is no whole number of at most {MAX_POWER}"
                 )
@@ -351,9 +352,10 @@ class _Reader:
         if self.now == "-":
             self.at += 1
             digits = self.next()
-            if not digits.isdigit() or int(digits) > MAX_ORDER:
+            number_read = whole(digits)
+            if number_read is None or number_read > MAX_ORDER:
                 raise self.error(f"the lag {digits!r} is no whole number to {MAX_ORDER}")
-            lag = int(digits)
+            lag = number_read
         self.take(")")
         if kind != "u" and lag == 0:
             raise self.error(f"{token}(t) is what the equation is to give; lag it")

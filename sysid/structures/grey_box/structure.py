@@ -9,12 +9,14 @@ register theirs under the entry-point group ``sysid.structures``.
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
+from annotated_types import Ge, Le
 
 from sysid import floats
 from sysid.data.record import Array, Channel, Record
+from sysid.data.schema import checked
 from sysid.errors import UsageError, argument
 from sysid.fitting.problem import (
     Focus,
@@ -23,6 +25,7 @@ from sysid.fitting.problem import (
     Problem,
 )
 from sysid.loops import repeated
+from sysid.outside_text import whole
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
 from sysid.structures.grey_box.runs import (
@@ -58,8 +61,8 @@ class GreyBox(NamedStructure):
 
     n_inputs: int
     n_outputs: int
-    dt: float = 0.0
-    substeps: int = 0
+    dt: Annotated[float, Ge(0.0)] = 0.0
+    substeps: Annotated[int, Ge(0), Le(MAX_SUBSTEPS)] = 0
     opened: tuple[str, ...] = ()
     input_range: tuple[tuple[float, float], ...] = ()
 
@@ -295,9 +298,9 @@ class GreyBox(NamedStructure):
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
-        known = {f.name for f in fields(cls)}
-        given: dict[str, Any] = {k: _tuples(v) for k, v in raw["settings"].items() if k in known}
-        return cls(int(raw["nu"]), int(raw["ny"]), **given)
+        channels = {"n_inputs": raw["nu"], "n_outputs": raw["ny"]}
+        cls.read_options({}, raw["nu"], raw["ny"])  # refuses channels that it cannot have
+        return checked(cls, {**raw["settings"], **channels})
 
     def sampled(self, dt: float) -> Self:
         """The same grey box for data sampled every ``dt`` seconds."""
@@ -451,17 +454,13 @@ class GreyBox(NamedStructure):
         }
 
 
-def _tuples(value: Any) -> Any:
-    """Lists of a file, one in another too, as tuples."""
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
-
-
 def _substeps(text: str) -> int:
     if text == "auto":
         return 0
-    if not text.isdigit() or not 1 <= int(text) <= MAX_SUBSTEPS:
+    number = whole(text)
+    if number is None or not 1 <= number <= MAX_SUBSTEPS:
         raise UsageError(
             f"{argument(structure_options={'substeps': text})}: give a whole number from 1 to "
             f"{MAX_SUBSTEPS}, or auto"
         )
-    return int(text)
+    return number

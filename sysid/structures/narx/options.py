@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.schema import checked
 from sysid.errors import UsageError
 from sysid.structures.difference_equations.options import MARGIN, choice, margin, whole_number
 from sysid.structures.difference_equations.regressors import MAX_REGRESSORS, Row
@@ -59,10 +60,7 @@ class NarxOptions:
     @staticmethod
     def from_json(raw: Mapping[str, Any]) -> "NarxOptions":
         """Undo ``to_json``."""
-        known = {f.name: raw[f.name] for f in fields(NarxOptions)}
-        if known["estimator"] == "polynomial":  # of 0.1.0: no units, whatever kind they had been
-            known["estimator"] = "wavelet"
-        options = NarxOptions(**known)
+        options = checked(NarxOptions, raw)
         if options.estimator not in KINDS:
             raise ValueError(f"unknown estimator {options.estimator!r}")
         return options

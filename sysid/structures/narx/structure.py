@@ -108,6 +108,14 @@ class NarxWavelet(RecursiveStructure):
         }
 
     @classmethod
+    def upgraded(cls, raw: Mapping[str, Any]) -> Mapping[str, Any]:
+        settings = raw["settings"]
+        options = settings["options"]
+        if options["estimator"] == "polynomial":  # of 0.1.0: no units, whatever kind they had been
+            options = {**options, "estimator": "wavelet"}
+        return {**raw, "settings": {**settings, "options": options}}
+
+    @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "NarxWavelet":
         known, nu, ny = raw["settings"], int(raw["nu"]), int(raw["ny"])
         customs = tuple(tuple(parse(e, nu, ny) for e in row) for row in known["regressors"])

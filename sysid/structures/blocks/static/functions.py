@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.errors import UsageError
+from sysid.outside_text import whole
 from sysid.structures.blocks.static.kinds import KINDS, Stage
 
 MAX_SIZE = 40
@@ -126,7 +127,8 @@ def parse_static(text: str) -> Static:
                 f"{', '.join(KINDS)}, joined by commas, e.g. {EXAMPLES}"
             )
         least = KINDS[kind].smallest
-        if least and not (number.isdigit() and least <= int(number) <= MAX_SIZE):
+        size = whole(number) or 0
+        if least and not least <= size <= MAX_SIZE:
             raise UsageError(
                 f"`structure_options`: {item!r} needs a size from {least} to {MAX_SIZE}, "
                 f"e.g. {kind}:{max(least, 5)}"
@@ -137,7 +139,7 @@ def parse_static(text: str) -> Static:
             )
         if kind == "identity":
             continue
-        stage = Stage(kind, int(number) if least else 0)
+        stage = Stage(kind, size if least else 0)
         if set(stage.names) & {n for s in stages for n in s.names}:
             raise UsageError(
                 f"`structure_options`: {text!r} has two stages with the same parameters"

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 
@@ -27,13 +27,19 @@ from sysid.structures.grey_box.structure import GreyBox
 from sysid.vehicle.dry_friction import decay
 from sysid.vehicle.motors import TorqueSource
 
-_CHOICES = MappingProxyType(
+Input = Literal["auto", "pwm", "voltage"]
+Output = Literal["auto", "speed", "position"]
+Integrator = Literal["exact", "rk4", "implicit"]
+Friction = Literal["auto", "none", "coulomb", "stribeck", "full"]
+Parametrisation = Literal["lumped", "bench"]
+
+_CHOICES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "input": ("auto", "pwm", "voltage"),
-        "output": ("auto", "speed", "position"),
-        "integrator": ("exact", "rk4", "implicit"),
-        "friction": ("auto", "none", "coulomb", "stribeck", "full"),
-        "parameters": ("lumped", "bench"),
+        "input": get_args(Input),
+        "output": get_args(Output),
+        "integrator": get_args(Integrator),
+        "friction": get_args(Friction),
+        "parameters": get_args(Parametrisation),
     }
 )
 
@@ -67,11 +73,11 @@ class DCMotor(GreyBox):
         torque_per_input: stall torque (or force) per unit of input, 0 when unknown.
     """
 
-    input: str = "auto"
-    output: str = "speed"
-    integrator: str = "exact"
-    friction: str = "auto"
-    parametrisation: str = "lumped"
+    input: Input = "auto"
+    output: Output = "speed"
+    integrator: Integrator = "exact"
+    friction: Friction = "auto"
+    parametrisation: Parametrisation = "lumped"
     shared: tuple[str, ...] = _SHARED
     torque_per_input: float = 0.0
 
