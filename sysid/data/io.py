@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.bags.opening import is_bag
-from sysid.data.column_words import is_set_point, meaning
+from sysid.data.column_words import is_set_point
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import companion, joined
 from sysid.data.logs.log_table import read_log_table
@@ -310,12 +310,10 @@ def _reading_notes(
         f"{table.where}: {name} was read as a switch ({how})."
         for name, how in table.switches(signals).items()
     ]
-    if choice.rule == "last":
-        is_output = meaning(choice.outputs[0]).quantity == "other"
-        last = choice.outputs if is_output else choice.inputs
-        side = "output" if is_output else "input"
-        was = f"was taken as the {side}" if len(last) == 1 else f"were taken as the {side}s"
-        notes.append(f"{table.where}: {', '.join(last)} {was}: no other column is left.")
+    if choice.last:
+        side = "input" if choice.last == choice.inputs else "output"
+        was = f"was taken as the {side}" if len(choice.last) == 1 else f"were taken as the {side}s"
+        notes.append(f"{table.where}: {', '.join(choice.last)} {was}: no other column is left.")
     if references:
         notes.append(
             f"{table.where}: {', '.join(references)} serve{'s' * (len(references) == 1)} only to "

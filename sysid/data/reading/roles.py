@@ -1,0 +1,150 @@
+"""Which columns of a log can be its inputs and outputs, by the words of their names.
+
+A name allows a column a role or not; no role is picked by a score. Columns of one family
+(``pump_1``, ``pump_2``) go together. Where exactly one family can be the input and one the output
+these are taken, else a person is asked.
+"""
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.column_words import (
+    Meaning,
+    family,
+    is_actuator,
+    is_effect,
+    is_set_point,
+    may_drive,
+    meaning,
+)
+from sysid.data.reading.time_column import Read
+
+Family = tuple[str, ...]
+"""Columns that are inputs or outputs together."""
+
+_INPUT = re.compile(r"u|u\d+|u\d*_.+|in|in\d+|in\d*_.+|input.*", re.I)
+_OUTPUT = re.compile(r"y|y\d+|y\d*_.+|out|out\d+|out\d*_.+|output.*", re.I)
+
+
+@dataclass(frozen=True)
+class Roles:
+    """The families that can be the inputs and the outputs; one of each where it is clear."""
+
+    inputs: tuple[Family, ...]
+    outputs: tuple[Family, ...]
+
+    @property
+    def clear(self) -> bool:
+        """Whether there is one choice only."""
+        return len(self.inputs) == len(self.outputs) == 1
+
+
+def roles(
+    free: Sequence[str], given_u: Family, given_y: Family, pose: Collection[str], read: Read | None
+) -> Roles:
+    """The families that can be the inputs and the outputs of a log.
+
+    Inputs, the first of these that there are: columns called so (``u…``, ``in…``); commands to an
+    actuator; voltages and other words that are measured as often as commanded, and columns whose
+    name says nothing; torques, currents and frequencies beside what they move, and set points;
+    measurements. Outputs: columns called so (``y…``, ``out…``); measurements that drive nothing;
+    the columns that are left.
+
+    Args:
+        free: the columns that can be a signal, in the order of the file.
+        given_u, given_y: what a person named; empty for nothing.
+        pose: columns that are part of a pose, outputs only where nothing else is one.
+        read: reads a column; one that never changes is no choice where there are others.
+    """
+    names = [n for n in free if n not in pose and n not in (*given_u, *given_y)]
+    meant = {n: meaning(n) for n in names}
+    found = _roles(meant, given_u, given_y)
+    if not found.outputs:
+        found = _roles({n: meaning(n) for n in free}, given_u, given_y)
+    if not found.clear and read is not None:
+        settled = (*given_u, *given_y)
+        moving = {n: m for n, m in meant.items() if n in settled or _moves(n, read)}
+        found = _roles(moving, given_u, given_y) if len(moving) < len(meant) else found
+    return found
+
+
+def _roles(meant: dict[str, Meaning], given_u: Family, given_y: Family) -> Roles:
+    pairs = [_pairs(meant, quantity) for quantity in ("command", "speed")]
+    if not (given_u or given_y) and all(len(p) == 1 for p in pairs):
+        return Roles(tuple(pairs[0]), tuple(pairs[1]))  # a robot, whatever else it logs
+    of_kind = {
+        kind: [n for n in meant if test(n, meant[n])]
+        for kind, test in {
+            "input": lambda n, m: _INPUT.fullmatch(n) and m.quantity not in _NO_SIGNAL,
+            "output": lambda n, m: _OUTPUT.fullmatch(n) and m.quantity not in _NO_SIGNAL,
+            "actuator": lambda n, m: is_actuator(m),
+            "command": lambda n, m: m.quantity == "command" and not is_actuator(m),
+            "effect": lambda n, m: is_effect(n) and not _INPUT.fullmatch(n),
+            "drive": lambda n, m: may_drive(n),
+            "unknown": lambda n, m: m.quantity == "other" and not may_drive(n),
+            "set point": lambda n, m: is_set_point(n),
+        }.items()
+    }
+    called_u, called_y, unknown = of_kind["input"], of_kind["output"], of_kind["unknown"]
+    effects = [n for n in of_kind["effect"] if n not in called_u]
+    drives = of_kind["drive"]
+    if given_y:
+        outputs = [given_y]
+    elif called_y:
+        outputs = [tuple(called_y)]
+    else:
+        outputs = _families(effects) or _families([*unknown, *drives])
+    moved = bool(effects or given_y or called_y)
+    ways = [
+        [given_u] if given_u else [],
+        [tuple(called_u)] if called_u else [],
+        _families(of_kind["actuator"]),
+        _families([*of_kind["command"], *unknown]) if of_kind["command"] else [],
+        _families([*(drives if moved else ()), *unknown, *of_kind["set point"]]),
+        _families(effects),
+    ]
+    for inputs in ways:
+        able = [(u, y) for u in inputs for y in outputs if not set(u) & set(y)]
+        if able:
+            break
+    else:
+        if outputs and not (given_u or given_y or called_y or effects):
+            single = tuple((n,) for n in (*unknown, *drives))
+            return Roles(single, single)  # one of a scope's channels drives
+        return Roles(tuple(next(filter(None, ways), [])), tuple(outputs))
+    # a pair of sides goes with a pair of sides, whatever else is measured
+    sided = [(u, y) for u, y in able if [u] == _both_sides(u) and [y] == _both_sides(y)]
+    able = sided if len(sided) == 1 and len({u for u, _ in able}) == 1 else able
+    us, ys = zip(*able, strict=True)
+    return Roles(tuple(f for f in inputs if f in us), tuple(f for f in outputs if f in ys))
+
+
+_NO_SIGNAL = ("reference", "supply")
+
+
+def _families(names: Sequence[str]) -> list[Family]:
+    by_family: dict[tuple[str, ...], list[str]] = {}
+    for name in names:
+        by_family.setdefault(family(name), []).append(name)
+    return [tuple(members) for members in by_family.values()]
+
+
+def _pairs(meant: dict[str, Meaning], quantity: str) -> list[Family]:
+    """The left and the right column of each family of a quantity that has both and no more."""
+    of = [n for n, m in meant.items() if m.quantity == quantity]
+    strong = [n for n in of if is_actuator(meant[n])]
+    return [pair for f in _families(strong or of) for pair in _both_sides(f)]
+
+
+def _both_sides(names: Family) -> list[Family]:
+    sides = [[n for n in names if meaning(n).side == side] for side in ("left", "right")]
+    return [(sides[0][0], sides[1][0])] if [*map(len, sides)] == [1, 1] else []
+
+
+def _moves(name: str, read: Read) -> bool:
+    """Whether a column holds numbers that change."""
+    column = read(name)
+    return column is not None and len(np.unique(column[np.isfinite(column)])) > 1
