@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.data.column_words import is_drive, is_wheel_speed
+from sysid.data.decision import Decision
 from sysid.errors import DataError
 
 Array = NDArray[np.float64]
@@ -90,6 +91,7 @@ class Record:
         references: what the outputs were to be, shape (N, nr), in the file's units, or None. They
             only serve to see whether a controller was running.
         reference_names: their nr column names.
+        read_as: what was decided when it was read, and how to decide otherwise.
 
     Raises:
         DataError: lengths differ, the sample time is not positive, or names do not fit.
@@ -107,6 +109,7 @@ class Record:
     weights: Array | None = None
     references: Array | None = None
     reference_names: tuple[str, ...] = ()
+    read_as: tuple[Decision, ...] = ()
 
     def __post_init__(self) -> None:
         put = object.__setattr__

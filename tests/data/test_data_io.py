@@ -166,7 +166,9 @@ def test_suffixes_tell_units(tmp_path: Path) -> None:
     assert (inputs[0].unit, inputs[0].scale) == ("V", 1e-3)
     assert (outputs[0].unit, outputs[0].file_unit) == ("rad/s", "rpm")
     assert outputs[1].unit == "rad/s"  # the motor's speed, not metres
-    assert any("converted from rpm" in n for n in log.notes)
+    said = {d.what: d.value for d in log.records[0].read_as}
+    assert said["in"] == "u_mV [mV → V]"
+    assert said["out"] == "y_rpm [rpm → rad/s], omega_m [rad/s]"
 
 
 def test_counter_and_missing_time(tmp_path: Path) -> None:

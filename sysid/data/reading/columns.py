@@ -16,7 +16,7 @@ from sysid.data.reading.time_column import (
     tells_time,
     unit_in_name,
 )
-from sysid.errors import DataError, UsageError, argument
+from sysid.errors import UnclearColumnsError, UsageError, argument
 
 NO_INPUT = "none"
 """Asked for as the input of a log that has none: a signal on its own."""
@@ -93,7 +93,8 @@ def choose_columns(
     if not has_inputs or by_itself:  # a time series
         both = Roles(((),), both.outputs)
     if not both.clear:
-        raise UnclearColumnsError(names, both, where, bool(inputs))
+        sentence = _unclear(names, both, where, bool(inputs))
+        raise UnclearColumnsError(sentence, both.inputs, both.outputs)
     (input_names,), (output_names,) = both.inputs, both.outputs
     silent = [
         side
@@ -213,37 +214,29 @@ MOST_IN_AN_EXAMPLE = 4
 """Inputs and outputs each: a reader needs the form, not every column of a wide file."""
 
 
-class UnclearColumnsError(DataError):
-    """Several columns can be the input or the output by their names, or none can.
-
-    Attributes:
-        families: what can be the input and what the output; one family where that is clear.
-    """
-
-    def __init__(self, names: Sequence[str], families: Roles, where: str, given_u: bool) -> None:
-        self.families = families
-        sides = {"input": families.inputs, "output": families.outputs}
-        missing = [side for side, of_side in sides.items() if not of_side]
-        used = {n for of_side in sides.values() for f in of_side for n in f}
-        if len(missing) == 1 and used >= {n for n in names if not (is_time(n) or is_counter(n))}:
-            super().__init__(
-                f"{where} has no column left for the {missing[0]}: its columns are "
-                f"{_listed(names)}; a log needs at least one input and one output"
-            )
-            return
-        alone = "" if given_u else " (or none: `inputs='none'`)"
-        asked = {
-            f"the {side}": [" with ".join(f) for f in of_side] or [*names]
-            for side, of_side in sides.items()
-            if len(of_side) != 1
-        }
-        if len({*map(tuple, asked.values())}) == 1:
-            asked = {" and ".join(asked): next(iter(asked.values()))}
-        parts = (
-            f"{side} can be {_listed(every, last=' or ')}{alone if 'input' in side else ''}"
-            for side, every in asked.items()
+def _unclear(names: Sequence[str], families: Roles, where: str, given_u: bool) -> str:
+    """What can be the input and what the output, and the options with one choice of them."""
+    sides = {"input": families.inputs, "output": families.outputs}
+    missing = [side for side, of_side in sides.items() if not of_side]
+    used = {n for of_side in sides.values() for f in of_side for n in f}
+    if len(missing) == 1 and used >= {n for n in names if not (is_time(n) or is_counter(n))}:
+        return (
+            f"{where} has no column left for the {missing[0]}: its columns are {_listed(names)}; "
+            "a log needs at least one input and one output"
         )
-        super().__init__(f"{where}: {'; '.join(parts)}; name the columns{_example(families)}")
+    alone = "" if given_u else " (or none: `inputs='none'`)"
+    asked = {
+        f"the {side}": [" with ".join(f) for f in of_side] or [*names]
+        for side, of_side in sides.items()
+        if len(of_side) != 1
+    }
+    if len({*map(tuple, asked.values())}) == 1:
+        asked = {" and ".join(asked): next(iter(asked.values()))}
+    parts = (
+        f"{side} can be {_listed(every, last=' or ')}{alone if 'input' in side else ''}"
+        for side, every in asked.items()
+    )
+    return f"{where}: {'; '.join(parts)}; name the columns{_example(families)}"
 
 
 def _example(families: Roles) -> str:
@@ -251,8 +244,8 @@ def _example(families: Roles) -> str:
     for u in families.inputs:
         for y in families.outputs:
             if not set(u) & set(y):
-                u, y = (_plain(side[:MOST_IN_AN_EXAMPLE]) for side in (u, y))
-                return f", for example {argument(inputs=u, outputs=y)}"
+                shown_u, shown_y = (_plain(side[:MOST_IN_AN_EXAMPLE]) for side in (u, y))
+                return f", for example {argument(inputs=shown_u, outputs=shown_y)}"
     return ""
 
 

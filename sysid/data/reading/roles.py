@@ -21,9 +21,8 @@ from sysid.data.column_words import (
     meaning,
 )
 from sysid.data.reading.time_column import Read
-
-Family = tuple[str, ...]
-"""Columns that are inputs or outputs together."""
+from sysid.data.record import Array
+from sysid.errors import Columns
 
 _INPUT = re.compile(r"u|u\d+|u\d*_.+|in|in\d+|in\d*_.+|input.*", re.I)
 _OUTPUT = re.compile(r"y|y\d+|y\d*_.+|out|out\d+|out\d*_.+|output.*", re.I)
@@ -33,8 +32,8 @@ _OUTPUT = re.compile(r"y|y\d+|y\d*_.+|out|out\d+|out\d*_.+|output.*", re.I)
 class Roles:
     """The families that can be the inputs and the outputs; one of each where it is clear."""
 
-    inputs: tuple[Family, ...]
-    outputs: tuple[Family, ...]
+    inputs: tuple[Columns, ...]
+    outputs: tuple[Columns, ...]
 
     @property
     def clear(self) -> bool:
@@ -43,7 +42,11 @@ class Roles:
 
 
 def roles(
-    free: Sequence[str], given_u: Family, given_y: Family, pose: Collection[str], read: Read | None
+    free: Sequence[str],
+    given_u: Columns,
+    given_y: Columns,
+    pose: Collection[str],
+    read: Read | None,
 ) -> Roles:
     """The families that can be the inputs and the outputs of a log.
 
@@ -64,46 +67,48 @@ def roles(
     found = _roles(meant, given_u, given_y)
     if not found.outputs:
         found = _roles({n: meaning(n) for n in free}, given_u, given_y)
-    if not found.clear and read is not None:
-        settled = (*given_u, *given_y)
-        moving = {n: m for n, m in meant.items() if n in settled or _moves(n, read)}
-        found = _roles(moving, given_u, given_y) if len(moving) < len(meant) else found
+    if found.clear or read is None:
+        return found
+    columns = {n: read(n) for n in names}
+    for kept in (
+        [n for n, c in columns.items() if c is None or _moves(c)],  # a constant is no signal
+        [n for n, c in columns.items() if c is not None and _moves(c)],
+    ):
+        narrower = _roles({n: meant[n] for n in kept}, given_u, given_y)
+        if narrower.clear and any(columns[n] is None for n in names if n not in kept):
+            break  # text, or numbers that a bad cell spoils: that settles nothing
+        if narrower.inputs and narrower.outputs:
+            found = narrower
     return found
 
 
-def _roles(meant: dict[str, Meaning], given_u: Family, given_y: Family) -> Roles:
+def _roles(meant: dict[str, Meaning], given_u: Columns, given_y: Columns) -> Roles:
     pairs = [_pairs(meant, quantity) for quantity in ("command", "speed")]
     if not (given_u or given_y) and all(len(p) == 1 for p in pairs):
         return Roles(tuple(pairs[0]), tuple(pairs[1]))  # a robot, whatever else it logs
-    of_kind = {
-        kind: [n for n in meant if test(n, meant[n])]
-        for kind, test in {
-            "input": lambda n, m: _INPUT.fullmatch(n) and m.quantity not in _NO_SIGNAL,
-            "output": lambda n, m: _OUTPUT.fullmatch(n) and m.quantity not in _NO_SIGNAL,
-            "actuator": lambda n, m: is_actuator(m),
-            "command": lambda n, m: m.quantity == "command" and not is_actuator(m),
-            "effect": lambda n, m: is_effect(n) and not _INPUT.fullmatch(n),
-            "drive": lambda n, m: may_drive(n),
-            "unknown": lambda n, m: m.quantity == "other" and not may_drive(n),
-            "set point": lambda n, m: is_set_point(n),
-        }.items()
-    }
-    called_u, called_y, unknown = of_kind["input"], of_kind["output"], of_kind["unknown"]
-    effects = [n for n in of_kind["effect"] if n not in called_u]
-    drives = of_kind["drive"]
+    signals = [n for n, m in meant.items() if m.quantity not in ("reference", "supply")]
+    called_u = [n for n in signals if _INPUT.fullmatch(n)]
+    called_y = [n for n in signals if _OUTPUT.fullmatch(n)]
+    commands = [n for n, m in meant.items() if m.quantity == "command"]
+    actuators = [n for n in commands if is_actuator(meant[n])]
+    effects = [n for n in meant if is_effect(n) and n not in called_u]
+    drives = [n for n in meant if may_drive(n)]
+    unknown = [n for n, m in meant.items() if m.quantity == "other" and n not in drives]
+    set_points = [n for n in meant if is_set_point(n)]
     if given_y:
         outputs = [given_y]
     elif called_y:
         outputs = [tuple(called_y)]
     else:
         outputs = _families(effects) or _families([*unknown, *drives])
-    moved = bool(effects or given_y or called_y)
+    driving = [*(drives if effects or given_y or called_y else ()), *set_points]
     ways = [
         [given_u] if given_u else [],
         [tuple(called_u)] if called_u else [],
-        _families(of_kind["actuator"]),
-        _families([*of_kind["command"], *unknown]) if of_kind["command"] else [],
-        _families([*(drives if moved else ()), *unknown, *of_kind["set point"]]),
+        _families(actuators),
+        _families([*commands, *unknown]) if commands else [],
+        _families([*driving, *unknown]) if driving else [],
+        _families([*unknown, *(effects if len(outputs) > 1 else ())]),
         _families(effects),
     ]
     for inputs in ways:
@@ -113,7 +118,7 @@ def _roles(meant: dict[str, Meaning], given_u: Family, given_y: Family) -> Roles
     else:
         if outputs and not (given_u or given_y or called_y or effects):
             single = tuple((n,) for n in (*unknown, *drives))
-            return Roles(single, single)  # one of a scope's channels drives
+            return Roles(single if len(single) > 1 else (), single)  # as a scope's channels
         return Roles(tuple(next(filter(None, ways), [])), tuple(outputs))
     # a pair of sides goes with a pair of sides, whatever else is measured
     sided = [(u, y) for u, y in able if [u] == _both_sides(u) and [y] == _both_sides(y)]
@@ -122,29 +127,24 @@ def _roles(meant: dict[str, Meaning], given_u: Family, given_y: Family) -> Roles
     return Roles(tuple(f for f in inputs if f in us), tuple(f for f in outputs if f in ys))
 
 
-_NO_SIGNAL = ("reference", "supply")
-
-
-def _families(names: Sequence[str]) -> list[Family]:
+def _families(names: Sequence[str]) -> list[Columns]:
     by_family: dict[tuple[str, ...], list[str]] = {}
     for name in names:
         by_family.setdefault(family(name), []).append(name)
     return [tuple(members) for members in by_family.values()]
 
 
-def _pairs(meant: dict[str, Meaning], quantity: str) -> list[Family]:
+def _pairs(meant: dict[str, Meaning], quantity: str) -> list[Columns]:
     """The left and the right column of each family of a quantity that has both and no more."""
     of = [n for n, m in meant.items() if m.quantity == quantity]
     strong = [n for n in of if is_actuator(meant[n])]
     return [pair for f in _families(strong or of) for pair in _both_sides(f)]
 
 
-def _both_sides(names: Family) -> list[Family]:
+def _both_sides(names: Columns) -> list[Columns]:
     sides = [[n for n in names if meaning(n).side == side] for side in ("left", "right")]
     return [(sides[0][0], sides[1][0])] if [*map(len, sides)] == [1, 1] else []
 
 
-def _moves(name: str, read: Read) -> bool:
-    """Whether a column holds numbers that change."""
-    column = read(name)
-    return column is not None and len(np.unique(column[np.isfinite(column)])) > 1
+def _moves(column: Array) -> bool:
+    return len(np.unique(column[np.isfinite(column)])) > 1

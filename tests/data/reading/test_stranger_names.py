@@ -106,7 +106,7 @@ def test_names(names: str, chosen: str) -> None:
         ("t vanne débit niveau_2", "inputs='vanne', outputs='débit'"),
         ("index inertia voltage w_rad_s", "inputs='voltage', outputs='w_rad_s'"),
         ("t steering throttle gyro speed", "inputs='steering', outputs='gyro'"),
-        ("t setpoint knob speed", "inputs='knob', outputs='speed'"),
+        ("t setpoint knob speed", "inputs='setpoint', outputs='speed'"),
         ("t valve outdoor_temp supply_temp", "inputs='valve', outputs='outdoor_temp'"),
         ("t Drehzahl Druck", "inputs='Drehzahl', outputs='Druck'"),
         ("t alpha beta", "inputs='alpha', outputs='beta'"),
