@@ -82,12 +82,12 @@ def diagnose(
     judged = judged_on(holdout or (), validation or ())
     result = _run(data, holdout, drive, (*data.findings, *holdout_findings), bench)
     before, after = keep_models(place, result, data.base, origin, judged)
-    document = write_results(folder, result, before, after)
-    document["read_as"] = decided((*data.records, *(holdout or ())))
+    read_as = decided((*data.records, *(holdout or ())))
+    document = write_results(folder, result, before, after, read_as)
     if json:
         render.document(document)
     else:
-        show_decisions(document["read_as"])
+        show_decisions(read_as)
         show(result, before, after, folder, validation or ())
 
 

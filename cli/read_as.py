@@ -24,7 +24,11 @@ def decided(records: "Iterable[Record]", *more: "Decision") -> list[dict[str, st
         more: decisions on the data that were made after reading.
     """
     logs = {r.name.partition(" part ")[0]: r.read_as for r in records if r.read_as}
-    return [{"log": name, **d.to_json()} for name, by_log in logs.items() for d in (*by_log, *more)]
+    return [
+        {"log": name, **{key: with_options(text) for key, text in d.to_json().items()}}
+        for name, by_log in logs.items()
+        for d in (*by_log, *more)
+    ]
 
 
 def show_decisions(decisions: Sequence[dict[str, str]]) -> None:
@@ -36,7 +40,7 @@ def show_decisions(decisions: Sequence[dict[str, str]]) -> None:
             first = d["log"] == decisions[0]["log"]
             parts.append(text if first else f"in {d['log']} {text}")
     if parts:
-        text = with_options(f"Read as: {'; '.join(parts)}")
+        text = f"Read as: {'; '.join(parts)}"
         for line in textwrap.wrap(
             text, WIDTH, subsequent_indent="  ", max_lines=LINES, break_on_hyphens=False
         ):

@@ -233,7 +233,7 @@ def _unclear(names: Sequence[str], families: Roles, where: str, given_u: bool) -
     if len({*map(tuple, asked.values())}) == 1:
         asked = {" and ".join(asked): next(iter(asked.values()))}
     parts = (
-        f"{side} can be {_listed(every, last=' or ')}{alone if 'input' in side else ''}"
+        f"{side} can be {_listed(every, 8, ' or ')}{alone if 'input' in side else ''}"
         for side, every in asked.items()
     )
     return f"{where}: {'; '.join(parts)}; name the columns{_example(families)}"

@@ -135,10 +135,15 @@ def _families(names: Sequence[str]) -> list[Columns]:
 
 
 def _pairs(meant: dict[str, Meaning], quantity: str) -> list[Columns]:
-    """The left and the right column of each family of a quantity that has both and no more."""
+    """The left and the right column of each family of a quantity that has both and no more.
+
+    ``true_omega_l`` is another view of ``omega_l``, and no other choice.
+    """
     of = [n for n, m in meant.items() if m.quantity == quantity]
     strong = [n for n in of if is_actuator(meant[n])]
-    return [pair for f in _families(strong or of) for pair in _both_sides(f)]
+    pairs = [pair for f in _families(strong or of) for pair in _both_sides(f)]
+    stems = [set(family(left)) for left, _ in pairs]
+    return [p for p, s in zip(pairs, stems, strict=True) if not any(o < s for o in stems)]
 
 
 def _both_sides(names: Columns) -> list[Columns]:

@@ -84,6 +84,10 @@ from sysid.errors import SysidError, UsageError
         ("t setpoint PID_output speed", "PID_output > speed"),
         ("t Sollfrequenz Istfrequenz", "Sollfrequenz > Istfrequenz"),
         ("t voltage rpm current", "voltage > rpm"),
+        (
+            "t pwm_l pwm_r v_cmd true_omega_l true_omega_r omega_l omega_r gyro_z",
+            "pwm_l pwm_r > omega_l omega_r",
+        ),
         ("t pwm_l pwm_r omega_l omega_r gyro_z accel_x", "pwm_l pwm_r > omega_l omega_r"),
         ("t ESC_signal Thrust Voltage Current", "ESC_signal > Thrust"),
         ("t valve supply_temp", "valve > supply_temp"),
