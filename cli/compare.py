@@ -14,6 +14,7 @@ from sysid.workspace.store import StoredModel, Workspace
 
 from . import fit_options, reading, render, targets
 from .fit_report import residual_words
+from .read_as import decided, show_decisions
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
@@ -84,14 +85,16 @@ def compare(
         excluded={**ranking.excluded, **unreadable},
     )
     crossed = _cross_validated(ranking, folds)
+    read_as = decided(judged_on[0] if judged_on else ())
     store.remember("best", ranking.best.contender.id)
     if plot is not None:
         from .pictures import draw_ranking
 
         draw_ranking(plot, ranking)
     if json:
-        _document(ranking, crossed)
+        _document(ranking, crossed, read_as)
         return
+    show_decisions(read_as)
     render.reading(notes(findings))
     _show(ranking, crossed, plot)
 
@@ -116,7 +119,9 @@ def _validation(
     return (records, ", ".join(dict.fromkeys(r.name for r in records))), findings
 
 
-def _document(ranking: "Ranking", folds: "Mapping[str, CrossValidation]") -> None:
+def _document(
+    ranking: "Ranking", folds: "Mapping[str, CrossValidation]", read_as: list[dict[str, str]]
+) -> None:
     render.document(
         {
             "ranking": [
@@ -130,6 +135,7 @@ def _document(ranking: "Ranking", folds: "Mapping[str, CrossValidation]") -> Non
                 {"model": id, "reason": reason} for id, reason in ranking.excluded.items()
             ],
             "notes": list(ranking.notes),
+            "read_as": read_as,
         }
     )
 

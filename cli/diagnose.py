@@ -15,6 +15,7 @@ from .diagnose_files import keep_models, write_results
 from .diagnose_report import show
 from .field_options import with_options
 from .mission_options import Driven, driven
+from .read_as import decided, show_decisions
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
@@ -81,8 +82,13 @@ def diagnose(
     judged = judged_on(holdout or (), validation or ())
     result = _run(data, holdout, drive, (*data.findings, *holdout_findings), bench)
     before, after = keep_models(place, result, data.base, origin, judged)
-    document = write_results(folder, result, before, after)
-    render.document(document) if json else show(result, before, after, folder, validation or ())
+    read_as = decided((*data.records, *(holdout or ())))
+    document = write_results(folder, result, before, after, read_as)
+    if json:
+        render.document(document)
+    else:
+        show_decisions(read_as)
+        show(result, before, after, folder, validation or ())
 
 
 @dataclass(frozen=True, eq=False)

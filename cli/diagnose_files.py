@@ -35,11 +35,14 @@ def keep_models(
     return before, before if same else _keep(place, result.after, result, origin, judged)
 
 
-def write_results(folder: Path, result: "Diagnosis", before: str, after: str) -> dict[str, Any]:
+def write_results(
+    folder: Path, result: "Diagnosis", before: str, after: str, read_as: list[dict[str, str]]
+) -> dict[str, Any]:
     """Write schedules, page and document; return the document.
 
     Args:
         before, after: ids of the models in the workspace.
+        read_as: what was decided when the logs were read.
 
     Raises:
         UsageError, DataError: the folder cannot be written.
@@ -49,6 +52,7 @@ def write_results(folder: Path, result: "Diagnosis", before: str, after: str) ->
 
     result = replace(result, next_experiments=_named(result.next_experiments))
     document: dict[str, Any] = documents.plain(result.to_json(before, after))
+    document["read_as"] = read_as
     files = {e.file: schedule_text(e) for e in result.next_experiments if e.file}
     files["index.html"] = diagnosis_page(result, before, after)
     files["diagnosis.json"] = documents.text(document)

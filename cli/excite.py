@@ -116,8 +116,7 @@ def _schedule(
 
     import numpy as np
 
-    from sysid.data.excitation import DESIGNS
-    from sysid.data.reading.columns import ROBOT_INPUTS
+    from sysid.data.excitation import DESIGNS, ROBOT_INPUTS
     from sysid.data.record import Channel, frozen
 
     make: Any = DESIGNS[design.value]

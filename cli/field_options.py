@@ -10,13 +10,14 @@ of the commands are the only table.
 import ast
 import re
 import shlex
+import sys
 from importlib import import_module
 from typing import Any
 
 import typer
 from typer.core import TyperCommand
 
-from sysid.errors import SysidError
+from sysid.errors import SysidError, UnclearColumnsError
 
 _MARKED = re.compile(r"`([a-z_]+(?:[=\[][^`]*)?)`")
 
@@ -25,15 +26,54 @@ Given = tuple[str, list[str]]
 
 
 class Command(TyperCommand):
-    """A command whose errors name its own options."""
+    """A command whose errors name its own options, and which asks what a log leaves open."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Keep the words of the line, so that an error can say it with more options."""
+        ctx.meta["sysid.words"] = list(args)
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         """Run it; a field that an error names becomes an option while the command is known."""
         try:
             return super().invoke(ctx)
+        except UnclearColumnsError as error:
+            if sys.stdin.isatty() and sys.stderr.isatty() and ask(ctx, error):
+                return self.invoke(ctx)
+            line = shlex.join([*ctx.command_path.split(), *_without_signals(ctx)])
+            error.args = (with_options(str(error)).replace("for example ", f"for example {line} "),)
+            raise
         except SysidError as error:
             error.args = (with_options(str(error)),)
             raise
+
+
+def ask(ctx: Any, error: UnclearColumnsError) -> bool:
+    """Ask for the columns that a log leaves open; whether there was anything to choose from."""
+    open_sides = {
+        side: families
+        for side, families in (("inputs", error.inputs), ("outputs", error.outputs))
+        if len(families) > 1 and side in ctx.params
+    }
+    for side, families in open_sides.items():
+        every = ", ".join(f"{k} {' with '.join(f)}" for k, f in enumerate(families, 1))
+        answer = typer.prompt(f"Which columns are the {side}? {every} (several: 1,2)", err=True)
+        words = [word.strip() for word in answer.split(",")]
+        numbers = {str(k): f for k, f in enumerate(families, 1)}
+        ctx.params[side] = [n for word in words for n in numbers.get(word, (word,))]
+    return bool(open_sides)
+
+
+def _without_signals(ctx: Any) -> list[str]:
+    """The words of the line without options for inputs and outputs."""
+    words, options = list(ctx.meta["sysid.words"]), options_of(ctx.command)
+    names = [options[field] for field in ("inputs", "outputs") if field in options]
+    for k in reversed(range(len(words))):
+        if words[k] in names:
+            del words[k : k + 2]
+        elif words[k].startswith(tuple(f"{n}=" for n in names)):
+            del words[k]
+    return words
 
 
 def with_options(text: str) -> str:

@@ -13,10 +13,12 @@ from . import fit_options, reading, render, targets
 from .fit_report import show
 from .live.follow import Followed, check_alone, follow, stopping
 from .live.options import Following, following
+from .read_as import decided, show_decisions
 
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
+    from sysid.data.record import Record
     from sysid.estimation.assessment.findings import Policy
     from sysid.estimation.identify import Identification, Request
     from sysid.fitting.options import FitOptions
@@ -117,20 +119,24 @@ def fit(
         store = Workspace(workspace)
         followed: Followed | None = None
         notes: tuple[str, ...] = ()
+        records: tuple[Any, ...] = ()
         if how.on:
             check_alone(validation, steps)
             followed = follow(logs, how, request, read, store, stop, quiet=json)
             identification = followed.found
         else:
-            identification, notes = _identify(logs, validation or [], read, steps, request)
+            identification, notes, records = _identify(logs, validation or [], read, steps, request)
         stored = _stored(store, identification, validation or logs)
+    offsets = identification.assessments[0].model.operating_point.decision
+    read_as = decided(records, offsets)
     if plot is not None:
         from .pictures import draw_fit
 
         draw_fit(plot, stored[0].id, identification)
     if json:
-        _document(stored, identification, followed)
+        _document(stored, identification, followed, read_as)
     else:
+        show_decisions(read_as)
         show(stored, identification, plot, notes)
 
 
@@ -152,8 +158,8 @@ def _identify(
     read: "ReadOptions",
     steps: "Preparation",
     request: "Request",
-) -> "tuple[Identification, tuple[str, ...]]":
-    """The fitted models, and notes on how the logs were read.
+) -> "tuple[Identification, tuple[str, ...], tuple[Record, ...]]":
+    """The fitted models, notes on how the logs were read, and the records of all.
 
     Notes are only shown; a finding that needs an action is a warning, which the models store.
     """
@@ -177,17 +183,22 @@ def _identify(
         identification = identify(
             LogFacts(records, findings), validation, request, progress, inspect=True
         )
-    return identification, notes((*findings, *validation_findings))
+    said = notes((*findings, *validation_findings))
+    return identification, said, (*records, *validation)
 
 
 def _document(
-    stored: list[StoredModel], identification: "Identification", followed: Followed | None
+    stored: list[StoredModel],
+    identification: "Identification",
+    followed: Followed | None,
+    read_as: list[dict[str, str]],
 ) -> None:
     models = [{"model": s.id, "path": str(s.path), **s.report} for s in stored]
     document: dict[str, Any] = dict(models[0])
     document["reason"] = identification.reason
     document["failed"] = dict(identification.failed)
     document["models"] = models
+    document["read_as"] = read_as
     if followed is not None:
         document["live"] = followed.state.to_json() | {"log": str(followed.log)}
     render.document(document)

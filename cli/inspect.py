@@ -6,6 +6,7 @@ import typer
 
 from . import reading, render
 from .bag_contents import show_bag
+from .read_as import decided, show_decisions
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
@@ -37,8 +38,8 @@ def inspect(
     if not read.map and len(logs) == 1 and is_bag(logs[0]):
         show_bag(logs[0], json)
         return
-    records, read_as = read_prepared(logs, read, steps)
-    findings = inspect_records(LogFacts(records, read_as), order)
+    records, reading_findings = read_prepared(logs, read, steps)
+    findings = inspect_records(LogFacts(records, reading_findings), order)
     verdict = worst(findings)
     (_document if json else _show)(records, findings, verdict.word)
     if verdict is Severity.FATAL:
@@ -57,6 +58,7 @@ def _document(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", ve
     render.document(
         {
             "records": [_facts(r) for r in records],
+            "read_as": decided(records),
             "findings": [f.to_json() for f in findings],
             "verdict": verdict,
         }
@@ -64,6 +66,7 @@ def _document(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", ve
 
 
 def _show(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", verdict: str) -> None:
+    show_decisions(decided(records))
     for record in records:
         channels = zip((*record.inputs, *record.outputs), _facts(record)["channels"], strict=True)
         render.table(

@@ -12,6 +12,9 @@ from sysid.outside_text import visible
 LONGEST_SENTENCE = 2000
 """Letters of a message; what a file or a command line adds beyond is left out of the middle."""
 
+Columns = tuple[str, ...]
+"""Columns of a log that belong together."""
+
 
 class SysidError(Exception):
     """Base of all errors a user can cause; its text is shown to the user as it is.
@@ -27,6 +30,20 @@ class SysidError(Exception):
 
 class DataError(SysidError):
     """The data cannot serve: malformed, constant, too short, not increasing in time."""
+
+
+class UnclearColumnsError(DataError):
+    """Several columns can be the input or the output by their names, or none can.
+
+    Attributes:
+        inputs, outputs: groups of columns that can be them; one group where that is clear.
+    """
+
+    def __init__(
+        self, sentence: str, inputs: tuple[Columns, ...], outputs: tuple[Columns, ...]
+    ) -> None:
+        super().__init__(sentence)
+        self.inputs, self.outputs = inputs, outputs
 
 
 class ModelError(SysidError):

@@ -62,7 +62,7 @@ def _arduino() -> Written:
     k, u, y = motor()
     text = "Starting...\r\nCalibrating sensor\r\nmillis\tpwm\trpm\r\n"
     body = lines([whole(15234 + 20 * k), whole(u), point(y)], "\t").replace("\n", "\r\n")
-    return Written(text + body, u, y * RPM, said=("lines 1 to 2 above the header", "in ms"))
+    return Written(text + body, u, y * RPM, said=("lines 1 to 2 above the header", "[ms]"))
 
 
 def _serial_monitor() -> Written:

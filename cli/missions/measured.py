@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import render
 from ..field_options import with_options
+from ..read_as import decided, show_decisions
 from .many_runs import Repeats
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def lay_over(
         comparison = against_runs(record, mission, models, runs, how.seed or 0, how.vary)
     facts: dict[str, Any] = {**comparison.summary(), "cause": None, "other_causes": []}
     facts["notes"] = list(comparison.notes)
+    facts["read_as"] = decided([record])
     if comparison.leaves is not None:
         with render.stages("Diagnosing") as progress:
             why = likely_cause(record, models[0], mission.vehicle.given_geometry, progress)
@@ -61,6 +63,7 @@ def _drive(log: Path, read: "ReadOptions") -> "tuple[Record, tuple[Finding, ...]
 
 def show_measured(comparison: dict[str, Any]) -> None:
     """What the comparison says, and what was done for it."""
+    show_decisions(comparison["read_as"])
     for note in comparison["notes"]:
         render.say(note)
     share = 100 * comparison["inside_share"]

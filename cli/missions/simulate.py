@@ -10,6 +10,7 @@ from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
 from ..mission_options import AcceptChanges
+from ..read_as import decided, show_decisions
 from .guided import facts_of, guide_over_ros, refuse_many
 from .law_options import LawChoice, law_choice, refuse_for_log
 from .many_runs import Repeats, Ride, candidates, drive_many, repeats, ride, show_files, show_many
@@ -94,6 +95,7 @@ def simulate(
     if json:
         render.document(facts)
         return
+    show_decisions(facts.get("read_as", ()))
     if "measured" in facts:
         show_measured(facts["measured"])
     if "runs" in facts:
@@ -201,6 +203,7 @@ def _replay(
 
     result = replay(plant, read_for(plant, path, read))
     facts = result.summary() | {"log": write_replay(result, log)}
+    facts["read_as"] = decided([result.record])
     if plot is not None:
         draw_replay(plot, result)
         facts["plot"] = plot

@@ -11,6 +11,7 @@ from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
 from ..mission_options import given_lengths
+from ..read_as import decided
 from .fit_vehicle_picture import drawn
 from .fit_vehicle_report import show, show_squares
 
@@ -209,6 +210,7 @@ def fit_vehicle(
     with render.progress("Fitting the vehicle"):
         fitted = fit(records, holdout, given, motion, motors)
     document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **fitted.to_json()}
+    document["read_as"] = decided((*records, *holdout))
     document["notes"] = [*fitted.notes, *(f.text for f in (*findings, *more))]
     document |= _written(files, fitted, (logs or [])[0].stem)
     render.document(document) if json else show(fitted, document)

@@ -4,6 +4,7 @@ from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
 from .. import render
+from ..read_as import show_decisions
 
 if TYPE_CHECKING:
     from sysid.estimation.vehicle.square_runs import SquareResult
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
 
 def show(fitted: "VehicleFit", document: dict[str, Any]) -> None:
     """Print the result for a person."""
+    show_decisions(document["read_as"])
     identifiable = [n for n in fitted.numbers if n.identifiable]
     render.table(
         ("quantity", "value", "± standard error", "unit", "what it is"),

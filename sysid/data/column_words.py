@@ -25,19 +25,22 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("duty", "dutycycle", "throttle", "gas", "gaspedal", "fahrpedal", "pedal"),
     (
         *("cmd", "command", "befehl", "kommando", "commande", "stellgröße", "stellgroesse"),
-        *("stellsignal", "stellwert"),
+        *("stellsignal", "stellwert", "pid", "controller", "regler", "reglerausgang"),
     ),
     ("volt", "volts", "voltage", "spannung"),
     ("control", "ctrl", "effort", "drive", "power", "leistung"),
     (
         *("rudder", "ruder", "ruderwinkel", "gouvernail", "steer", "steering", "lenkung"),
         *("lenkwinkel", "heater", "heizung", "heat", "chauffage", "pump", "pumpe", "pompe"),
-        *("valve", "ventil", "vanne", "fan", "lüfter", "relay"),
+        *("valve", "ventil", "vanne", "fan", "lüfter", "relay", "brake", "bremse", "frein"),
+        *("esc", "servo", "damper", "klappe"),
     ),
     ("u", "motor", "mot"),
 )
-"""Words of a command, the clearest first: where several columns could be the command, the first
-group that names exactly one (or one a side) decides."""
+"""Words of a command, the clearest first: the first group with one of a name's words counts."""
+
+MEASURED_TOO = (3, 4, 6)
+"""Groups of ``COMMANDS`` whose words are measured as often as they are commanded."""
 
 SPEEDS: tuple[tuple[str, ...], ...] = (
     ("omega", "w"),
@@ -51,14 +54,17 @@ SPEED_UNITS = frozenset(("rpm", "rad/s", "deg/s", "rev/s", "m/s", "mm/s", "cm/s"
 """Units that make a column a speed where no word does: ``left_rpm``."""
 
 MEASUREMENTS: tuple[tuple[str, ...], ...] = (
-    ("y", "out", "output", "ausgang", "measured", "istwert", "ist", "messwert", "pv"),
+    (
+        *("y", "out", "output", "ausgang", "measured", "actual", "feedback", "istwert", "ist"),
+        *("messwert", "pv"),
+    ),
     (
         *("temp", "temperature", "temperatur", "température", "level", "füllstand"),
         *("fuellstand", "pegel", "niveau"),
     ),
     (
         *("pressure", "druck", "pression", "flow", "durchfluss", "débit", "debit", "force"),
-        *("kraft", "torque", "drehmoment"),
+        *("kraft", "thrust", "schub", "torque", "drehmoment"),
     ),
     ("position", "pos", "angle", "winkel", "displacement", "weg", "theta", "phi", "abstand"),
     ("yawrate", "gyro", "gierrate", "drehrate"),
@@ -85,7 +91,7 @@ moves or pumps what the other columns measure."""
 SET_POINTS = frozenset(
     (
         *("ref", "reference", "setpoint", "sp", "desired", "des", "target", "goal"),
-        *("soll", "sollwert", "führungsgröße", "fuehrungsgroesse"),
+        *("soll", "sollwert", "führungsgröße", "fuehrungsgroesse", "vorgabe", "consigne", "demand"),
     )
 )
 """Words of what a controller is to reach."""
@@ -132,7 +138,8 @@ def words(name: str) -> tuple[str, ...]:
 def is_set_point(name: str) -> bool:
     """Whether a name is of a set point: ``speed_ref``, ``SollDrehzahl``."""
     parts = words(name)
-    return bool(SET_POINTS & set(parts)) or any(w.startswith("soll") for w in parts)
+    pairs = {a + b for a, b in pairwise(parts)}  # Set Point
+    return bool(SET_POINTS & {*parts, *pairs}) or any(w.startswith("soll") for w in parts)
 
 
 def meaning(name: str) -> Meaning:
@@ -147,8 +154,11 @@ def meaning(name: str) -> Meaning:
     side = next((SIDES[w] for w in parts if w in SIDES), "")
     if REFERENCES & set(parts) or is_set_point(base):
         return Meaning("reference", 0, side)
+    of_water = "supply" in parts and (
+        unit in PROCESS_UNITS or _rank(parts, PROCESS_MEASUREMENTS) is not None
+    )
     if SUPPLIES & set(parts) or any(w.startswith(("batter", "akku", "versorg")) for w in parts):
-        return Meaning("supply", 0, side)
+        return Meaning("measurement", 1, side) if of_water else Meaning("supply", 0, side)
     pairs = (a + b for a, b in pairwise(parts))
     parts = (*parts, *(pair for pair in pairs if pair in _KNOWN))  # YawRate, wheel_speed
     weak = len(COMMANDS) - 1
@@ -210,6 +220,11 @@ def may_move(name: str, unit: str) -> bool:
     parts = words(base)
     moves = _rank(parts, SPEEDS) is not None or _rank(parts, MEASUREMENTS[3:]) is not None
     return moves or (_rank(parts, PROCESS_MEASUREMENTS) is None and unit not in PROCESS_UNITS)
+
+
+def is_actuator(meant: Meaning) -> bool:
+    """Whether a meaning is a command to an actuator and not a measurement in any log."""
+    return meant.quantity == "command" and meant.rank not in MEASURED_TOO
 
 
 def may_drive(name: str) -> bool:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.reading.columns import ROBOT_INPUTS
 from sysid.data.record import Array
 from sysid.data.schedule import Schedule, crest_factor, sample_count, with_rests, write_schedule
 from sysid.errors import UsageError
@@ -24,6 +23,9 @@ __all__ = [
     "steps",
     "write_schedule",
 ]
+
+
+ROBOT_INPUTS = ("pwm_l", "pwm_r")
 
 
 def prbs(

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.bags.opening import is_bag
-from sysid.data.column_words import is_set_point, meaning
+from sysid.data.column_words import is_set_point
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import companion, joined
 from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.clock import doubled_rows
-from sysid.data.reading.columns import Choice, choose_columns
+from sysid.data.reading.columns import Choice, choose_columns, matching
 from sysid.data.reading.counters import as_speeds, continued
+from sysid.data.reading.decisions import decisions
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
@@ -114,20 +115,10 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
         DataError: the file cannot serve; where and why is in the sentence.
         UsageError: there is no such file, or an option does not fit it.
     """
-    options = options or ReadOptions()
+    given = options = options or ReadOptions()
     path = Path(path)
     table, together, digest = _table(path, options)
-    choice = choose_columns(
-        table.names,
-        options.inputs,
-        options.outputs or options.speed_of,
-        options.time,
-        table.where,
-        column_reader(table),
-        options.ts is not None,
-    )
-    bracketed = dict(zip(table.names, table.units, strict=True))
-    choice, pose_units = usable_pose(choice, bracketed, options.units, table.where)
+    options, choice, pose_units = _chosen(table, options)
     signals = (*choice.inputs, *choice.outputs, *choice.pose)
     stamps = numbered_clock(table, choice.clock)
     block = table.columns((*signals, *stamps))  # in one go: a long text is slow to read
@@ -156,7 +147,7 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     )
     references = _references(choice, column_reader(table), rows)
     findings = (
-        *_reading_notes(table, choice, channels, tuple(references)),
+        *_reading_notes(table, choice, tuple(references)),
         *together,
         *of_pose,
         *clock.findings,
@@ -172,7 +163,39 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
         record = replace(_record(signals_of_log, segment), name=name, sha256=digest)
         part = slice(segment.start, segment.stop)
         records.append(at_sensor_rate(record, slow, t[rows], part))
-    return LogFile(path, tuple(records), findings, options, clock.origin)
+    number = raw[:, 0] if stamps else raw[:0, 0:0].ravel()
+    said = decisions(table, choice, number, clock.t, len(rows), records, findings, pose_units)
+    records = [replace(r, read_as=said) for r in records]
+    return LogFile(path, tuple(records), findings, given, clock.origin)
+
+
+def _chosen(
+    table: Table, options: ReadOptions
+) -> tuple[ReadOptions, Choice, tuple[Conversion, ...]]:
+    """The options with whole column names, the roles of the columns, and the units of the pose."""
+
+    def whole(name: str) -> str:
+        near = matching(name, table.names)
+        return near[0] if len(near) == 1 else name
+
+    options = replace(
+        options,
+        units={whole(n): u for n, u in options.units.items()},
+        unwrap={whole(n): p for n, p in options.unwrap.items()},
+        speed_of=tuple(map(whole, options.speed_of)),
+    )
+    choice = choose_columns(
+        table.names,
+        options.inputs,
+        options.outputs or options.speed_of,
+        options.time,
+        table.where,
+        column_reader(table),
+        options.ts is not None,
+    )
+    bracketed = dict(zip(table.names, table.units, strict=True))
+    choice, pose_units = usable_pose(choice, bracketed, options.units, table.where)
+    return options, choice, pose_units
 
 
 def _table(path: Path, options: ReadOptions) -> tuple[Table, tuple[Finding, ...], str]:
@@ -296,26 +319,24 @@ def _complete_rows(
 def _reading_notes(
     table: Table,
     choice: Choice,
-    channels: tuple[tuple[Channel, ...], tuple[Channel, ...]],
     references: Sequence[str],
 ) -> tuple[Finding, ...]:
     notes = list(table.notes)
-    converted = [c for group in channels for c in group if c.scale != 1.0]
-    notes += [
-        f"{table.where}: {c.name} was converted from {c.file_unit} to {c.unit} (× {c.scale:.6g})."
-        for c in converted
-    ]
     signals = (*choice.inputs, *choice.outputs)
     notes += [
         f"{table.where}: {name} was read as a switch ({how})."
         for name, how in table.switches(signals).items()
     ]
-    if choice.rule == "last":
-        is_output = meaning(choice.outputs[0]).quantity == "other"
-        last = choice.outputs if is_output else choice.inputs
-        side = "output" if is_output else "input"
-        was = f"was taken as the {side}" if len(last) == 1 else f"were taken as the {side}s"
-        notes.append(f"{table.where}: {', '.join(last)} {was}: no other column is left.")
+    if choice.last:
+        side = "input" if choice.last == choice.inputs else "output"
+        was = f"was taken as the {side}" if len(choice.last) == 1 else f"were taken as the {side}s"
+        notes.append(f"{table.where}: {', '.join(choice.last)} {was}: no other column is left.")
+    loops = [n for n in choice.inputs if is_set_point(n)]
+    if loops:
+        notes.append(
+            f"{table.where}: {', '.join(loops)} is a set point: the model is of the closed loop "
+            "that follows it, not of the plant alone."
+        )
     if references:
         notes.append(
             f"{table.where}: {', '.join(references)} serve{'s' * (len(references) == 1)} only to "

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.decision import Decision
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
 from sysid.errors import ModelError
@@ -40,6 +41,11 @@ class OperatingPoint:
     y_error: tuple[float, ...] = ()
     estimated: int = 0
     why: str = ""
+
+    @property
+    def decision(self) -> Decision:
+        """The origin as one of the decisions on a log."""
+        return Decision("offsets", _DECIDED[self.origin], ("detrend",))
 
     def to_json(self) -> dict[str, Any]:
         """JSON-able values; infinite errors as null."""
@@ -110,6 +116,15 @@ class OperatingPoint:
             return f"Operating point: nothing drifts at {u} (output counted from {y}); {how}{why}."
         return f"Operating point: {y} at {u}; {how}{why}."
 
+
+_DECIDED = {
+    Origin.ZERO: "none",
+    Origin.REST: "at rest before the first command",
+    Origin.ESTIMATED: "estimated with the model",
+    Origin.MEANS: "means removed",
+    Origin.LINES: "straight lines removed",
+    Origin.INSIDE: "none removed",
+}
 
 _SLOPES = ("u_slope", "y_slope")
 

@@ -1,12 +1,13 @@
 """Trimming, filtering and decimation of records before a fit, stored with the model."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sysid.data.decision import Decision
 from sysid.data.finding import Finding
 from sysid.data.io import ReadOptions, read_files
 from sysid.data.preprocess import decimate, low_pass, trim
@@ -48,7 +49,13 @@ class Preparation:
             record = trim(record, self.trim_start, self.trim_end)
         if self.low_pass is not None:
             record = low_pass(record, self.low_pass)
-        return decimate(record, self.decimate) if self.decimate > 1 else record
+        if self.decimate > 1:
+            record = decimate(record, self.decimate)
+        done = self.to_json()
+        steps = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in done.items())
+        changes = dict.fromkeys(name.partition("_")[0] if "trim" in name else name for name in done)
+        decision = Decision("prepared", steps, tuple(changes))
+        return replace(record, read_as=(*record.read_as, decision)) if done else record
 
     def to_json(self) -> dict[str, Any]:
         """The steps as a JSON object; what is not done is left out."""

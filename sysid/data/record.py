@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.data.column_words import is_drive, is_wheel_speed
+from sysid.data.decision import Decision
 from sysid.errors import DataError
 from sysid.outside_text import name_of
 
@@ -110,6 +111,7 @@ class Record:
         reference_names: their nr column names.
         since: what went before a piece of a longer record: seconds, and the integral of each
             output, (1 + ny,); None at the beginning of a record.
+        read_as: what was decided when it was read, and how to decide otherwise.
 
     Raises:
         DataError: lengths differ, the sample time is not positive, or names do not fit.
@@ -128,6 +130,7 @@ class Record:
     references: Array | None = None
     reference_names: tuple[str, ...] = ()
     since: Array | None = None
+    read_as: tuple[Decision, ...] = ()
 
     def __post_init__(self) -> None:
         put = object.__setattr__

@@ -160,12 +160,15 @@ def test_names_that_differ_in_case_are_different_channels(tmp_path: Path) -> Non
 
 def test_suffixes_tell_units(tmp_path: Path) -> None:
     rows = [(k, k % 3, k % 5, k % 7) for k in range(20)]
-    log = read_file(put(tmp_path, table("t_s,u_mV,y_rpm,omega_m", rows)))
+    path = put(tmp_path, table("t_s,u_mV,y_rpm,omega_m", rows))
+    log = read_file(path, ReadOptions(outputs=("y_rpm", "omega_m")))
     inputs, outputs = log.records[0].inputs, log.records[0].outputs
     assert (inputs[0].unit, inputs[0].scale) == ("V", 1e-3)
     assert (outputs[0].unit, outputs[0].file_unit) == ("rad/s", "rpm")
     assert outputs[1].unit == "rad/s"  # the motor's speed, not metres
-    assert any("converted from rpm" in n for n in log.notes)
+    said = {d.what: d.value for d in log.records[0].read_as}
+    assert said["in"] == "u_mV [mV → V]"
+    assert said["out"] == "y_rpm [rpm → rad/s], omega_m [rad/s]"
 
 
 def test_counter_and_missing_time(tmp_path: Path) -> None:

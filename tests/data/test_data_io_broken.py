@@ -58,9 +58,9 @@ BAD_FILES: dict[str, tuple[str | bytes, str]] = {
     "mixed decimals": ("t;u;y\n0;1,5;2.5\n1;2;3\n", "'1,5' is not a number.*decimal comma"),
     "strange names": (
         "a,b,c\n0,1,2\n1,2,3\n",
-        "the input and output cannot be identified among a, b, c.*`inputs=NAME`",
+        "the input and the output can be a, b or c .or none.*`inputs='a', outputs='b'`",
     ),
-    "two columns without names": ("left,right\n0,1\n1,2\n", "cannot be identified among"),
+    "two columns without names": ("left,right\n0,1\n1,2\n", "can be left or right"),
     "no output": ("t,u1,u2\n0,1,2\n1,2,3\n", "no column left for the output"),
     "time backward": ("t,u,y\n2,1,2\n1,2,3\n0,2,3\n", "time decreases throughout"),
     "time not increasing": (GOOD + "2.5,1,1\n3.0,1,2\n", "line 32: time does not increase"),

@@ -116,7 +116,7 @@ def test_every_command_speaks_of_the_log_it_reads(
         assert not UNREADABLE.search(own), (line, UNREADABLE.findall(own), own)
     fitted = said[lines[1]]
     assert f"no linear effect of {columns[0]}" in fitted
-    assert ("speed_rpm was converted from rpm to rad/s" in fitted) == (plant == "motor")
+    assert ("speed_rpm [rpm → rad/s]" in " ".join(fitted.split())) == (plant == "motor")
     assert ("(rad/s)/V" in fitted) == (plant == "motor")
     assert f"fitted to data of {file}" in said["compare", "--val", file]
 
@@ -136,17 +136,19 @@ def test_a_diagnosis_speaks_of_the_oven(
     assert "temp_degC" in result.out
 
 
-def test_notes_of_reading_are_no_warnings(
+def test_what_was_read_stands_once_above_the_models(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    """What the reader changed stands above the models, once a log, and nowhere in the document."""
     monkeypatch.chdir(tmp_path)
     signals = motor(np.random.default_rng(3))
     write_log(tmp_path / "motor.csv", list(signals), list(signals.values()), 0.02)
     common = ("fit", "motor.csv", "--structure", "arx", "--orders", "na=1 nb=1 nk=1")
-    note = "motor.csv: speed_rpm was converted from rpm to rad/s"
-    assert run(capsys, *common).out.count(note) == 1
-    assert "converted" not in run(capsys, *common, "--json").out
+    assert " ".join(run(capsys, *common).out.split()).count("speed_rpm [rpm → rad/s]") == 1
+    document = run(capsys, *common, "--json").document
+    assert "→" not in " ".join(document["warnings"])
+    said = {d["what"]: (d["value"], d["change"]) for d in document["read_as"]}
+    assert said["out"] == ("speed_rpm [rpm → rad/s]", "--output, --unit")
+    assert {"time", "dt", "in", "offsets"} <= said.keys()
 
 
 def test_a_switch_and_an_unnamed_output_are_said_by_the_fit(

@@ -7,9 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
-from sysid.data.reading.round_period import round_period
 from sysid.data.reading.time_column import (
-    TIME_COLUMNS,
     TimeColumn,
     unit_in_name,
     unit_of,
@@ -105,8 +103,6 @@ def instants(raw: Array, column: TimeColumn, unit: float | None, where: str, pla
     if unit is None:
         unit, doubt = guessed_unit(t, column, where)
         findings = (*findings, *doubt)
-    elif column.by_name and column.name.lower() not in TIME_COLUMNS:
-        findings = (*findings, _unit_note(t, column, unit, where))
     seconds = t * unit
     origin = float(seconds[0]) if abs(seconds[0]) > FIRST_WHOLE else 0.0
     if origin:
@@ -187,21 +183,6 @@ def _guess(
             + ".",
             record=where,
         ),
-    )
-
-
-def _unit_note(t: Array, column: TimeColumn, unit: float, where: str) -> Finding:
-    d = np.diff(t)
-    ahead = d[d > 0]
-    typical = float(np.median(ahead)) if len(ahead) else 0.0
-    # the mean: a median of rounded steps is one of them; 1.5 usual steps are a gap
-    step = float(np.mean(ahead[ahead <= 1.5 * typical])) * unit if len(ahead) else 0.0
-    return Finding(
-        "time-unit",
-        Severity.NOTE,
-        f"{where}: the time is column {column.name}, in {UNIT_NAMES[unit]}: a sample every "
-        f"{round_period(t * unit, step):.4g} s.",
-        record=where,
     )
 
 

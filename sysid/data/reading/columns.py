@@ -1,19 +1,11 @@
 """Roles of a log's columns: time, inputs, outputs and pose, by option or by name."""
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from sysid.data.column_words import (
-    SIDES,
-    Meaning,
-    family,
-    is_effect,
-    may_drive,
-    meaning,
-    words,
-)
+from sysid.data.column_words import meaning, words
 from sysid.data.reading.pose_columns import PoseColumns, find_pose
+from sysid.data.reading.roles import Roles, roles
 from sysid.data.reading.time_column import (
     Read,
     TimeColumn,
@@ -24,18 +16,10 @@ from sysid.data.reading.time_column import (
     tells_time,
     unit_in_name,
 )
-from sysid.errors import DataError, UsageError, argument
+from sysid.errors import UnclearColumnsError, UsageError, argument
 
 NO_INPUT = "none"
 """Asked for as the input of a log that has none: a signal on its own."""
-
-ROBOT_INPUTS = ("pwm_l", "pwm_r")
-ROBOT_OUTPUTS = ("omega_l", "omega_r")
-_INPUT = re.compile(r"u|u\d+|u\d*_.+|in|in\d+|in\d*_.+|input.*|pwm.*|cmd.*|command.*|volt.*", re.I)
-_OUTPUT = re.compile(
-    r"y|y\d+|y\d*_.+|out|out\d+|out\d*_.+|output.*|omega.*|w|w\d+|w_.+|speed.*|vel.*|tacho.*", re.I
-)
-_NOT_MEASURED = re.compile(r"(^|_)(ref|reference|setpoint|sp|desired|des|target|hat|sim)\d*(_|$)")
 
 
 @dataclass(frozen=True)
@@ -48,8 +32,7 @@ class Choice:
         time: name of the time column, or None.
         unit: unit of the time column [s]; None when it only counts samples.
         ignored: the other columns.
-        rule: how inputs and outputs were found: "option", "robot", "prefix" or "last", where the
-            only column left was taken, or the only ones, which differ by a number.
+        last: inputs or outputs whose names say nothing: no other column was left for them.
         clock: the time column with how it was found, or None.
         alike: columns that look like parts of a pose but are none here, and why.
     """
@@ -60,7 +43,7 @@ class Choice:
     time: str | None
     unit: float | None
     ignored: tuple[str, ...]
-    rule: str
+    last: tuple[str, ...] = ()
     clock: TimeColumn | None = None
     alike: PoseColumns = field(default_factory=PoseColumns)
 
@@ -76,12 +59,8 @@ def choose_columns(
 ) -> Choice:
     """Say which column is what.
 
-    Inputs and outputs given by name win. Otherwise left and right commands and speeds are looked
-    for (``pwm_l``, ``pwmL``, ``left_pwm``, ``cmd_right``; ``omega_l``, ``rpmL``, ``v_left``), then
-    prefixes: ``u…``, ``in…``, ``pwm…``, ``cmd…``, ``volt…`` are inputs, ``y…``, ``out…``,
-    ``omega…``, ``w_…``, ``speed…``, ``vel…`` are outputs, then words (``duty``, ``Spannung``;
-    ``rpm``, ``Drehzahl``, ``temperature``), then the only column that is left.
-    References (``…_ref``, ``…_hat``) are never taken for outputs.
+    Inputs and outputs given by name, or by a part of one that no other has, win. Otherwise the
+    columns are taken that alone can be the input and the output by their names (``roles``).
 
     Args:
         names: the file's column names.
@@ -95,7 +74,7 @@ def choose_columns(
     Raises:
         UsageError: a name asked for is not there, is asked for twice, is both input and output,
             or is the time.
-        DataError: inputs or outputs cannot be identified by the names.
+        UnclearColumnsError: several columns can be an input or output by their names, or none can.
     """
     has_inputs = tuple(inputs) != (NO_INPUT,) or NO_INPUT in names
     given_u = tuple(_find(n, names, "`inputs`", where) for n in inputs) if has_inputs else ()
@@ -106,21 +85,22 @@ def choose_columns(
     free = [n for n in names if n not in (*given_u, *given_y, *taken)]
     free = [n for n in free if not counts_rows(n, read)]
     pose_columns = find_pose(free)
-    if given_y and (given_u or not has_inputs):
-        input_names, output_names, rule = given_u, given_y, "option"
-    else:
-        input_names, output_names, rule = _signals(free, given_u, given_y, pose_columns.names)
-    if not has_inputs:
-        input_names = ()
-    elif not input_names and not inputs and set(free) <= {*output_names, *_only(free)}:
-        output_names, has_inputs = (
-            output_names or _only(free),
-            False,
-        )  # a signal on its own: a time series
-    if (has_inputs and not input_names) or not output_names:
-        raise DataError(
-            _unclear(names, input_names, output_names, _signals_only(free, read), where)
-        )
+    signals = [n for n in free if not (is_time(n) and tells_time(read, n))]
+    both = roles(signals, given_u, given_y, (*pose_columns.names, *pose_columns.alike), read)
+    if not (both.outputs or inputs) and len(signals) == 1:
+        both = Roles((), (tuple(signals),))
+    by_itself = len(both.outputs) == 1 and {*signals} <= {*both.outputs[0]} and not inputs
+    if not has_inputs or by_itself:  # a time series
+        both = Roles(((),), both.outputs)
+    if not both.clear:
+        sentence = _unclear(names, both, where, bool(inputs))
+        raise UnclearColumnsError(sentence, both.inputs, both.outputs)
+    (input_names,), (output_names,) = both.inputs, both.outputs
+    silent = [
+        side
+        for side, given in ((input_names, given_u), (output_names, given_y))
+        if side and not given and all(meaning(n).quantity == "other" for n in side)
+    ]
     used = {*input_names, *output_names, *taken}
     pose = pose_columns.names
     if any(p in used for p in pose):
@@ -134,16 +114,10 @@ def choose_columns(
         clock.name if clock else None,
         None if clock is None or clock.counts else unit_in_name(clock.name) or 1.0,
         ignored,
-        rule,
+        silent[0] if silent and not by_itself else (),
         clock,
         PoseColumns(pose, alike if len(alike) > 1 or pose else (), pose_columns.why),
     )
-
-
-def _only(free: Sequence[str]) -> tuple[str, ...]:
-    """The one column that is left, where there is just one and it is a signal."""
-    alone = len(free) == 1 and not (is_time(free[0]) or is_counter(free[0]))
-    return tuple(free) if alone else ()
 
 
 def _clock(
@@ -169,9 +143,10 @@ def _clock(
             by_itself is not None and by_itself.name == name and not named
         ):
             side = "input" if name in given_u else "output"
-            fits = _is_input if side == "input" else _is_output
             others = [n for n in names if n not in given and not (is_time(n) or is_counter(n))]
-            others = [n for n in others if fits(n)] or others
+            able = roles(others, (), (), (), read)
+            likely = able.inputs if side == "input" else able.outputs
+            others = [n for f in likely for n in f] or others
             what = (
                 "counts rows"
                 if is_counter(name)
@@ -193,113 +168,33 @@ def _clock(
     return find_time(names, read, given, not timed)
 
 
-def _signals(
-    free: Sequence[str],
-    given_u: tuple[str, ...],
-    given_y: tuple[str, ...],
-    pose: tuple[str, ...],
-) -> tuple[tuple[str, ...], tuple[str, ...], str]:
-    """Inputs and outputs by name, and the rule that found them."""
-    meant = {n: meaning(n) for n in free if n not in pose}
-    both_u, both_y = _sides(meant, "command"), _sides(meant, "speed")
-    if both_u and both_y and not given_u and not given_y:
-        return both_u, both_y, "robot"
-    input_names = given_u or tuple(n for n in free if _is_input(n))
-    output_names = given_y
-    if not output_names:
-        measured = [n for n in free if _is_output(n) and n not in input_names]
-        if pose and any(n not in pose for n in measured):
-            measured = [n for n in measured if n not in pose]
-        output_names = tuple(measured)
-    unassigned = {n: m for n, m in meant.items() if n not in (*input_names, *output_names)}
-    input_names = (
-        input_names
-        or both_u
-        or _clearest(unassigned, ("command",))
-        or _one_drive(unassigned, output_names)
-    )
-    unassigned = {n: m for n, m in unassigned.items() if n not in input_names}
-    output_names = (
-        output_names
-        or both_y
-        or _clearest(unassigned, ("speed", "measurement"))
-        or _sides(unassigned, "measurement")
-    )
-    unnamed = [n for n, m in unassigned.items() if m.quantity == "other" and n not in output_names]
-    unnamed = [
-        n for n in unnamed if not set(words(n)) <= set(SIDES)
-    ]  # "left" states nothing but a side
-    if bool(input_names) != bool(output_names) and len(unnamed) == 1 and len(unassigned) == 1:
-        last = (unnamed[0],)
-        return input_names or last, output_names or last, "last"
-    if (
-        input_names
-        and not output_names
-        and unnamed
-        and len(unnamed) == len(unassigned)
-        and _numbered(unnamed)
-    ):
-        return input_names, tuple(unnamed), "last"  # zone_1, zone_2 beside heater_1, heater_2
-    return input_names, output_names, "prefix"
-
-
-def _numbered(names: Sequence[str]) -> bool:
-    """Whether the names differ by a number only."""
-    return len({re.sub(r"\d+", "", n) for n in names}) == 1
-
-
-def _one_drive(unassigned: Mapping[str, Meaning], output_names: Sequence[str]) -> tuple[str, ...]:
-    """The one torque, force, current or frequency beside measurements of what it moves, or none."""
-    drives = tuple(n for n in unassigned if may_drive(n))
-    commanded = any(m.quantity == "command" for m in unassigned.values())
-    effects = any(is_effect(n) for n in (*unassigned, *output_names))
-    return drives if len(drives) == 1 and effects and not commanded else ()
-
-
-def _is_input(name: str) -> bool:
-    return bool(_INPUT.fullmatch(name)) and meaning(name).quantity != "supply"
-
-
-def _is_output(name: str) -> bool:
-    """By its prefix, unless a word says that it is a set point, or commanded (``speed_cmd``)."""
-    if not _OUTPUT.fullmatch(name) or _NOT_MEASURED.search(name.lower()):
-        return False
-    meant = meaning(name)
-    plain = name.lower().startswith(("y", "out"))
-    return plain or meant.quantity not in ("reference", "command")
-
-
-def _sides(meant: Mapping[str, Meaning], quantity: str) -> tuple[str, ...]:
-    """The left and the right column of a quantity, of the clearest words that have both."""
-    ranks = sorted({m.rank for m in meant.values() if m.quantity == quantity})
-    for rank in ranks:
-        of = {n: m for n, m in meant.items() if m.quantity == quantity and m.rank == rank}
-        sides = [[n for n, m in of.items() if m.side == side] for side in ("left", "right")]
-        if all(len(names) == 1 for names in sides):
-            return sides[0][0], sides[1][0]
-    return ()
-
-
-def _clearest(meant: Mapping[str, Meaning], quantities: Sequence[str]) -> tuple[str, ...]:
-    """The one column of the clearest words, or those that differ by a number only, or none."""
-    for quantity in quantities:
-        of = {n: m.rank for n, m in meant.items() if m.quantity == quantity}
-        if of:
-            best = tuple(n for n, rank in of.items() if rank == min(of.values()))
-            return best if len({family(n) for n in best}) == 1 else ()
-    return ()
-
-
 def _find(name: str, names: Sequence[str], which: str, where: str) -> str:
-    wanted = name.strip()
-    if wanted in names:
-        return wanted
-    near = [n for n in names if n.lower() == wanted.lower()]
-    if wanted and len(near) == 1:
+    near = matching(name, names)
+    if len(near) == 1:
         return near[0]
-    shown = repr(wanted) if wanted else "an empty name"
+    shown = repr(name.strip()) if name.strip() else "an empty name"
+    if near:
+        raise UsageError(
+            f"{which} names {shown} of {where}, which can be {_listed(near, last=' or ')}"
+        )
     raise UsageError(
         f"{which} names {shown}, which is not a column of {where}; its columns are {_listed(names)}"
+    )
+
+
+def matching(name: str, names: Sequence[str]) -> list[str]:
+    """The columns that a name can mean: itself, else in any case, else those that contain it.
+
+    A part is one or more whole words of a column's name, or at least three of its letters.
+    """
+    wanted = name.strip()
+    if wanted in names or not wanted:
+        return [wanted] * bool(wanted)
+    low, parts = wanted.lower(), " ".join(words(wanted))
+    return (
+        [n for n in names if n.lower() == low]
+        or [n for n in names if parts and f" {parts} " in f" {' '.join(words(n))} "]
+        or [n for n in names if len(low) >= 3 and low in n.lower()]
     )
 
 
@@ -315,81 +210,52 @@ def _no_repeats(inputs: tuple[str, ...], outputs: tuple[str, ...], where: str) -
         )
 
 
-def _unclear(
-    names: Sequence[str],
-    inputs: tuple[str, ...],
-    outputs: tuple[str, ...],
-    signals: Sequence[str],
-    where: str,
-) -> str:
-    missing = "the input and output"
-    if inputs or outputs:
-        missing = "the input" if outputs else "the output"
-    free = [n for n in signals if n not in (*inputs, *outputs)]
-    if not free:
-        return (
-            f"{where} has no column left for {missing}: its columns are {_listed(names)}; "
-            "a log needs at least one input and one output"
-        )
-    alone = "" if inputs else " (`inputs='none'` for a log without inputs)"
-    return (
-        f"{where}: {missing} cannot be identified among {_listed(names)}; "
-        f"give `inputs=NAME`{alone} and `outputs=NAME`, or name the columns u… and y…"
-        f"{_example(free, inputs, outputs)}"
-    )
-
-
 MOST_IN_AN_EXAMPLE = 4
 """Inputs and outputs each: a reader needs the form, not every column of a wide file."""
 
 
-def _example(free: Sequence[str], inputs: tuple[str, ...], outputs: tuple[str, ...]) -> str:
-    """The options filled in with the file's own columns, as likely as their names allow."""
-    pose = find_pose(free).names
-    meant = {n: meaning(n) for n in free if n not in pose} or {n: meaning(n) for n in free}
-    free = list(meant)
-    commands = [n for n in free if meant[n].quantity == "command"]
-    drives = [n for n in free if may_drive(n)]
-    effects = [n for n in free if is_effect(n)]
-    plain = [n for n in free if meant[n].quantity == "other" and n not in drives]
-    references = [n for n in free if meant[n].quantity == "reference"]
-    u = inputs or _with_partners(commands or drives or plain or references or effects)
-    every = dict.fromkeys((*effects, *plain, *drives, *free))
-    if not (inputs or outputs) and set(every) == set(u):
-        u = u[:1]  # all of one kind, as a scope's channels: one drives
-    y = outputs or _with_partners([n for n in every if n not in u])
-    if not u or not y:
-        return ""
-    u, y = u[:MOST_IN_AN_EXAMPLE], y[:MOST_IN_AN_EXAMPLE]
-    return f" (for example {argument(inputs=_plain(u), outputs=_plain(y))})"
+def _unclear(names: Sequence[str], families: Roles, where: str, given_u: bool) -> str:
+    """What can be the input and what the output, and the options with one choice of them."""
+    sides = {"input": families.inputs, "output": families.outputs}
+    missing = [side for side, of_side in sides.items() if not of_side]
+    used = {n for of_side in sides.values() for f in of_side for n in f}
+    if len(missing) == 1 and used >= {n for n in names if not (is_time(n) or is_counter(n))}:
+        return (
+            f"{where} has no column left for the {missing[0]}: its columns are {_listed(names)}; "
+            "a log needs at least one input and one output"
+        )
+    alone = "" if given_u else " (or none: `inputs='none'`)"
+    asked = {
+        f"the {side}": [" with ".join(f) for f in of_side] or [*names]
+        for side, of_side in sides.items()
+        if len(of_side) != 1
+    }
+    if len({*map(tuple, asked.values())}) == 1:
+        asked = {" and ".join(asked): next(iter(asked.values()))}
+    parts = (
+        f"{side} can be {_listed(every, 8, ' or ')}{alone if 'input' in side else ''}"
+        for side, every in asked.items()
+    )
+    return f"{where}: {'; '.join(parts)}; name the columns{_example(families)}"
 
 
-def _with_partners(likely: Sequence[str]) -> tuple[str, ...]:
-    """The first column with those of its kind, such as the other of a pair."""
-    return tuple(n for n in likely if family(n) == family(likely[0]))
-
-
-def _is_switch(name: str, read: Read) -> bool:
-    """Whether a column of unknown meaning takes two values, as a light barrier does."""
-    column = read(name)
-    return meaning(name).quantity == "other" and column is not None and len(set(column)) <= 2
-
-
-def _signals_only(free: Sequence[str], read: Read | None) -> list[str]:
-    """The columns that can be a signal: no second clock, no text, no switch if others are left."""
-    kept = [n for n in free if not (is_time(n) and tells_time(read, n))]
-    if read is None:
-        return kept
-    kept = [n for n in kept if read(n) is not None]
-    moving = [n for n in kept if not _is_switch(n, read)]
-    return moving if len(moving) > 1 else kept
+def _example(families: Roles) -> str:
+    """The options filled in with the first families that go together."""
+    for u in families.inputs:
+        for y in families.outputs:
+            if not set(u) & set(y):
+                shown_u, shown_y = (_plain(side[:MOST_IN_AN_EXAMPLE]) for side in (u, y))
+                return f", for example {argument(inputs=shown_u, outputs=shown_y)}"
+    return ""
 
 
 def _plain(names: Sequence[str]) -> str | list[str]:
     return names[0] if len(names) == 1 else [*names]
 
 
-def _listed(names: Sequence[str], most: int = 15) -> str:
+def _listed(names: Sequence[str], most: int = 15, last: str = ", ") -> str:
     """The names, cut short where they would fill the screen."""
     rest = len(names) - most
-    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
+    if rest > 0:
+        return f"{', '.join(names[:most])} and {rest} more"
+    return last.join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)

@@ -1,0 +1,30 @@
+"""Decision: one thing that reading a log assumed, and the field with which a person changes it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One thing that was decided.
+
+    Attributes:
+        what: the subject: time, dt, in, out, pose, rows, held, wraps, filter, offsets.
+        value: what was decided, in the words of the file.
+        fields: the fields that decide otherwise.
+    """
+
+    what: str
+    value: str
+    fields: tuple[str, ...]
+
+    def to_json(self) -> dict[str, str]:
+        """The decision as a JSON object, with its fields as a message names them."""
+        change = ", ".join(f"`{field}`" for field in self.fields)
+        return {"what": self.what, "value": self.value, "change": change}
+
+
+def listed(names: Sequence[str], most: int = 6) -> str:
+    """The names, cut short where there are many."""
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")

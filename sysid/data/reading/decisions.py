@@ -1,0 +1,107 @@
+"""What reading a log file decided, each with the option that decides otherwise."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.column_words import is_set_point
+from sysid.data.decision import Decision, listed
+from sysid.data.finding import Finding
+from sysid.data.reading.clock import UNIT_NAMES
+from sysid.data.reading.columns import Choice
+from sysid.data.reading.table import Table
+from sysid.data.reading.text_layout import Layout
+from sysid.data.record import Array, Channel, Record
+from sysid.data.units import Conversion
+
+
+def decisions(
+    table: Table,
+    choice: Choice,
+    stamps: Array,
+    t: Array,
+    rows: int,
+    records: Sequence[Record],
+    findings: Sequence[Finding],
+    pose_units: Sequence[Conversion],
+) -> tuple[Decision, ...]:
+    """What was decided on time, columns, units, rows and jumps, in this order.
+
+    Args:
+        table, choice: the file and its columns.
+        stamps: the numbers of the time column, (N,), or none where it holds dates.
+        t: instants of all rows [s], (N,).
+        rows: the number of rows that were used.
+        records: the experiments.
+        findings: what was said about the reading.
+        pose_units: of the pose; an angle of unknown unit has scale 0.
+    """
+    first = records[0]
+    codes = {f.code: f for f in findings}
+    loop = any(is_set_point(c.name) for c in first.inputs)
+    inputs = _channels(first.inputs) + ", a set point: the model is the closed loop's" * loop
+    scaled = any(c.file_unit.startswith("±") for c in first.inputs)
+    found = [
+        Decision("time", _time(choice, stamps, t), ("time", "units")),
+        Decision("dt", f"{first.dt:.6g} s", ("ts",)),
+        Decision("in", inputs, ("inputs", "pwm_max" if scaled else "units")),
+        Decision("out", _channels(first.outputs), ("outputs", "units")),
+    ]
+    if isinstance(table.source, Layout) and table.source.decimal == ",":
+        found.insert(0, Decision("numbers", "with a decimal comma", ("decimal",)))
+    if first.pose is not None:
+        found.append(Decision("pose", _pose(choice.pose, pose_units, findings), ("units",)))
+    parts = _rows(len(table) - rows, records, codes)
+    if parts:
+        found.append(Decision("rows", parts, ("resample",)))
+    if "held-telemetry" in codes:
+        found.append(Decision("rate", "that of the slowest sensor", ("held",)))
+    wraps = [f.channel for f in findings if f.code == "counter" and "was unwrapped" in f.sentence]
+    if wraps:
+        found.append(Decision("unwrapped", listed([n for n in wraps if n]), ("unwrap",)))
+    speeds = [n for n in choice.outputs if f"{n}_speed" in first.output_names]
+    if speeds:
+        found.append(Decision("speed of", listed(speeds), ("speed_of",)))
+    return tuple(found)
+
+
+def _time(choice: Choice, stamps: Array, t: Array) -> str:
+    clock = choice.clock
+    if clock is None:
+        return "by the number of the row"
+    if clock.counts:
+        return f"counted by {clock.name}"
+    if not len(stamps):
+        return f"{clock.name} [dates]"
+    d, seconds = np.diff(stamps), np.diff(t)
+    ahead = d > 0
+    ratio = float(np.median(seconds[ahead] / d[ahead])) if ahead.any() else 1.0
+    unit = min(UNIT_NAMES, key=lambda u: abs(np.log(max(ratio, 1e-12) / u)))
+    return f"{clock.name} [{UNIT_NAMES[unit]}]"
+
+
+def _channels(channels: Sequence[Channel]) -> str:
+    """Names with their units, once for those that share it."""
+    if not channels:
+        return "none"
+    by_unit: dict[str, list[str]] = {}
+    for c in channels:
+        converted = f"{c.file_unit} → {c.unit}" if c.scale != 1.0 else c.unit
+        by_unit.setdefault(converted, []).append(c.name)
+    return ", ".join(f"{listed(names)} [{unit or 'no unit'}]" for unit, names in by_unit.items())
+
+
+def _pose(names: Sequence[str], units: Sequence[Conversion], findings: Sequence[Finding]) -> str:
+    said = " ".join(f.sentence for f in findings if f.code == "pose")
+    guessed = "deg" if "was read in degrees" in said else "rad"
+    shown = [c.file_unit or c.unit if c.scale else guessed for c in units]
+    clockwise = ", clockwise from y" if "compass" in said else ""
+    return f"{', '.join(names)} [{', '.join(shown)}{clockwise}]"
+
+
+def _rows(left_out: int, records: Sequence[Record], codes: dict[str, Finding]) -> str:
+    parts = [f"{left_out} left out"] if left_out else []
+    parts += ["gaps interpolated"] if "gaps" in codes and len(records) == 1 else []
+    parts += ["resampled evenly"] if "jitter" in codes else []
+    parts += [f"cut into {len(records)} experiments"] if len(records) > 1 else []
+    return ", ".join(parts)

@@ -1,0 +1,155 @@
+"""Which columns of a log can be its inputs and outputs, by the words of their names.
+
+A name allows a column a role or not; no role is picked by a score. Columns of one family
+(``pump_1``, ``pump_2``) go together. Where exactly one family can be the input and one the output
+these are taken, else a person is asked.
+"""
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.column_words import (
+    Meaning,
+    family,
+    is_actuator,
+    is_effect,
+    is_set_point,
+    may_drive,
+    meaning,
+)
+from sysid.data.reading.time_column import Read
+from sysid.data.record import Array
+from sysid.errors import Columns
+
+_INPUT = re.compile(r"u|u\d+|u\d*_.+|in|in\d+|in\d*_.+|input.*", re.I)
+_OUTPUT = re.compile(r"y|y\d+|y\d*_.+|out|out\d+|out\d*_.+|output.*", re.I)
+
+
+@dataclass(frozen=True)
+class Roles:
+    """The families that can be the inputs and the outputs; one of each where it is clear."""
+
+    inputs: tuple[Columns, ...]
+    outputs: tuple[Columns, ...]
+
+    @property
+    def clear(self) -> bool:
+        """Whether there is one choice only."""
+        return len(self.inputs) == len(self.outputs) == 1
+
+
+def roles(
+    free: Sequence[str],
+    given_u: Columns,
+    given_y: Columns,
+    pose: Collection[str],
+    read: Read | None,
+) -> Roles:
+    """The families that can be the inputs and the outputs of a log.
+
+    Inputs, the first of these that there are: columns called so (``u…``, ``in…``); commands to an
+    actuator; voltages and other words that are measured as often as commanded, and columns whose
+    name says nothing; torques, currents and frequencies beside what they move, and set points;
+    measurements. Outputs: columns called so (``y…``, ``out…``); measurements that drive nothing;
+    the columns that are left.
+
+    Args:
+        free: the columns that can be a signal, in the order of the file.
+        given_u, given_y: what a person named; empty for nothing.
+        pose: columns that are part of a pose, outputs only where nothing else is one.
+        read: reads a column; one that never changes is no choice where there are others.
+    """
+    names = [n for n in free if n not in pose and n not in (*given_u, *given_y)]
+    meant = {n: meaning(n) for n in names}
+    found = _roles(meant, given_u, given_y)
+    if not found.outputs:
+        found = _roles({n: meaning(n) for n in free}, given_u, given_y)
+    if found.clear or read is None:
+        return found
+    columns = {n: read(n) for n in names}
+    for kept in (
+        [n for n, c in columns.items() if c is None or _moves(c)],  # a constant is no signal
+        [n for n, c in columns.items() if c is not None and _moves(c)],
+    ):
+        narrower = _roles({n: meant[n] for n in kept}, given_u, given_y)
+        if narrower.clear and any(columns[n] is None for n in names if n not in kept):
+            break  # text, or numbers that a bad cell spoils: that settles nothing
+        if narrower.inputs and narrower.outputs:
+            found = narrower
+    return found
+
+
+def _roles(meant: dict[str, Meaning], given_u: Columns, given_y: Columns) -> Roles:
+    pairs = [_pairs(meant, quantity) for quantity in ("command", "speed")]
+    if not (given_u or given_y) and all(len(p) == 1 for p in pairs):
+        return Roles(tuple(pairs[0]), tuple(pairs[1]))  # a robot, whatever else it logs
+    signals = [n for n, m in meant.items() if m.quantity not in ("reference", "supply")]
+    called_u = [n for n in signals if _INPUT.fullmatch(n)]
+    called_y = [n for n in signals if _OUTPUT.fullmatch(n)]
+    commands = [n for n, m in meant.items() if m.quantity == "command"]
+    actuators = [n for n in commands if is_actuator(meant[n])]
+    effects = [n for n in meant if is_effect(n) and n not in called_u]
+    drives = [n for n in meant if may_drive(n)]
+    unknown = [n for n, m in meant.items() if m.quantity == "other" and n not in drives]
+    set_points = [n for n in meant if is_set_point(n)]
+    if given_y:
+        outputs = [given_y]
+    elif called_y:
+        outputs = [tuple(called_y)]
+    else:
+        outputs = _families(effects) or _families([*unknown, *drives])
+    driving = [*(drives if effects or given_y or called_y else ()), *set_points]
+    ways = [
+        [given_u] if given_u else [],
+        [tuple(called_u)] if called_u else [],
+        _families(actuators),
+        _families([*commands, *unknown]) if commands else [],
+        _families([*driving, *unknown]) if driving else [],
+        _families([*unknown, *(effects if len(outputs) > 1 else ())]),
+        _families(effects),
+    ]
+    for inputs in ways:
+        able = [(u, y) for u in inputs for y in outputs if not set(u) & set(y)]
+        if able:
+            break
+    else:
+        if outputs and not (given_u or given_y or called_y or effects):
+            single = tuple((n,) for n in (*unknown, *drives))
+            return Roles(single if len(single) > 1 else (), single)  # as a scope's channels
+        return Roles(tuple(next(filter(None, ways), [])), tuple(outputs))
+    # a pair of sides goes with a pair of sides, whatever else is measured
+    sided = [(u, y) for u, y in able if [u] == _both_sides(u) and [y] == _both_sides(y)]
+    able = sided if len(sided) == 1 and len({u for u, _ in able}) == 1 else able
+    us, ys = zip(*able, strict=True)
+    return Roles(tuple(f for f in inputs if f in us), tuple(f for f in outputs if f in ys))
+
+
+def _families(names: Sequence[str]) -> list[Columns]:
+    by_family: dict[tuple[str, ...], list[str]] = {}
+    for name in names:
+        by_family.setdefault(family(name), []).append(name)
+    return [tuple(members) for members in by_family.values()]
+
+
+def _pairs(meant: dict[str, Meaning], quantity: str) -> list[Columns]:
+    """The left and the right column of each family of a quantity that has both and no more.
+
+    ``true_omega_l`` is another view of ``omega_l``, and no other choice.
+    """
+    of = [n for n, m in meant.items() if m.quantity == quantity]
+    strong = [n for n in of if is_actuator(meant[n])]
+    pairs = [pair for f in _families(strong or of) for pair in _both_sides(f)]
+    stems = [set(family(left)) for left, _ in pairs]
+    return [p for p, s in zip(pairs, stems, strict=True) if not any(o < s for o in stems)]
+
+
+def _both_sides(names: Columns) -> list[Columns]:
+    sides = [[n for n in names if meaning(n).side == side] for side in ("left", "right")]
+    return [(sides[0][0], sides[1][0])] if [*map(len, sides)] == [1, 1] else []
+
+
+def _moves(column: Array) -> bool:
+    return len(np.unique(column[np.isfinite(column)])) > 1
