@@ -164,7 +164,9 @@ def _identify(
     from sysid.estimation.identify import identify
 
     records, findings = read_prepared(logs, read, steps)
-    validation, validation_findings = read_prepared(val, read, steps) if val else ((), ())
+    validation, validation_findings = (
+        read_prepared(val, read, steps, records[0].dt) if val else ((), ())
+    )
     require_usable(records)
     with render.progress("Fitting", total=1000) as tick:
         done = 0
