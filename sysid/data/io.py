@@ -1,6 +1,6 @@
 """Read logs (CSV, Parquet, bags) into records: columns, units and time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from sysid.data.common_step import common_step
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import companion, joined
 from sysid.data.logs.log_table import read_log_table
+from sysid.data.reading.blocks import STRETCH_ROWS, STRETCHES, Blocks, large_log
 from sysid.data.reading.columns import Choice, choose_columns
 from sysid.data.reading.counters import as_speeds, continued
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
@@ -126,7 +127,64 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
     """
     options = options or ReadOptions()
     path = Path(path)
+    large = large_log(path, options)
+    if large is not None:
+        return thinned(large)
     table, together, digest = _table(path, options)
+    return _read(path, table, options, together, digest)
+
+
+def thinned(large: Blocks, count: int = STRETCHES, rows: int = STRETCH_ROWS) -> LogFile:
+    """Stretches of a log larger than memory, as one experiment each.
+
+    Raises:
+        DataError: the file cannot serve; where and why is in the sentence.
+    """
+    digest = large.digest()
+    logs = [_read(large.path, t, large.options, (), digest) for t in large.stretches(count, rows)]
+    first = logs[0].origin
+    name = large.path.name
+    records = [
+        replace(r, t0=r.t0 + log.origin - first, dt=logs[0].records[0].dt)
+        for log in logs
+        for r in log.records
+    ]
+    named = tuple(replace(r, name=f"{name} part {k}") for k, r in enumerate(records, 1))
+    text = (
+        f"{name} has {f'about {large.rows:.2g}' if large.line else large.rows} rows, more than are "
+        f"read at once: {len(named)} stretches, {sum(map(len, named))} rows in all, are used."
+    )
+    note = Finding("large-log", Severity.WARNING, text, record=name)
+    return LogFile(large.path, named, (note, *logs[0].findings), large.options, first)
+
+
+def blocks_of(large: Blocks, rows: int) -> Iterator[LogFile]:
+    """All rows of a log larger than memory in blocks of about ``rows``, read as the first one is.
+
+    Raises:
+        DataError: a block cannot serve, or is read in other units than the first one.
+    """
+    options, first = large.options, None
+    for table in large.every(rows):
+        log = _read(large.path, table, options, (), "-")
+        record = log.records[0]
+        if first is None:
+            first = record
+            if record.inputs and not options.speed_of:
+                options = replace(options, inputs=record.input_names, outputs=record.output_names)
+            options = replace(options, held="keep" if options.held == "auto" else options.held)
+        require_same_kind(log.records, first)
+        yield log
+
+
+def _read(
+    path: Path,
+    table: Table,
+    options: ReadOptions,
+    together: tuple[Finding, ...],
+    digest: str,
+) -> LogFile:
+    """The log in a table."""
     choice = choose_columns(
         table.names,
         options.inputs,

@@ -335,7 +335,30 @@ def read_table(
     if not data:
         raise DataError(f"{where} is empty; a log needs a header row and rows of numbers")
     frame = _frame_of(data, where)
-    source: Any = frame if frame is not None else lay_out(data, where, delimiter, decimal, strict)
+    if frame is not None:
+        return frame_table(frame, where)
+    return _table(lay_out(data, where, delimiter, decimal, strict), where)
+
+
+def frame_table(frame: "pd.DataFrame", where: str) -> Table:
+    """The table of a frame; an index with a name, or one of times, is a column.
+
+    Raises:
+        DataError: it holds no named columns, or no rows.
+    """
+    import pandas as pd
+
+    if isinstance(frame.index, pd.DatetimeIndex | pd.TimedeltaIndex) and not frame.index.name:
+        frame.index.name = "time"
+    if any(name is not None for name in frame.index.names):
+        frame = frame.reset_index()
+    if not len(frame.columns) or not len(frame):
+        raise DataError(f"{where} holds no rows of numbers; record the log again")
+    return _table(frame, where)
+
+
+def _table(source: "Layout | pd.DataFrame", where: str) -> Table:
+    raw: Sequence[str]
     notes: tuple[str, ...] = source.notes if isinstance(source, Layout) else ()
     raw = source.names if isinstance(source, Layout) else [str(c).strip() for c in source.columns]
     twice = [n for n in raw if n and raw.count(n) > 1]
@@ -368,16 +391,9 @@ def _parquet(data: bytes, where: str) -> "pd.DataFrame":
     import pandas as pd
 
     try:
-        frame = pd.read_parquet(io.BytesIO(data))
+        return pd.read_parquet(io.BytesIO(data))
     except Exception:  # pyarrow's errors share no base class
         raise DataError(f"{where} is not a Parquet file, or is damaged; write it again") from None
-    if isinstance(frame.index, pd.DatetimeIndex | pd.TimedeltaIndex) and not frame.index.name:
-        frame.index.name = "time"
-    if any(name is not None for name in frame.index.names):
-        frame = frame.reset_index()
-    if not len(frame.columns) or not len(frame):
-        raise DataError(f"{where} holds no rows of numbers; record the log again")
-    return frame
 
 
 def _frame_of(data: bytes, where: str) -> "pd.DataFrame | None":
