@@ -115,7 +115,8 @@ def _validation(
     from sysid.data.preparation import Preparation, read_prepared
 
     read, steps = as_fitted(stored[-1] if stored else None, read, Preparation())
-    records, findings = read_prepared(val, read, steps)
+    step = stored[-1].model.dt if stored else None
+    records, findings = read_prepared(val, read, steps, step)
     return (records, ", ".join(dict.fromkeys(r.name for r in records))), findings
 
 

@@ -166,11 +166,15 @@ def _identify(
     from sysid.data.facts import LogFacts
     from sysid.data.finding import notes
     from sysid.data.inspection import require_usable
-    from sysid.data.preparation import read_prepared
+    from sysid.data.preparation import Preparation, read_prepared
+    from sysid.data.reading.blocks import large_log
+    from sysid.estimation.all_rows import on_all_rows
     from sysid.estimation.identify import identify
 
     records, findings = read_prepared(logs, read, steps)
-    validation, validation_findings = read_prepared(val, read, steps) if val else ((), ())
+    validation, validation_findings = (
+        read_prepared(val, read, steps, records[0].dt) if val else ((), ())
+    )
     require_usable(records)
     with render.progress("Fitting", total=1000) as tick:
         done = 0
@@ -183,6 +187,10 @@ def _identify(
         identification = identify(
             LogFacts(records, findings), validation, request, progress, inspect=True
         )
+        large = large_log(logs[0], read) if len(logs) == 1 and steps == Preparation() else None
+        if large is not None:
+            facts = LogFacts(records, findings)
+            identification = on_all_rows(identification, facts, request, large)
     said = notes((*findings, *validation_findings))
     return identification, said, (*records, *validation)
 

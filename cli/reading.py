@@ -73,6 +73,10 @@ Decimal = Annotated[
     str | None,
     _reading("--decimal", "SIGN", "'.' or ',' [detected]."),
 ]
+Strict = Annotated[
+    bool,
+    _reading("--strict", None, "Refuse lines that are no rows of the table, instead of skipping."),
+]
 Resample = Annotated[
     str,
     _reading(
@@ -191,6 +195,7 @@ def read_options(
     map: Map = None,
     stamps: Stamps = "auto",
     latency: Latency = None,
+    strict: Strict = False,
 ) -> "ReadOptions":
     """The options above as the library takes them; this signature is their one declaration.
 
@@ -218,6 +223,7 @@ def read_options(
         map=mapped(map),
         stamps=stamps,
         latency=_names(latency),
+        strict=strict,
     )
 
 

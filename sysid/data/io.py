@@ -1,18 +1,18 @@
 """Read logs (CSV, Parquet, bags) into records: columns, units and time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.bags.opening import is_bag
 from sysid.data.column_words import is_set_point
+from sysid.data.common_step import common_step
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import companion, joined
 from sysid.data.logs.log_table import read_log_table
-from sysid.data.reading.clock import doubled_rows
+from sysid.data.reading.blocks import STRETCH_ROWS, STRETCHES, Blocks, large_log
 from sysid.data.reading.columns import Choice, choose_columns, matching
 from sysid.data.reading.counters import as_speeds, continued
 from sysid.data.reading.decisions import decisions
@@ -21,7 +21,6 @@ from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
 from sysid.data.reading.stale import at_sensor_rate, slow_sensors
 from sysid.data.reading.table import Table
-from sysid.data.reading.time_column import Read
 from sysid.data.reading.timing import (
     Grid,
     ResamplePolicy,
@@ -32,6 +31,7 @@ from sysid.data.reading.timing import (
 from sysid.data.record import Array, Channel, Record
 from sysid.data.same_kind import require_same_kind
 from sysid.data.units import Conversion, conversions, without_false_pulses
+from sysid.data.usable_rows import usable_rows, with_times
 from sysid.errors import DataError, UsageError
 
 __all__ = ["LogFile", "ReadOptions", "read_file", "read_files", "read_log", "read_logs"]
@@ -94,18 +94,29 @@ def read_files(
 ) -> tuple[LogFile, ...]:
     """As ``read_logs``, with the findings of each file.
 
-    Sample times within 1 % of each other are the same clock; the first file's is used for all.
+    They share the sample time of the coarsest, see ``common_step``.
     """
     if not paths:
         raise UsageError("no log given; name at least one CSV or Parquet file")
     logs = [read_file(p, options) for p in paths]
     first = logs[0].records[0]
-    agreed = [logs[0]]
     for log in logs[1:]:
-        require_same_kind(log.records[:1], first)
-        records = tuple(replace(r, dt=first.dt) for r in log.records)
-        agreed.append(replace(log, records=records))
-    return tuple(agreed)
+        require_same_kind([replace(log.records[0], dt=first.dt)], first)
+    every = [r for log in logs for r in log.records]
+    records, resampled = common_step(every)
+    at = iter(records)
+    return tuple(
+        replace(
+            log,
+            records=tuple(next(at) for _ in log.records),
+            findings=(*log.findings, *(f for f in resampled if f.record in _named(log))),
+        )
+        for log in logs
+    )
+
+
+def _named(log: LogFile) -> set[str]:
+    return {r.name for r in log.records}
 
 
 def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
@@ -115,56 +126,112 @@ def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
         DataError: the file cannot serve; where and why is in the sentence.
         UsageError: there is no such file, or an option does not fit it.
     """
-    given = options = options or ReadOptions()
+    options = options or ReadOptions()
     path = Path(path)
+    large = large_log(path, options)
+    if large is not None:
+        return thinned(large)
     table, together, digest = _table(path, options)
+    return _read(path, table, options, together, digest)
+
+
+def thinned(large: Blocks, count: int = STRETCHES, rows: int = STRETCH_ROWS) -> LogFile:
+    """Stretches of a log larger than memory, as one experiment each.
+
+    Raises:
+        DataError: the file cannot serve; where and why is in the sentence.
+    """
+    digest = large.digest()
+    logs = [_read(large.path, t, large.options, (), digest) for t in large.stretches(count, rows)]
+    first = logs[0].origin
+    name = large.path.name
+    records = [
+        replace(r, t0=r.t0 + log.origin - first, dt=logs[0].records[0].dt)
+        for log in logs
+        for r in log.records
+    ]
+    named = tuple(replace(r, name=f"{name} part {k}") for k, r in enumerate(records, 1))
+    text = (
+        f"{name} has {f'about {large.rows:.2g}' if large.line else large.rows} rows, more than are "
+        f"read at once: {len(named)} stretches, {sum(map(len, named))} rows in all, are used."
+    )
+    note = Finding("large-log", Severity.WARNING, text, record=name)
+    return LogFile(large.path, named, (note, *logs[0].findings), large.options, first)
+
+
+def blocks_of(large: Blocks, rows: int) -> Iterator[LogFile]:
+    """All rows of a log larger than memory in blocks of about ``rows``, read as the first one is.
+
+    Raises:
+        DataError: a block cannot serve, or is read in other units than the first one.
+    """
+    options, first = large.options, None
+    for table in large.every(rows):
+        log = _read(large.path, table, options, (), "-")
+        record = log.records[0]
+        if first is None:
+            first = record
+            if record.inputs and not options.speed_of:
+                options = replace(options, inputs=record.input_names, outputs=record.output_names)
+            options = replace(options, held="keep" if options.held == "auto" else options.held)
+        require_same_kind(log.records, first)
+        yield log
+
+
+def _read(
+    path: Path,
+    table: Table,
+    options: ReadOptions,
+    together: tuple[Finding, ...],
+    digest: str,
+) -> LogFile:
+    """The log in a table."""
+    given = options
     options, choice, pose_units = _chosen(table, options)
     signals = (*choice.inputs, *choice.outputs, *choice.pose)
+    table, without_time = with_times(table, choice.clock, options.strict)
     stamps = numbered_clock(table, choice.clock)
     block = table.columns((*signals, *stamps))  # in one go: a long text is slow to read
     values, raw = block[:, : len(signals)], block[:, len(signals) :]
     clock = row_times(table, choice.clock, options.units, options.ts, raw if stamps else None)
-    t = clock.t
+    rows = usable_rows(table, clock.t, values, choice, options)
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
-    if options.resample == "hold":
-        values = _forward_filled(values, range(len(choice.inputs), len(signals)))
-    rows, left_out = _usable_rows(table, t, values, signals, policy)
-    grid = plan_grid(t[rows], policy, lambda i: table.place(int(rows[i])), table.where)
-    inputs, outputs = signal_conversions(table, choice, options, values[rows])
-    values, of_pose = pose_in_si(values[rows], choice, pose_units, table.where)
+    grid = plan_grid(rows.t, policy, rows.place, table.where)
+    inputs, outputs = signal_conversions(table, choice, options, rows.values)
+    values, of_pose = pose_in_si(rows.values, choice, pose_units, table.where)
     turning = choice.pose[2:]
     read, jumps = continued(
         values, signals, outputs, turning, options.periods, table.where, options.speed_of
     )
     sizes = (len(choice.inputs), len(choice.outputs))
-    slow = slow_sensors(t[rows], read, signals, sizes, options.held, table.where)
+    slow = slow_sensors(rows.t, read, signals, sizes, options.held, table.where)
     read, outputs, derived = as_speeds(
-        t[rows], slow.values, signals, outputs, options.speed_of, table.where
+        rows.t, slow.values, signals, outputs, options.speed_of, table.where
     )
     channels = (
         tuple(c.channel(n, grid.dt) for n, c in inputs.items()),
         tuple(c.channel(n, grid.dt) for n, c in outputs.items()),
     )
-    references = _references(choice, column_reader(table), rows)
     findings = (
-        *_reading_notes(table, choice, tuple(references)),
+        *_reading_notes(table, choice, tuple(rows.references)),
         *together,
         *of_pose,
+        *without_time,
         *clock.findings,
-        *left_out,
+        *rows.findings,
         *jumps,
         *slow.findings,
         *derived,
         *grid.findings,
     )
-    signals_of_log = _Signals(read, t[rows], grid.dt, channels, references, len(choice.pose))
+    signals_of_log = _Signals(read, rows.t, grid.dt, channels, rows.references, len(choice.pose))
     records = []
     for segment, name in zip(grid.segments, _names(path.name, grid), strict=True):
         record = replace(_record(signals_of_log, segment), name=name, sha256=digest)
         part = slice(segment.start, segment.stop)
-        records.append(at_sensor_rate(record, slow, t[rows], part))
+        records.append(at_sensor_rate(record, slow, rows.t, part))
     number = raw[:, 0] if stamps else raw[:0, 0:0].ravel()
-    said = decisions(table, choice, number, clock.t, len(rows), records, findings, pose_units)
+    said = decisions(table, choice, number, clock.t, len(rows.t), records, findings, pose_units)
     records = [replace(r, read_as=said) for r in records]
     return LogFile(path, tuple(records), findings, given, clock.origin)
 
@@ -219,21 +286,6 @@ def _table(path: Path, options: ReadOptions) -> tuple[Table, tuple[Finding, ...]
     return table, findings, digest.hexdigest()
 
 
-def _usable_rows(
-    table: Table, t: Array, values: Array, signals: Sequence[str], policy: ResamplePolicy
-) -> tuple[NDArray[np.intp], tuple[Finding, ...]]:
-    """Rows that are complete and no line written twice, and what is said about the others."""
-    keep, lost = _complete_rows(table, values, signals, policy)
-    twice = doubled_rows(t, values) & keep
-    rows = np.flatnonzero(keep & ~twice)
-    if len(rows) < 2:
-        raise DataError(
-            f"{table.where} has {len(rows)} row{'' if len(rows) == 1 else 's'} of numbers; "
-            "a log needs many"
-        )
-    return rows, (*_doubled(table, twice), *lost)
-
-
 def signal_conversions(
     table: Table, choice: Choice, options: ReadOptions, values: Array
 ) -> tuple[dict[str, Conversion], dict[str, Conversion]]:
@@ -259,61 +311,6 @@ def _of_signals(units: Mapping[str, str], choice: Choice) -> dict[str, str]:
     others = {n.lower() for n in (*choice.pose, choice.time or "")}
     signals = {n.lower() for n in (*choice.inputs, *choice.outputs)}
     return {n: u for n, u in units.items() if n.lower() not in others - signals}
-
-
-def _doubled(table: Table, repeated: NDArray[np.bool_]) -> tuple[Finding, ...]:
-    n = int(np.count_nonzero(repeated))
-    if not n:
-        return ()
-    first = table.place(int(np.flatnonzero(repeated)[0]))
-    more = "" if n == 1 else f" (the first of {n} such lines)"
-    text = f"{first}: repeats the previous line, including its time{more}; left out."
-    return (Finding("doubled-lines", Severity.NOTE, text, record=table.where),)
-
-
-def _forward_filled(values: Array, columns: Sequence[int]) -> Array:
-    """Empty cells of columns less than half empty filled with the last measurement before them."""
-    out = values.copy()
-    rows = np.arange(len(values))
-    for k in (k for k in columns if np.isnan(values[:, k]).mean() < 0.5):
-        last = np.maximum.accumulate(np.where(np.isnan(values[:, k]), 0, rows))
-        out[:, k] = values[last, k]
-    return out
-
-
-def _complete_rows(
-    table: Table, values: Array, names: Sequence[str], policy: ResamplePolicy
-) -> tuple[NDArray[np.bool_], tuple[Finding, ...]]:
-    """Rows without missing cells; policies fill and split treat the others as gaps."""
-    missing = np.isnan(values)
-    keep: NDArray[np.bool_] = np.logical_not(missing.any(axis=1))
-    if keep.all():
-        return keep, ()
-    row, column = (int(i) for i in np.argwhere(missing)[0])
-    n = int(np.count_nonzero(~keep))
-    seen = f"{table.place(row)}, column {names[column]}: the cell is empty or not a number"
-    more = "" if n == 1 else f" (the first of {n} such rows)"
-    if not keep.any() or missing.mean(axis=0).max() > 0.5:
-        worst = names[int(missing.mean(axis=0).argmax())]
-        raise DataError(
-            f"{table.where}, column {worst} is empty in {missing[:, names.index(worst)].sum()} of "
-            f"{len(values)} rows; choose other columns or record the log again"
-        )
-    if policy in ("auto", "refuse"):
-        raise DataError(
-            f"{seen}{more}; correct it, or allow `resample='fill'` (interpolate) or "
-            "`resample='split'`"
-        )
-    return keep, (
-        Finding(
-            "missing",
-            Severity.WARNING,
-            f"{seen}{more}; such rows were left out and treated as gaps.",
-            "Find out what kept the logger from writing.",
-            names[column],
-            table.where,
-        ),
-    )
 
 
 def _reading_notes(
@@ -393,16 +390,6 @@ def _record(signals: _Signals, segment: Segment) -> Record:
         references=u[:, nu:] if references else None,
         reference_names=tuple(references),
     )
-
-
-def _references(choice: Choice, column: Read, rows: NDArray[np.intp]) -> dict[str, Array]:
-    """The unused columns that are set points, in the file's units, (rows,)."""
-    references = {}
-    for name in choice.ignored:
-        values = column(name) if is_set_point(name) else None
-        if values is not None and np.isfinite(values[rows]).all() and np.ptp(values[rows]) > 0.0:
-            references[name] = values[rows]
-    return references
 
 
 def _names(file: str, grid: Grid) -> list[str]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.common_step import common_step
 from sysid.data.decision import Decision
 from sysid.data.finding import Finding
 from sysid.data.io import ReadOptions, read_files
@@ -76,13 +77,23 @@ class Preparation:
 
 
 def read_prepared(
-    paths: Sequence[Path], options: ReadOptions, steps: Preparation
+    paths: Sequence[Path], options: ReadOptions, steps: Preparation, dt: float | None = None
 ) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
     """The records of log files as a fit takes them, and what there is to say about the reading.
+
+    Args:
+        paths: the files.
+        options: how to read them.
+        steps: what to do with them then.
+        dt: sample time [s] of a model or log that finer records are brought to.
 
     Raises:
         DataError, UsageError: a file cannot be read, or a step not be done.
     """
     files = read_files(paths, options)
     records = tuple(steps.apply(r) for file in files for r in file.records)
-    return records, tuple(f for file in files for f in file.findings)
+    findings = tuple(f for file in files for f in file.findings)
+    if dt is not None:
+        records, resampled = common_step(records, dt)
+        findings += resampled
+    return records, findings

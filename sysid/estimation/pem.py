@@ -23,7 +23,7 @@ from sysid.structures.base import Structure
 from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, Provenance, Source
-from sysid.structures.outcome import FitOutcome
+from sysid.structures.outcome import FitOutcome, Fitter
 from sysid.version import __version__
 
 
@@ -34,6 +34,7 @@ def fit(
     *,
     detrend: Detrend | Offsets | str = "auto",
     initial_guesses: Sequence[tuple[str, Array]] = (),
+    solver: Fitter | None = None,
 ) -> Model:
     """Estimate a structure's parameters from one or several experiments.
 
@@ -46,6 +47,7 @@ def fit(
             chosen before, or what to remove and to store with the model; a physical structure
             takes the records as they are.
         initial_guesses: further named starts, e.g. from a neighbouring order.
+        solver: what estimates, None for the structure's own way.
 
     Raises:
         DataError: too few samples, a constant channel, or numbers that are not finite.
@@ -56,19 +58,22 @@ def fit(
     facts = LogFacts.of(data)
     records = facts.records
     check_records(structure, records)
-    offsets = _offsets(structure, facts, detrend)
+    offsets = offsets_of(structure, facts, detrend)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
     # an offset is the coefficient of a constant input, which only polynomials have
     if any(offsets.estimated) and isinstance(structure, PolynomialStructure):
-        fitted = fit_with_offset(structure, facts, offsets, options, parameters, initial_guesses)
+        fitted = fit_with_offset(
+            structure, facts, offsets, options, parameters, initial_guesses, solver
+        )
         if fitted is not None:
             plain = tuple(fitted.at_fit.remove(r) for r in records)
             return model_of(
                 fitted.outcome, records, plain, options, fitted.detrend, fitted.operating_point
             )
     plain = tuple(offsets.detrend.remove(r) for r in records)
-    outcome = fitter(structure, options)(structure, plain, options, parameters, initial_guesses)
+    solve = solver or fitter(structure, options)
+    outcome = solve(structure, plain, options, parameters, initial_guesses)
     return model_of(outcome, records, plain, options, offsets.detrend, offsets.operating_point)
 
 
@@ -88,7 +93,8 @@ def fit_prepared(
     return fitter(structure, options)(structure, records, options, parameters, initial_guesses)
 
 
-def _offsets(structure: Structure, facts: LogFacts, detrend: Detrend | Offsets | str) -> Offsets:
+def offsets_of(structure: Structure, facts: LogFacts, detrend: Detrend | Offsets | str) -> Offsets:
+    """What is removed from the records before a structure is fitted, and what is estimated."""
     if isinstance(detrend, Detrend):
         offsets = Offsets.of_detrend(detrend)
     elif isinstance(detrend, Offsets):

@@ -10,7 +10,7 @@ entries with k = 0 or l = 0 need a pass over the data, and every order up to L i
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +40,12 @@ class LagGram:
     lags: int
     start: int
     signals: tuple[int, ...]
+
+    def __add__(self, other: "LagGram") -> "LagGram":
+        """The sums over the records of both, which have the same signals and lags."""
+        return replace(
+            self, matrix=self.matrix + other.matrix, samples=self.samples + other.samples
+        )
 
     def column(self, signal: int, lag: int) -> int:
         """Row and column of signal ``signal`` delayed by ``lag``."""
@@ -150,7 +156,7 @@ def solve(gram: LagGram, target: int, regressors: Sequence[int]) -> LeastSquares
 
 
 def solve_by_blocks(
-    records: Sequence[Record], start: int, target: int, regressors: Sequence[tuple[int, int]]
+    records: Iterable[Record], start: int, target: int, regressors: Sequence[tuple[int, int]]
 ) -> LeastSquares:
     """The same problem by QR over blocks of the regressor: full precision, little memory.
 

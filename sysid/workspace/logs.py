@@ -58,7 +58,9 @@ class StoredData:
         """What the model was fitted to, or None when it is gone or has changed."""
         provenance = stored.model.provenance
         wanted = [(s.sha256, s.first, s.samples) for s in provenance.data]
-        return self._found(provenance.options, provenance.options.get("files"), wanted)
+        return self._found(
+            provenance.options, provenance.options.get("files"), wanted, stored.model.dt
+        )
 
     def validation(self, stored: StoredModel) -> "tuple[Record, ...] | None":
         """What the model was judged on when it was fitted, or None where that is not known."""
@@ -69,33 +71,40 @@ class StoredData:
             wanted = [(s["sha256"], s["first"], s["samples"]) for s in judged_on["sources"]]
         except (KeyError, TypeError):
             return None
-        return self._found(stored.model.provenance.options, judged_on.get("files"), wanted)
+        options = stored.model.provenance.options
+        return self._found(options, judged_on.get("files"), wanted, stored.model.dt)
 
     def _found(
-        self, options: Mapping[str, Any], files: Any, wanted: list[tuple[str, float, int]]
+        self,
+        options: Mapping[str, Any],
+        files: Any,
+        wanted: list[tuple[str, float, int]],
+        dt: float,
     ) -> "tuple[Record, ...] | None":
         from sysid.errors import SysidError
 
         try:
-            whole = self._prepared(options, list(files or []))
+            whole = self._prepared(options, list(files or []), dt)
         except (SysidError, KeyError, TypeError):
             return None
         pieces = [_piece(whole, *source) for source in wanted]
         records = tuple(p for p in pieces if p is not None)
         return records if records and len(records) == len(wanted) else None
 
-    def _prepared(self, options: Mapping[str, Any], files: list[str]) -> "tuple[Record, ...]":
+    def _prepared(
+        self, options: Mapping[str, Any], files: list[str], dt: float
+    ) -> "tuple[Record, ...]":
         from json import dumps
 
         from sysid.data.preparation import Preparation, read_prepared
         from sysid.data.reading.read_options import ReadOptions
 
         how = {"read": options.get("read", {}), "prepare": options.get("prepare", {})}
-        key = dumps([files, how], sort_keys=True, default=str)
+        key = dumps([files, how, dt], sort_keys=True, default=str)
         if key not in self._read:
             steps = Preparation.from_json(how["prepare"])
             read = ReadOptions.from_json(how["read"])
-            self._read[key], _ = read_prepared([Path(f) for f in files], read, steps)
+            self._read[key], _ = read_prepared([Path(f) for f in files], read, steps, dt)
         return self._read[key]
 
 

@@ -228,15 +228,15 @@ GAPPY = np.delete(np.arange(100) * 0.1, np.r_[40:52])
 
 def test_long_gaps_are_refused_split_or_filled(tmp_path: Path) -> None:
     path = put(tmp_path, table("t,u,y", rows_of(GAPPY)))
-    with pytest.raises(DataError, match=r"line 42: 1\.3 s without samples.*`resample='split'`"):
-        read_file(path)
-    split = read_file(path, ReadOptions(resample="split"))
+    with pytest.raises(DataError, match=r"line 42: 1\.3 s without samples.*`resample='auto'`"):
+        read_file(path, ReadOptions(resample="refuse"))
+    split = read_file(path)
     parts = split.records
     assert [len(p) for p in parts] == [40, 48]
     assert any("cut into 2 experiments" in f.text for f in split.findings)
     assert parts[1].t0 == pytest.approx(5.2)
     with pytest.raises(DataError, match="2 experiments"):
-        read_log(path, ReadOptions(resample="split"))
+        read_log(path)
     filled = read_log(path, ReadOptions(resample="fill"))
     assert len(filled) == 100
     np.testing.assert_array_equal(filled.u[40:52, 0], filled.u[39, 0])
@@ -254,8 +254,8 @@ def test_missing_cells(tmp_path: Path) -> None:
     lines[10] = "0.9,,3"
     path = put(tmp_path, "\n".join(lines) + "\n")
     with pytest.raises(DataError, match=r"line 11, column u: the cell is empty"):
-        read_log(path)
-    filled = read_log(path, ReadOptions(resample="fill"))
+        read_log(path, ReadOptions(resample="refuse"))
+    filled = read_log(path)
     assert len(filled) == 30
     assert filled.y[9, 0] == pytest.approx((filled.y[8, 0] + filled.y[10, 0]) / 2)
 
@@ -263,9 +263,9 @@ def test_missing_cells(tmp_path: Path) -> None:
 def test_two_logs_in_one_file(tmp_path: Path) -> None:
     twice = GOOD + "".join(line + "\n" for line in GOOD.splitlines()[1:])
     path = put(tmp_path, twice)
-    with pytest.raises(DataError, match=r"line 32.*several logs; `resample='split'`"):
-        read_log(path)
-    assert [len(r) for r in read_logs([path], ReadOptions(resample="split"))] == [30, 30]
+    with pytest.raises(DataError, match=r"line 32.*several logs; `resample='auto'`"):
+        read_log(path, ReadOptions(resample="refuse"))
+    assert [len(r) for r in read_logs([path])] == [30, 30]
 
 
 def test_a_last_line_cut_off_is_left_out(tmp_path: Path) -> None:

@@ -74,7 +74,11 @@ def zero_order_hold_columns(names: Sequence[str], options: ReadOptions) -> froze
 
 
 def aligned(
-    streams: Sequence[Timed], zero_order_hold: frozenset[str], ts: float | None, where: str
+    streams: Sequence[Timed],
+    zero_order_hold: frozenset[str],
+    ts: float | None,
+    where: str,
+    setting: Sequence[Timed] = (),
 ) -> Aligned:
     """Bring streams onto one grid.
 
@@ -89,11 +93,12 @@ def aligned(
         zero_order_hold: names of the columns that are commands.
         ts: the step [s] where an option gives it.
         where: the bag, for messages.
+        setting: those of the streams that may set the step; all where none is named.
 
     Raises:
         DataError: the streams hardly overlap, or one of them has a single message.
     """
-    grid = _grid(streams, zero_order_hold, ts, where)
+    grid = _grid(setting or streams, zero_order_hold, ts, where)
     low, high = _span(streams, zero_order_hold, grid, where)
     first = np.ceil((low - grid.start) / grid.dt - ROUNDING)
     count = int(np.floor((high - grid.start) / grid.dt + ROUNDING) - first) + 1

@@ -99,7 +99,7 @@ def joined(
     brought = _brought(log, shift.to_log(second_series.t), known, raw, where)
     brackets = dict(zip(second_series.table.names, second_series.table.units, strict=True))
     more = {called[n]: brackets[n] for n in names if called[n] in brought.columns}
-    wider = table.with_columns(brought.columns, more, brought.rows)
+    wider = table.at(np.flatnonzero(brought.rows)).with_columns(brought.columns, more)
     note = Finding("join", Severity.NOTE, brought.text(where), record=table.where)
     return wider, (*second_series.findings, *findings, note), data
 
@@ -171,7 +171,7 @@ def _brought(
         )
     columns = {n: step.values[rows] for n, step in zip(kept, steps, strict=True)}
     for name in (n for n in known if n not in kept):
-        series, period, low = _continued(known[name])
+        series, period, low = without_turns(known[name])
         on_log = np.interp(log.t[rows], at[order], series[order])
         columns[name] = low + np.mod(on_log - low, period) if period else on_log
     columns = {n: columns[n] for n in known}
@@ -230,7 +230,7 @@ def _filled(column: Array) -> Array:
     return np.interp(rows, rows[there], column[there])
 
 
-def _continued(values: Array) -> tuple[Array, float, float]:
+def without_turns(values: Array) -> tuple[Array, float, float]:
     """A column without the jumps of an angle, its period (0 for none) and where that begins."""
     unwrapped = counted(values, (2.0 * np.pi, 360.0))
     if not unwrapped.period:

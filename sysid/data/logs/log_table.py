@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from sysid.data.files import read_bytes
 from sysid.data.finding import Finding
+from sysid.data.reading.long_form import wide
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.table import Table, read_table
 from sysid.errors import UsageError
@@ -51,8 +52,8 @@ def read_log_table(path: Path, options: ReadOptions, *, even: bool = True) -> Lo
         return LogTable(table, said, digest(path))
     data = read_bytes(path)
     _check_no_bag_options(path, options)
-    table = read_table(data, path.name, options.delimiter, options.decimal)
-    return LogTable(table, (), sha256(data))
+    table = read_table(data, path.name, options.delimiter, options.decimal, options.strict)
+    return LogTable(wide(table), table.findings, sha256(data))
 
 
 def _check_no_bag_options(path: Path, options: ReadOptions) -> None:

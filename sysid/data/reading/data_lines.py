@@ -15,6 +15,18 @@ HEAD = 400
 
 NUMERALS = b"0123456789+-.eE"
 SEPARATORS = (b",", b";", b"\t")
+_DIGIT, _POINT, _SIGN, _EXPONENT, _END = range(5)
+_FOLLOWS = np.array(
+    [
+        [1, 1, 0, 1, 1],
+        [1, 0, 0, 1, 1],
+        [1, 1, 0, 0, 0],
+        [1, 0, 1, 0, 0],
+        [1, 1, 1, 0, 1],
+    ],
+    dtype=bool,
+)
+"""Whether in a line of numbers a character of the column's kind may follow one of the row's."""
 
 NUMPY_ROWS = 100_000
 """Rows up to which NumPy reads a log sooner than pandas is imported (0.3 s)."""
@@ -62,7 +74,27 @@ def cut_tail(data: bytes) -> tuple[bytes, Tail] | None:
     cells = int(np.argmax(ends)) + 1
     if len(ends) % cells or not _ends_each_line(ends.reshape(-1, cells)):
         return None
+    if not are_numbers(signs):
+        return None
     return data[:at], Tail(tail, used[0].decode(), cells, HEAD + 1, len(ends) // cells)
+
+
+def are_numbers(signs: NDArray[np.uint8]) -> bool:
+    """Whether each cell of such lines is a number or empty, not ``1e``, ``3-4`` or ``1.2.3``."""
+    kind = np.full(256, _END, dtype=np.uint8)
+    for characters, which in (
+        (b"0123456789", _DIGIT),
+        (b".", _POINT),
+        (b"+-", _SIGN),
+        (b"eE", _EXPONENT),
+    ):
+        kind[list(characters)] = which
+    kinds = kind[signs]
+    pairs = np.bincount(5 * kinds[:-1] + kinds[1:], minlength=25).reshape(5, 5)
+    if np.any(pairs[~_FOLLOWS]) or not _FOLLOWS[_END, kinds[0]]:
+        return False
+    cell = np.cumsum(kinds == _END, dtype=np.int32)
+    return all(np.all(np.diff(cell[kinds == once])) for once in (_POINT, _EXPONENT))
 
 
 def _ends_each_line(ends: NDArray[np.bool_]) -> bool:

@@ -51,7 +51,7 @@ class Header:
     """The lines of a text log by what they are.
 
     Attributes:
-        line: number and text of the header.
+        line: number and text of the header; an empty text where the first line is a row.
         units: the line of units below it, or None.
         body: the lines of data.
         notes: what was left out, as parts of sentences.
@@ -85,6 +85,8 @@ def find_header(numbered: Sequence[Line]) -> Header:
         head = (lines[at][0], _uncommented(lines[at][1]))
     else:
         head = lines[at]
+    if _is_row(head[1]) and all(_is_row(text) for _, text in lines[at + 1 : at + 3]):
+        return Header((head[0], ""), None, _body(lines[at:], "")[0], notes)
     rest, dropped = _body(lines[at + 1 :], head[1])
     notes += dropped
     block = [head, *rest[:_TITLES]]
@@ -114,8 +116,10 @@ def find_header(numbered: Sequence[Line]) -> Header:
     return Header(head, units, rest, notes, distinct.pop() if len(distinct) == 1 else None)
 
 
-def is_numeric(text: str) -> bool:
-    """Whether a line holds numbers alone, whatever its delimiter."""
+def _is_row(text: str) -> bool:
+    """Whether every filled cell of a line holds a number or a date."""
+    if is_data(text) and all(_is_value(c) for c in _tokens(text)):
+        return True
     cells = [c.strip('"') for c in re.split(r"[;\t ]+|,(?=\s)|,", text.strip()) if c]
     return bool(cells) and all(_NUMBER.fullmatch(c) for c in cells)
 
@@ -137,6 +141,11 @@ def measured(cell: str) -> tuple[str, str] | None:
     if match is None or not looks_like_unit(match["unit"], _UNIT_NAMES):
         return None
     return match["number"], match["unit"]
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit as people write them."""
+    return looks_like_unit(text, _UNIT_NAMES)
 
 
 def cells_of(line: str, sep: str) -> list[str]:

@@ -41,6 +41,7 @@ class ReadOptions:
         stamps: the clock of a bag's streams, one of ``STAMPS`` (see ``bags.clocks``).
         latency: what to do about streams of a bag that come late: ``remove``, or ``/topic=SECONDS``
             for each that is to be moved; they are said and kept unless given.
+        strict: whether lines that are no rows of the table are refused, not left out.
         speed_of: outputs that are positions and are read as the speed between their measurements.
 
     Raises:
@@ -64,6 +65,7 @@ class ReadOptions:
     map: Mapping[str, str] = field(default_factory=dict, hash=False)
     stamps: str = "auto"
     latency: tuple[str, ...] = ()
+    strict: bool = False
 
     def __post_init__(self) -> None:
         put = object.__setattr__

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.finding import Finding
+from sysid.data.reading.containers import container
 from sysid.data.reading.data_lines import DataLines
 from sysid.data.reading.dates import date_format, seconds_of
-from sysid.data.reading.header import MISSING, STATES
+from sysid.data.reading.header import MISSING, STATES, is_unit
 from sysid.data.reading.text_layout import Layout, lay_out, split_line
 from sysid.data.record import Array
 from sysid.errors import DataError
@@ -20,7 +22,10 @@ from sysid.outside_text import name_of
 if TYPE_CHECKING:
     import pandas as pd
 
-_BRACKETS = re.compile(r"(?P<base>.*?\S)\s*[\[(](?P<unit>[^\[\]()]*)[\])]")
+_BRACKETS = re.compile(
+    r"(?P<base>.*?\S)(?:\s*[\[(](?P<unit>[^\[\]()]*)[\])]|\s+in\s+(?P<word>[A-Za-zµμ°%Ω][^\s]*))"
+)
+"""A name with its unit: ``u [V]``, ``speed (rpm)``, ``Temperatur in °C``."""
 LARGEST = 1e100
 """No measured number is larger, and the squares of larger ones overflow."""
 
@@ -58,17 +63,9 @@ class Table:
     source: "Layout | Rows | pd.DataFrame"
     extra: Mapping[str, Array] = field(default_factory=dict, hash=False)
 
-    def with_columns(
-        self, columns: Mapping[str, Array], units: Mapping[str, str], rows: NDArray[np.bool_]
-    ) -> "Table":
-        """The rows kept, with more columns, which have as many.
-
-        Args:
-            columns: name → numbers, (rows kept,).
-            units: name → unit in brackets, empty where there is none.
-            rows: those to keep, (N,).
-        """
-        kept = np.flatnonzero(rows).tolist()
+    def at(self, rows: NDArray[np.intp]) -> "Table":
+        """Some of its rows, by their numbers in the order wanted."""
+        kept = rows.tolist()
         if isinstance(self.source, Layout):
             source: Any = replace(
                 self.source,
@@ -79,18 +76,26 @@ class Table:
             source = Rows(len(kept), self.source.at[kept])
         else:
             source = self.source.iloc[kept]
+        return replace(self, source=source, extra={k: v[rows] for k, v in self.extra.items()})
+
+    def with_columns(self, columns: Mapping[str, Array], units: Mapping[str, str]) -> "Table":
+        """More columns: name → numbers, (N,), and name → unit in brackets where there is one."""
         return replace(
             self,
             names=(*self.names, *columns),
-            units=(*self.units, *(units[n] for n in columns)),
-            source=source,
-            extra={k: v[rows] for k, v in self.extra.items()} | dict(columns),
+            units=(*self.units, *(units.get(n, "") for n in columns)),
+            extra=dict(self.extra) | dict(columns),
         )
 
     @property
     def interval(self) -> float | None:
         """Time between two rows [s] that a title above the header states, None without."""
         return self.source.interval if isinstance(self.source, Layout) else None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was left out as no row of the table."""
+        return self.source.skipped.finding(self.where) if isinstance(self.source, Layout) else ()
 
     def __len__(self) -> int:
         if isinstance(self.source, Rows):
@@ -104,6 +109,12 @@ class Table:
         if isinstance(self.source, Rows):
             return f"{self.where}, {self.source.at[row]:.6g} s after its start"
         return f"{self.where}, row {row + 1}"
+
+    def line(self, row: int) -> tuple[int, str]:
+        """Number in the file and text of row number ``row``; the text is empty but for a text."""
+        if isinstance(self.source, Layout):
+            return self.source.lines[row], self.source.rows[row]
+        return row + 1, ""
 
     def columns(self, names: Sequence[str]) -> Array:
         """The named columns as numbers, shape (N, n); a missing cell is NaN.
@@ -131,6 +142,16 @@ class Table:
                 "number; correct or delete that line"
             )
         return values
+
+    def texts(self, name: str) -> list[str]:
+        """The cells of a column of the file as text."""
+        column = self.names.index(name)
+        if isinstance(self.source, Layout):
+            sep = self.source.delimiter
+            return [split_line(r, sep)[column].strip('"') for r in self.source.rows]
+        if isinstance(self.source, Rows):
+            return []
+        return [str(c) for c in self.source.iloc[:, column]]
 
     def dates(self, name: str) -> tuple[Array, float] | None:
         """A column of dates or times of day: seconds since its first cell, and that cell's own.
@@ -234,14 +255,9 @@ class Table:
                 first = split_line(self.source.rows[0], self.source.delimiter)[column].strip('"')
                 if _is_number(first):
                     continue
-                rows = self.source.rows
-                texts = [split_line(r, self.source.delimiter)[column].strip('"') for r in rows]
-            elif isinstance(self.source, Rows):
+            elif isinstance(self.source, Rows) or not _is_text(self.source.iloc[:, column]):
                 continue
-            elif _is_text(self.source.iloc[:, column]):
-                texts = [str(c) for c in self.source.iloc[:, column]]
-            else:
-                continue
+            texts = self.texts(name)
             if _states(texts) is not None:
                 stated = {t: STATES[t.lower()] for t in texts if t.lower() in STATES}
                 words = sorted(stated.items(), key=lambda pair: pair[1])
@@ -299,7 +315,11 @@ class Table:
 
 
 def read_table(
-    data: bytes, where: str, delimiter: str | None = None, decimal: str | None = None
+    data: bytes,
+    where: str,
+    delimiter: str | None = None,
+    decimal: str | None = None,
+    strict: bool = False,
 ) -> Table:
     """The table in the bytes of a CSV or Parquet file.
 
@@ -307,6 +327,7 @@ def read_table(
         data: the whole file.
         where: its name, for messages and to recognise Parquet by ``.parquet`` or ``.pq``.
         delimiter, decimal: None to find them.
+        strict: whether lines that are no rows are refused rather than left out.
 
     Raises:
         DataError: the file is no table of named columns.
@@ -314,14 +335,34 @@ def read_table(
     """
     if not data:
         raise DataError(f"{where} is empty; a log needs a header row and rows of numbers")
-    if data.startswith(b"PAR1") or where.lower().endswith((".parquet", ".pq")):
-        frame = _parquet(data, where)
-        raw: tuple[str, ...] = tuple(str(c).strip() for c in frame.columns)
-        notes: tuple[str, ...] = ()
-        source: Any = frame
-    else:
-        layout = lay_out(data, where, delimiter, decimal)
-        raw, notes, source = layout.names, layout.notes, layout
+    frame = _frame_of(data, where)
+    if frame is not None:
+        return frame_table(frame, where)
+    return _table(lay_out(data, where, delimiter, decimal, strict), where)
+
+
+def frame_table(frame: "pd.DataFrame", where: str) -> Table:
+    """The table of a frame; an index with a name, or one of times, is a column.
+
+    Raises:
+        DataError: it holds no named columns, or no rows.
+    """
+    import pandas as pd
+
+    if isinstance(frame.index, pd.DatetimeIndex | pd.TimedeltaIndex) and not frame.index.name:
+        frame.index.name = "time"
+    if any(name is not None for name in frame.index.names):
+        taken = [f"{n} (index)" if n in frame.columns else n for n in frame.index.names]
+        frame = frame.reset_index(names=taken)
+    if not len(frame.columns) or not len(frame):
+        raise DataError(f"{where} holds no rows of numbers; record the log again")
+    return _table(frame, where)
+
+
+def _table(source: "Layout | pd.DataFrame", where: str) -> Table:
+    raw: Sequence[str]
+    notes: tuple[str, ...] = source.notes if isinstance(source, Layout) else ()
+    raw = source.names if isinstance(source, Layout) else [str(c).strip() for c in source.columns]
     raw = tuple(map(name_of, raw))
     twice = [n for n in raw if n and raw.count(n) > 1]
     if twice:
@@ -329,7 +370,7 @@ def read_table(
     if "" in raw:
         at = raw.index("") + 1
         if at == 1 and len(raw) > 2:  # pandas' unnamed index column
-            raw = ("(no name)", *raw[1:])
+            raw = ["(no name)", *raw[1:]]
         else:
             raise DataError(f"{where}: column {at} has no name in the header; give it one")
     if len(raw) < 2:
@@ -353,24 +394,31 @@ def _parquet(data: bytes, where: str) -> "pd.DataFrame":
     import pandas as pd
 
     try:
-        frame = pd.read_parquet(io.BytesIO(data))
+        return pd.read_parquet(io.BytesIO(data))
     except Exception:  # pyarrow's errors share no base class
         raise DataError(f"{where} is not a Parquet file, or is damaged; write it again") from None
-    if any(name is not None for name in frame.index.names):
-        taken = [f"{n} (index)" if n in frame.columns else n for n in frame.index.names]
-        frame = frame.reset_index(names=taken)
-    if not len(frame.columns) or not len(frame):
-        raise DataError(f"{where} holds no rows of numbers; record the log again")
-    return frame
 
 
-def _names_and_units(raw: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _frame_of(data: bytes, where: str) -> "pd.DataFrame | None":
+    """The columns of a file that is no text table, None for one that is."""
+    if data.startswith(b"PAR1") or where.lower().endswith((".parquet", ".pq")):
+        return _parquet(data, where)
+    columns = container(data, where)
+    if columns is None:
+        return None
+    import pandas as pd
+
+    return pd.DataFrame(columns)
+
+
+def _names_and_units(raw: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Take ``u [V]`` or ``speed (rpm)`` apart, unless two columns would then share a name."""
     split = [_BRACKETS.fullmatch(n) for n in raw]
+    split = [m if m and (m["word"] is None or is_unit(m["word"])) else None for m in split]
     bases = [m["base"] if m else n for m, n in zip(split, raw, strict=True)]
     if len(set(bases)) != len(bases):
-        return raw, ("",) * len(raw)
-    return tuple(bases), tuple(m["unit"].strip() if m else "" for m in split)
+        return tuple(raw), ("",) * len(raw)
+    return tuple(bases), tuple((m["unit"] or m["word"] or "").strip() if m else "" for m in split)
 
 
 def _is_text(column: "pd.Series[Any]") -> bool:

@@ -1,37 +1,29 @@
-"""Layout of a text log: encoding, header, delimiter, decimal sign, data lines."""
+"""Layout of a text log: header, delimiter, decimal sign, data lines."""
 
-import re
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+from sysid.data.reading.bad_lines import NONE_SKIPPED, Skipped, ragged, unreadable
 from sysid.data.reading.data_lines import DataLines, cut_tail
-from sysid.data.reading.dates import date_format
+from sysid.data.reading.decoding import decode
 from sysid.data.reading.header import (
     MISSING,
+    Header,
     bare_unit,
     cells_of,
     find_header,
-    is_numeric,
+    is_data,
     measured,
 )
+from sysid.data.reading.number_signs import NumberSigns, number_signs, without_groups
 from sysid.errors import DataError, UsageError
 
 DELIMITERS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
 """Words a person may use for a delimiter."""
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-_MAGIC = {
-    b"PK\x03\x04": "a spreadsheet or zip archive; export the sheet as CSV",
-    b"\x1f\x8b": "a gzip archive; unpack it first",
-    b"\xd0\xcf\x11\xe0": "an Excel file; export the sheet as CSV",
-    b"{": "JSON; export the numbers as CSV",
-    b"[{": "JSON; export the numbers as CSV",
-    b"<": "a web page or XML; download or export the log as CSV",
-    b"%PDF": "a PDF; export the numbers as CSV",
-    b"\x89PNG": "a picture; name the log itself",
-    b"\x89HDF": "an HDF5 file; export it as CSV or Parquet",
-    b"MATLAB 5.0": "a MATLAB file; export it as CSV or Parquet",
-}
+SHOWN = 1000
+"""Rows of a file without a header that say how many columns it has."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +40,7 @@ class Layout:
         units: cells of a row of units below the header, as many as names; empty cells without.
         interval: time between two rows [s] that a title states, None without.
         in_cells: the unit behind every number of a column, as many as names; empty without.
+        skipped: lines that are no rows.
     """
 
     names: tuple[str, ...]
@@ -59,9 +52,12 @@ class Layout:
     units: tuple[str, ...] = ()
     interval: float | None = None
     in_cells: tuple[str, ...] = ()
+    skipped: Skipped = NONE_SKIPPED
 
 
-def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None) -> Layout:
+def lay_out(
+    data: bytes, where: str, delimiter: str | None, decimal: str | None, strict: bool = False
+) -> Layout:
     """Find header, delimiter, decimal sign and data lines in the bytes of a text log.
 
     Of a log whose first lines say how all others are to be read only these are looked at.
@@ -74,58 +70,127 @@ def lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None)
     if cut is not None:
         head, tail = cut
         with suppress(DataError):  # where the first lines are no log, all of them may be one
-            layout = _lay_out(head, where, delimiter, decimal)
+            layout = _lay_out(head, where, delimiter, decimal, strict)
             alike = (layout.delimiter, len(layout.names)) == (tail.separator, tail.cells)
             if alike and not any(layout.in_cells):
                 rows = DataLines(layout.rows.head, tail)
                 return replace(layout, rows=rows, lines=[*layout.lines, *tail.numbers])
-    return _lay_out(data, where, delimiter, decimal)
+    return _lay_out(data, where, delimiter, decimal, strict)
 
 
-def _lay_out(data: bytes, where: str, delimiter: str | None, decimal: str | None) -> Layout:
+def _lay_out(
+    data: bytes, where: str, delimiter: str | None, decimal: str | None, strict: bool
+) -> Layout:
     """``lay_out`` where every line is looked at."""
-    text, notes = _decode(data, where)
+    text, notes = decode(data, where)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    complete = not lines[-1]
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line and not line.isspace()]
     if not numbered:
         raise DataError(f"{where} is empty; a log needs a header row and rows of numbers")
-    header_parts = find_header(numbered)
-    first, header = header_parts.line[0], header_parts.line[1].strip("\ufeff").lstrip(" ")
-    rows, numbers = [line for _, line in header_parts.body], [i for i, _ in header_parts.body]
-    notes += tuple(f"{where}: {note}." for note in header_parts.notes)
+    parts = find_header(numbered)
+    if not parts.body:
+        raise DataError(f"{where} has a header but no rows of numbers; record the log again")
+    cut = _delimiter(parts, delimiter)
+    header, rows, said = _named(parts, cut, decimal)
+    sep = "\t" if "\t" in header and cut == "," else cut
+    names = tuple(c.strip() for c in cells_of(header, sep))
+    numbers = [i for i, _ in parts.body]
+    lines_left = _Lines(names, rows, numbers, NONE_SKIPPED, (*parts.notes, *said))
+    kept = _cleaned(lines_left, sep, where, strict, complete=not lines[-1])
+    bare, of_cells = _without_units(kept.rows, kept.numbers, sep, kept.names, where)
+    signs = _signs(bare, sep, decimal)
+    n = len(kept.names)
+    below = [] if parts.units is None else [bare_unit(c) for c in cells_of(parts.units, cut)]
+    return Layout(
+        names=kept.names,
+        delimiter=sep,
+        decimal=signs.decimal,
+        rows=DataLines(without_groups(bare, sep, signs.group) if signs.group else bare),
+        lines=kept.numbers,
+        notes=(*notes, *(f"{where}: {note}." for note in (*kept.notes, *signs.note()))),
+        units=tuple([*below, *[""] * n][:n]),
+        interval=parts.interval,
+        in_cells=tuple(of_cells.get(i, "") for i in range(n)),
+        skipped=kept.skipped,
+    )
 
-    sep = cut = _delimiter(header, rows[:20], delimiter)
-    if sep == "," and decimal != "." and _quoted_commas(rows[:200]):
+
+@dataclass(frozen=True)
+class _Lines:
+    """Names of the columns, the rows with their line numbers, and what was left out and said."""
+
+    names: tuple[str, ...]
+    rows: list[str]
+    numbers: list[int]
+    skipped: Skipped
+    notes: tuple[str, ...]
+
+
+def _named(parts: Header, sep: str, decimal: str | None) -> tuple[str, list[str], tuple[str, ...]]:
+    """The header, the rows, and what is said where the columns are named by position."""
+    header, rows = parts.line[1].strip("\ufeff").lstrip(" "), [line for _, line in parts.body]
+    notes: tuple[str, ...] = ()
+    usual = Counter(_counts(rows[:SHOWN], sep)).most_common(1)[0][0]
+    if not header or (len(cells_of(header, sep)) == 1 < usual and is_data(rows[0])):
+        names = [f"column_{k}" for k in range(1, usual + 1)]
+        notes = (f"it has no header; its columns are named by position: {', '.join(names)}",)
+        header = sep.join(names)
+    if sep == "," and decimal != "." and _quoted_commas(rows):
         # a comma between cells and inside the numbers: only the quotes distinguish them
         header, *rows = ["\t".join(cells_of(line, ",")) for line in (header, *rows)]
-        sep, decimal = "\t", ","
-    names = tuple(c.strip() for c in cells_of(header, sep))
-    if is_numeric(header):
-        raise DataError(
-            f"{where}, line {first} holds numbers where the column names belong; add a header row "
-            "such as t,u,y"
-        )
-    if not rows:
-        raise DataError(f"{where} has a header but no rows of numbers; record the log again")
-    rows, units_in_cells = _without_units(rows, numbers, sep, names, where)
-    point = decimal or _decimal(rows, sep)
-    if point not in (".", ","):
-        raise UsageError(f"the decimal sign must be '.' or ',', got {point!r}")
-    if point == sep:
+    return header, rows, notes
+
+
+def _cleaned(lines: _Lines, sep: str, where: str, strict: bool, complete: bool) -> _Lines:
+    """The rows alone: lines with other cells, or with words for numbers, are left out."""
+    skipped = NONE_SKIPPED
+    rows, numbers = lines.rows, lines.numbers
+    if not strict:
+        wanted = len(lines.names)
+        comment = {wanted - 1, wanted} if lines.names[-1].lower() == "comment" else set()
+        bad = ragged(_counts(rows, sep), comment)
+        if bad and bad[-1] == len(rows) - 1 and not complete:
+            bad = bad[:-1]  # the last line is cut off, which is said on its own
+        rows, numbers, skipped = _left_out(rows, numbers, bad)
+    names, rows, numbers, notes = _even_out(lines.names, rows, numbers, sep, where, complete)
+    if not strict:
+        bad, without = unreadable(rows, sep)
+        rows = [without.get(k, row) for k, row in enumerate(rows)]
+        if without:
+            some = next(iter(without))
+            notes += (f"words in columns of numbers, as in line {numbers[some]}, are empty cells",)
+        rows, numbers, words = _left_out(rows, numbers, bad)
+        skipped += words
+    return _Lines(names, rows, numbers, skipped, (*lines.notes, *notes))
+
+
+def _signs(rows: Sequence[str], sep: str, decimal: str | None) -> NumberSigns:
+    """Decimal sign and thousands separator.
+
+    Raises:
+        UsageError: the decimal sign asked for cannot be.
+    """
+    if decimal not in (None, ".", ","):
+        raise UsageError(f"the decimal sign must be '.' or ',', got {decimal!r}")
+    if decimal == sep:
         raise UsageError(f"delimiter and decimal sign cannot both be {sep!r}; give another one")
-    names, rows, numbers, more = _even_out(names, rows, numbers, sep, where, complete)
-    units = (
-        ()
-        if header_parts.units is None
-        else tuple(map(bare_unit, cells_of(header_parts.units, cut)))
-    )
-    units = (*units, *[""] * len(names))[: len(names)]
-    in_cells = tuple(units_in_cells.get(i, "") for i in range(len(names)))
-    notes = (*notes, *more)
-    return Layout(
-        names, sep, point, DataLines(rows), numbers, notes, units, header_parts.interval, in_cells
-    )
+    return number_signs(rows, sep, "." if sep == "," else decimal)
+
+
+def _left_out(
+    rows: list[str], numbers: list[int], bad: Sequence[int]
+) -> tuple[list[str], list[int], Skipped]:
+    """Rows and their line numbers without those that are none, and these."""
+    lines = tuple((numbers[k], rows[k]) for k in bad)
+    gone = set(bad)
+    kept = [k for k in range(len(rows)) if k not in gone]
+    return [rows[k] for k in kept], [numbers[k] for k in kept], Skipped(lines)
+
+
+def _counts(rows: Sequence[str], sep: str) -> list[int]:
+    """How many cells each row has."""
+    plain = sep != " " and not any('"' in r for r in rows)
+    return [r.count(sep) + 1 if plain else len(cells_of(r, sep)) for r in rows]
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
@@ -165,43 +230,13 @@ def _without_units(
     return out, units
 
 
-def _decode(data: bytes, where: str) -> tuple[str, tuple[str, ...]]:
-    for magic, what in _MAGIC.items():
-        if data.startswith(magic):
-            raise DataError(f"{where} is {what}")
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        try:
-            return data.decode("utf-16"), ()
-        except UnicodeDecodeError:
-            raise DataError(f"{where} is damaged UTF-16 text; save it again as UTF-8") from None
-    if b"\0" in data:
-        if _looks_wide(data):
-            raise DataError(f"{where} looks like UTF-16 text without its mark; save it as UTF-8")
-        raise DataError(f"{where} is not text (it holds zero bytes); give a CSV or Parquet log")
-    try:
-        return data.decode("utf-8-sig"), ()
-    except UnicodeDecodeError as error:
-        head = data[:4096]
-        odd = sum(b < 9 or 13 < b < 32 for b in head)
-        if odd > 0.02 * len(head):
-            raise DataError(f"{where} is binary; give a CSV or Parquet log") from None
-        line = data[: error.start].count(b"\n") + 1
-        note = f"{where} is not UTF-8 (line {line}); read as Latin-1."
-        return data.decode("latin-1"), (note,)
+def _quoted_commas(rows: Sequence[str]) -> bool:
+    """Whether a number in quotes holds a comma."""
+    cells = (c for row in rows if '"' in row for c in cells_of(row, ","))
+    return any("," in c and c.strip()[:1].lstrip("+-").isdigit() for c in cells)
 
 
-def _looks_wide(data: bytes) -> bool:
-    head = data[:400]
-    return max(head[0::2].count(0), head[1::2].count(0)) > len(head) // 4
-
-
-def _quoted_commas(rows: list[str]) -> bool:
-    """Whether cells in quotes hold decimal commas, and none a decimal point."""
-    cells = [c.strip() for row in rows if '"' in row for c in cells_of(row, ",")]
-    return any(_DECIMAL_COMMA.fullmatch(c) for c in cells) and not any("." in c for c in cells)
-
-
-def _delimiter(header: str, rows: list[str], given: str | None) -> str:
+def _delimiter(parts: Header, given: str | None) -> str:
     if given is not None:
         sep = DELIMITERS.get(given.lower(), given)
         if len(sep) != 1 or sep.isalnum() or sep in "\"'.+-\n\r":
@@ -209,24 +244,14 @@ def _delimiter(header: str, rows: list[str], given: str | None) -> str:
                 f"the delimiter must be one of , ; tab space or another single sign, got {given!r}"
             )
         return sep
+    rows = [line for _, line in parts.body[:20]]
+    header = parts.line[1] or rows[0]
     for sep in (";", "\t", ","):
         if sep in header:
             return sep
     if len(header.split()) > 1 and all(len(r.split()) > 1 for r in rows):
         return " "
     return ","
-
-
-def _decimal(rows: list[str], sep: str) -> str:
-    """A comma if some cell reads as ``1,5`` and none as ``1.5``; a comma delimiter forbids it."""
-    if sep == ",":
-        return "."
-    # a log that starts at rest may have no fraction in its first rows
-    shown = rows[:200] + [r for r in rows[200:] if "," in r][:200]
-    cells = [c.strip().strip('"') for row in shown for c in cells_of(row, sep)]
-    comma = any(_DECIMAL_COMMA.fullmatch(c) for c in cells)
-    points = (c for c in cells if "." in c)
-    return "," if comma and all(date_format(c) for c in points) else "."
 
 
 def _even_out(
@@ -239,7 +264,7 @@ def _even_out(
 ) -> tuple[tuple[str, ...], list[str], list[int], tuple[str, ...]]:
     """Check that every row has as many cells as the header; forgive a cut-off last line."""
     plain = sep != " " and not any('"' in r for r in rows)
-    counts = [r.count(sep) + 1 if plain else len(cells_of(r, sep)) for r in rows]
+    counts = _counts(rows, sep)
     wanted = len(names)
     comment = names[-1].lower() == "comment"
     shown = rows if comment else rows[:1]
@@ -263,8 +288,8 @@ def _even_out(
     notes: tuple[str, ...] = ()
     if counts[-1] < wanted and not complete and len(rows) > 1:
         notes = (
-            f"{where}, line {numbers[-1]}: the last line is cut off "
-            f"({counts[-1]} of {wanted} cells) and was left out.",
+            f"line {numbers[-1]}: the last line is cut off "
+            f"({counts[-1]} of {wanted} cells) and was left out",
         )
         rows, numbers, counts = rows[:-1], numbers[:-1], counts[:-1]
     for line, count in zip(numbers, counts, strict=True):

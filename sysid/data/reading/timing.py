@@ -14,9 +14,10 @@ from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
 
 ResamplePolicy = Literal["auto", "hold", "refuse", "fill", "split"]
-"""auto: even out jitter and gaps of a few samples; hold: so, and an output cell that is empty is
-the last measurement again; refuse: only a uniform grid will do;
-fill: interpolate over gaps of any length; split: cut at gaps into several experiments."""
+"""auto: even out jitter and gaps of a few samples, cut at longer ones into several experiments;
+hold: so, and an output cell that is empty is the last measurement again; refuse: only a uniform
+grid will do; fill: interpolate over gaps of any length; split: as auto, and cut wherever the clock
+goes back."""
 
 POLICIES: tuple[str, ...] = get_args(ResamplePolicy)
 ROUNDING = 0.01
@@ -111,18 +112,21 @@ def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Gri
         findings.append(_jitter(d[inside & ~gaps], dt, policy, where))
     long = gaps & (missing > SHORT_GAP)
     findings += _gap_findings(gaps, long, missing, d, policy, place, where)
-    if policy == "split":
+    if policy in ("auto", "split"):
         bounds = sorted({*bounds, *(int(i) + 1 for i in np.flatnonzero(long))})
-    segments = []
-    for a, b in pairwise(bounds):
-        if b - a >= SHORTEST or len(bounds) == 2:
-            segments.append(Segment(a, b, even=not (uneven or gaps[a : b - 1].any())))
-        else:
-            many = "1 sample" if b - a == 1 else f"{b - a} samples"
-            text = f"{where}: a piece of {many} between gaps was left out."
-            findings.append(Finding("gaps", Severity.NOTE, text, record=where))
-    if not segments:
-        raise DataError(f"{where}: no piece between its gaps has {SHORTEST} samples; record again")
+    pieces = list(pairwise(bounds))
+    kept = [(a, b) for a, b in pieces if b - a >= SHORTEST or len(pieces) == 1]
+    if not kept:
+        raise DataError(
+            f"{where}: no piece between its gaps has {SHORTEST} samples; record again, or "
+            "interpolate with `resample='fill'`"
+        )
+    if len(kept) < len(pieces):
+        n, rows = len(pieces) - len(kept), len(t) - sum(b - a for a, b in kept)
+        text = f"{where}: {n} piece{'s' * (n > 1)} between gaps, of {rows} samples in all, "
+        text += f"{'were' if n > 1 else 'was'} left out as too short."
+        findings.append(Finding("gaps", Severity.NOTE, text, record=where))
+    segments = [Segment(a, b, even=not (uneven or gaps[a : b - 1].any())) for a, b in kept]
     return Grid(dt, tuple(segments), tuple(findings))
 
 
@@ -183,10 +187,10 @@ def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> t
         )
     back = np.flatnonzero(d < 0)
     restarts = np.abs(t[back + 1] - t[0]) <= 2.0 * np.median(np.abs(d))
-    if policy == "split" and not np.any(d == 0):
+    if (policy == "split" or (policy == "auto" and restarts.all())) and not np.any(d == 0):
         return tuple(int(j) for j in back)
     hint = (
-        "the file holds several logs; `resample='split'` makes an experiment of each"
+        "the file holds several logs; `resample='auto'` makes an experiment of each"
         if restarts.all()
         else "sort the rows or delete that line"
     )
@@ -241,22 +245,13 @@ def _gap_findings(
     n = int(np.count_nonzero(shown))
     more = "" if n == 1 else f" (the first of {n} gaps)"
     seen = f"{place(first + 1)}: {d[first]:.4g} s without samples before this line{more}"
-    if policy == "refuse" or (policy == "auto" and long.any()):
-        raise DataError(
-            f"{seen}; `resample='split'` makes several experiments of it, `resample='fill'` "
-            "interpolates"
-        )
+    if policy == "refuse":
+        raise DataError(f"{seen}; `resample='auto'` cuts it there, `resample='fill'` interpolates")
     lost = int(missing[gaps].sum())
-    if policy == "split" and long.any():
+    advice = "Find out what kept the logger from writing; interpolated samples hold no information."
+    if policy != "fill" and long.any():
         did = f"; the log was cut into {n + 1} experiments there."
+        advice = "`resample='fill'` interpolates instead."
     else:
         did = f"; {lost} missing sample{'s were' if lost > 1 else ' was'} interpolated."
-    return [
-        Finding(
-            "gaps",
-            Severity.WARNING,
-            seen + did,
-            "Find out what kept the logger from writing; interpolated samples hold no information.",
-            record=where,
-        )
-    ]
+    return [Finding("gaps", Severity.WARNING, seen + did, advice, record=where)]

@@ -22,7 +22,7 @@ from sysid.structures.linear.constant_input import (
     without_constant,
 )
 from sysid.structures.linear.polynomial import PolynomialStructure
-from sysid.structures.outcome import FitOutcome
+from sysid.structures.outcome import FitOutcome, Fitter
 
 BEYOND = 10.0
 """An offset so many ranges of the output away from the data is none: the output integrates."""
@@ -56,12 +56,14 @@ def fit_with_offset(
     options: FitOptions,
     parameters: tuple[Parameter, ...],
     initial_guesses: Sequence[tuple[str, Array]],
+    solver: Fitter | None = None,
 ) -> FitWithOffset | None:
     """Fit a linear structure with the constant as a further input.
 
     Args:
         offsets: what is removed first, and whose offset is estimated.
         parameters: of ``structure``, with bounds and fixed values.
+        solver: what estimates, None for the structure's own way.
 
     Returns:
         The fit, or None where the data cannot distinguish the constant from the effect of the
@@ -75,7 +77,7 @@ def fit_with_offset(
         # noise model remembers of the time before the record is not known.
         options = replace(options, initial=Initial.ZERO)
     plain = [with_ones(offsets.detrend.remove(r)) for r in records]
-    outcome = fitter(wide, options)(
+    outcome = (solver or fitter(wide, options))(
         wide,
         plain,
         options,

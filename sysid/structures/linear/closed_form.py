@@ -1,6 +1,8 @@
 """ARX by linear algebra: no iteration, no regressor matrix in memory."""
 
-from collections.abc import Sequence
+import operator
+from collections.abc import Callable, Iterable, Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -37,7 +39,7 @@ def fit(
 ) -> FitOutcome:
     """Least squares in one step, or a search where constraints or another loss forbid it."""
     weighted = any(r.weights is not None for r in records)
-    if weighted or not (isinstance(structure, ARX) and _linear(options, parameters)):
+    if weighted or not (isinstance(structure, ARX) and is_linear(options, parameters)):
         return by_search(structure, records, options, parameters, initial_guesses)
     theta, covariance, null = solve(structure, records)
     return FitOutcome(
@@ -51,7 +53,7 @@ def fit(
     )
 
 
-def _linear(options: FitOptions, parameters: Sequence[Parameter]) -> bool:
+def is_linear(options: FitOptions, parameters: Sequence[Parameter]) -> bool:
     """Whether the fit is one unconstrained linear least-squares problem."""
     free = all(p.fixed is None and not np.isfinite([p.lower, p.upper]).any() for p in parameters)
     prediction = options.focus is Focus.PREDICTION
@@ -117,6 +119,37 @@ def solve(
     unseen = np.array(null).T if null else np.zeros((n, 0))
     touched = unseen if along is None else (along != 0.0).T @ (np.abs(unseen) > PART)
     return theta, with_infinite(covariance, touched), unseen
+
+
+def solve_in_blocks(
+    structure: ARX, blocks: Callable[[int], Iterable[Record]], some: Sequence[Record]
+) -> tuple[Array, Array, Array]:
+    """As ``solve``, over records that need not be in memory together.
+
+    The covariance is that of the errors in ``some`` of them, scaled to as many samples.
+
+    Args:
+        structure: what is fitted.
+        blocks: lead → records; each continues the last one and begins with its ``lead`` last rows.
+        some: a few of these records.
+    """
+    theta, covariance, null = solve(structure, some)
+    solutions: dict[int, ne.LagGram] = {}
+    for i in range(structure.ny):
+        lay = structure.layout(i)
+        terms, start = lagged_terms(lay), lay.start
+        if start not in solutions:
+            grams = (ne.lag_gram([r], start) for r in blocks(start))
+            solutions[start] = reduce(operator.add, grams)
+        gram = solutions[start]
+        solved = ne.solve(gram, gram.column(i, 0), [gram.column(s, k) for s, k in terms])
+        if solved is None:
+            solved = ne.solve_by_blocks(blocks(start), start, i, terms)
+        index = structure.row_index(i)
+        theta[index] = signs(lay) * solved.theta
+        share = sum(max(len(r) - start, 0) for r in some) / gram.samples
+        covariance[np.ix_(index, index)] *= share
+    return theta, covariance, null
 
 
 def _covariance(

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.data.io import read_log
+from sysid.data.io import ReadOptions, read_file, read_log
 from sysid.data.reading.data_lines import HEAD, cut_tail
 from sysid.errors import DataError
 
@@ -54,7 +54,11 @@ def test_what_is_odd_behind_the_head_is_still_met(line: str, said: str, tmp_path
     path.write_text("".join([*lines[: ROWS - 4], line, *lines[ROWS - 4 :]]))
     if said:
         with pytest.raises(DataError, match=said):
-            read_log(path)
+            read_log(path, ReadOptions(strict=True))
+        log = read_file(path)
+        assert len(log.records[0]) == ROWS
+        quoted = f"1 line that is no row was left out: line {ROWS - 3} {line.strip()!r}"
+        assert any(quoted in note for note in log.notes)
     else:
         assert len(read_log(path)) == ROWS
 
