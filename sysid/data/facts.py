@@ -7,8 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.checks.dead_time import refined_delays
 from sysid.data.checks.delay import Delay, estimate_delays
-from sysid.data.checks.feedback import FeedbackTest, feedback_tests
+from sysid.data.checks.feedback import SURE, FeedbackTest, feedback_tests
 from sysid.data.checks.nonlinearity import NonlinearityTest, nonlinearity_tests
 from sysid.data.finding import Finding
 from sysid.data.noise import measurement_noise, settles
@@ -121,10 +122,12 @@ class LogFacts:
         """The delay of every pair; within the sample only where no controller responds."""
         shortest_record = min(len(r) for r in self.sample)
         longest = min(LONGEST_DELAY, max(shortest_record // 20, 2))
+        shortest = int(any(t.seen and t.p_value < SURE for t in self.feedback or ()))
         try:
-            return estimate_delays(self.sample, longest, shortest=int(self.closed_loop))
+            delays = estimate_delays(self.sample, longest, shortest=shortest)
         except DataError:
             return None
+        return refined_delays(self.sample, delays, self.speeds, shortest)
 
     @cached_property
     def nonlinearity(self) -> tuple[NonlinearityTest, ...] | None:
