@@ -11,6 +11,7 @@ Levenberg–Marquardt. Times are in samples.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -242,7 +243,7 @@ def _described(problem: _Problem, p: Array, white: Whitened, scale: Array) -> Pr
 def _columns(problem: _Problem, p: Array) -> tuple[Array, Array]:
     """G_i u_i, (N, nu), and its derivatives by ln S, ln ρ and θ of each, (N, 3 nu)."""
     nu = len(p) // 3
-    values, by_lag, by_shape, by_dead = [], [], [], []
+    values, by_lag, by_shape, by_dead = (list[Array]() for _ in range(4))
     for i in range(nu):
         s, shape, dead = np.exp(p[i]), np.exp(p[nu + i]), p[2 * nu + i]
         a, da = _denominator(s, shape)
@@ -337,7 +338,7 @@ def _solved(X: Array, y: Array) -> Array:
 def _noise(rest: Array, edges: Sequence[int]) -> Array:
     """Coefficients of the autoregression of the errors (Yule–Walker), (NOISE_ORDER,)."""
     order = min(NOISE_ORDER, len(rest) // 40)
-    parts = [rest[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    parts = [rest[a:b] for a, b in pairwise(edges)]
     r = np.array([sum(float(x[k:] @ x[: len(x) - k]) for x in parts) for k in range(order + 1)])
     if order < 1 or r[0] <= 0.0:
         return np.zeros(0)

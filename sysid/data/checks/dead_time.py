@@ -33,16 +33,13 @@ MOST_INPUTS = 6
 """Inputs up to which the search is worth its time."""
 
 PLAIN = 1
-"""The delay of a plant without dead time."""
+"""The delay of a plant without dead time, and of one that nothing shows to respond within a sample."""
 
 
 def refined_delays(
     records: Sequence[Record], delays: Sequence[Delay], speeds: Sequence[Speed], shortest: int
 ) -> tuple[Delay, ...]:
     """The delays with intervals of the process model, where it is believed.
-
-    The delay is the regression's while it lies in the interval, and a plant without dead time is
-    preferred there.
 
     Args:
         records: what the delays were estimated from.
@@ -100,9 +97,7 @@ def _refined(d: Delay, fit: ProcessFit, i: int, dt: float, shortest: int) -> Del
         max(int(np.ceil(dead + side * WIDTH * error - 0.5)), shortest) for side in (-1.0, 1.0)
     )
     delay = max(int(np.ceil(dead - 0.5)), shortest)
-    if low <= d.delay <= high:
-        delay = d.delay
-    if low <= PLAIN <= high:
-        delay = min(d.delay, PLAIN)
+    if delay < PLAIN <= high:
+        delay = PLAIN
     seconds = max(dead - PLAIN, 0.0) * dt
     return replace(d, delay=delay, low=low, high=high, dead_s=seconds, error_s=error * dt)
