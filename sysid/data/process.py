@@ -14,8 +14,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
+from scipy.special import chdtrc
 
 from sysid.data.record import Array, Record
 
@@ -50,11 +52,13 @@ class ProcessFit:
     Attributes:
         gain: K of every input, (nu,), in units of output per input.
         lag, shape, dead: S [samples], ρ and θ [samples], (nu,); θ = 1 has no dead time.
-        dead_error: standard errors of θ, (nu,).
+        gain_error, lag_error, dead_error: standard errors of K, ln S and θ, (nu,).
         responses: what each input adds to the output, (N, nu), record after record.
         slopes: derivatives of these by ln S, (N, nu).
         white: the filter that whitens the noise, with the columns of levels and drift.
         level: what levels, drift and decaying starts add, (N,).
+        drift: the part of it that drifts about its mean, (N,).
+        drift_chance: p-value of a constant level in every record.
         residual: e, (N,).
         variance: of e.
     """
@@ -63,13 +67,23 @@ class ProcessFit:
     lag: Array
     shape: Array
     dead: Array
+    gain_error: Array
+    lag_error: Array
     dead_error: Array
     responses: Array
     slopes: Array
     white: "Whitened"
     level: Array
+    drift: Array
+    drift_chance: float
     residual: Array
     variance: float
+
+    def through(self, i: int, x: Sequence[Array]) -> Array:
+        """What input i would add, by its lags and dead time at unit gain, were it x, (N,)."""
+        a, _ = _denominator(float(self.lag[i]), float(self.shape[i]))
+        dead = float(self.dead[i])
+        return np.concatenate([lfilter([a.sum()], a, _delayed(part, dead)) for part in x])
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +105,17 @@ class _Problem:
 
 
 def fit_process(
-    records: Sequence[Record], j: int, dead: Sequence[Sequence[float]], lags: Sequence[float]
+    records: Sequence[Record],
+    j: int,
+    dead: Sequence[Sequence[float] | Array],
+    lags: Sequence[float | Array],
 ) -> ProcessFit | None:
     """The process of output ``j``; None where nothing of it can be determined.
 
     Args:
         records: experiments with the same channels.
         dead: dead times [samples] to start from, one an input each.
-        lags: sums of lags [samples] to start from.
+        lags: sums of lags [samples] to start from, one for all inputs or one each.
     """
     scale = np.concatenate([r.u for r in records]).std(axis=0)
     rows = np.array([len(r) for r in records])
@@ -108,13 +125,13 @@ def fit_process(
         tuple((r.u - r.u[0]) / scale for r in records),
         np.concatenate([r.y[:, j] for r in records]),
         (0, *np.cumsum(rows).tolist()),
-        max(NOISE_ORDER, 2 + int(np.ceil(np.max(dead)))),
+        max(NOISE_ORDER, 2 + int(np.ceil(max(float(np.max(d)) for d in dead)))),
     )
     nu = len(scale)
     if problem.rows < MIN_SAMPLES or problem.skip > min(rows) // 2:
         return None
     starts = [
-        np.concatenate([np.full(nu, np.log(s)), np.full(nu, np.log(shape)), theta])
+        np.concatenate([np.log(np.broadcast_to(s, nu)), np.full(nu, np.log(shape)), theta])
         for s in lags
         for shape in SHAPES
         for theta in map(np.asarray, dead)
@@ -168,7 +185,7 @@ class Whitened:
 
     def __init__(self, problem: _Problem, p: Array, noise: Array) -> None:
         self.problem, self.noise = problem, noise
-        self.base = _base(problem, p)
+        self.base, self.drifting = _base(problem, p)
         white = self.filtered(self.base)
         size = np.sqrt(np.sum(white**2, axis=0)) + 1e-300
         values, vectors = np.linalg.eigh((white / size).T @ (white / size))
@@ -229,14 +246,21 @@ def _described(problem: _Problem, p: Array, white: Whitened, scale: Array) -> Pr
     known = np.repeat([KNOWN_LAG, KNOWN_SHAPE], nu)
     G[range(2 * nu), range(2 * nu)] += variance / (known * size[: 2 * nu]) ** 2
     inverse = np.linalg.pinv(G, rcond=1e-12, hermitian=True)
-    error = np.sqrt(np.maximum(np.diag(inverse), 0.0) * variance) / size
     rest = problem.y - columns @ gain
+    error = np.sqrt(np.maximum(np.diag(inverse), 0.0) * variance) / size
+    levels = _solved(white.filtered(white.base), white.filtered(rest[:, None])[:, 0])
+    drifting = white.drifting
+    X = white.filtered(np.hstack([white.base[:, ~drifting], columns]))
+    target = white.filtered(problem.y[:, None])[:, 0]
+    more = float(np.sum((target - X @ _solved(X, target)) ** 2)) - float(e @ e)
+    chance = float(chdtrc(max(drifting.sum(), 1), max(more, 0.0) / variance))
     if not np.all(np.isfinite(error)):
         return None
     return ProcessFit(
-        gain / scale, np.exp(p[:nu]), np.exp(p[nu : 2 * nu]), p[2 * nu :], error[2 * nu : 3 * nu],
-        columns * gain, slopes[:, :nu] * gain, white, white.base @ _solved(white.base, rest), e,
-        variance,
+        gain / scale, np.exp(p[:nu]), np.exp(p[nu : 2 * nu]), p[2 * nu :],
+        error[3 * nu :] / scale, error[:nu], error[2 * nu : 3 * nu],
+        columns * gain, slopes[:, :nu] * gain, white, white.base @ levels,
+        white.base[:, drifting] @ levels[drifting], chance, e, variance,
     )  # fmt: skip
 
 
@@ -297,24 +321,29 @@ def _shifted(x: Array, k: int, edges: Sequence[int]) -> Array:
     return moved
 
 
-def _base(problem: _Problem, p: Array) -> Array:
-    """Columns of each record's own level, slow drift, and decays from where it began."""
+def _base(problem: _Problem, p: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Columns of each record's own level, slow drift, and decays from where it began.
+
+    And which of them drift.
+    """
     nu = len(p) // 3
     slowest = float(np.exp(np.max(p[:nu])))
     rows = [_denominator(np.exp(p[i]), np.exp(p[nu + i]))[0] for i in range(nu)]
-    columns = []
-    for start, stop in zip(problem.edges[:-1], problem.edges[1:], strict=True):
+    columns, drifting = [], list[bool]()
+    for start, stop in pairwise(problem.edges):
         n = stop - start
         x = (np.arange(n) + 0.5) / n
         count = int(np.clip(n / (SLOWER * slowest), 0, COSINES))
-        some = [np.cos(np.pi * m * x) for m in range(count + 1)]
+        some = [np.ones(n), *(np.cos(np.pi * m * x) for m in range(1, count + 1))]
+        some += [2.0 * x - 1.0] if count else []
+        drifting += [k > 0 for k in range(len(some))] + [False] * (2 * nu)
         for a in rows:
             decay = lfilter([1.0], a, np.eye(1, n)[0])
             some += [decay, _delayed(decay, 1)]
         block = np.zeros((problem.edges[-1], len(some)))
         block[start:stop] = np.array(some).T
         columns.append(block)
-    return np.hstack(columns)
+    return np.hstack(columns), np.array(drifting)
 
 
 def _values(problem: _Problem, p: Array) -> Array:

@@ -33,27 +33,25 @@ MOST_INPUTS = 6
 """Inputs up to which the search is worth its time."""
 
 PLAIN = 1
-"""The delay of a plant without dead time, and of one that nothing shows to respond within a sample."""
+"""The delay of a plant without dead time, and of one that nothing shows to respond at once."""
 
 
 def refined_delays(
-    records: Sequence[Record], delays: Sequence[Delay], speeds: Sequence[Speed], shortest: int
+    delays: Sequence[Delay], processes: Sequence[ProcessFit | None], dt: float, shortest: int
 ) -> tuple[Delay, ...]:
-    """The delays with intervals of the process model, where it is believed.
+    """The delays with intervals of the process of each output, where there is one.
 
     Args:
-        records: what the delays were estimated from.
-        delays: of every pair.
-        speeds: of the outputs.
+        delays: of every pair, output by output.
+        processes: of the outputs.
+        dt: sample time [s].
         shortest: 1 where a response within the sample is known to be a controller's, else 0.
     """
+    inputs = len(delays) // max(len(processes), 1)
     refined: list[Delay] = []
-    for j, speed in enumerate(speeds):
-        row = [d for d in delays if d.output == speed.output]
-        fit = process_of(records, j, row, speed)
-        refined += row if fit is None else [
-            _refined(d, fit, i, records[0].dt, shortest) for i, d in enumerate(row)
-        ]  # fmt: skip
+    for k, d in enumerate(delays):
+        fit = processes[k // inputs]
+        refined.append(d if fit is None else _refined(d, fit, k % inputs, dt, shortest))
     return tuple(refined)
 
 
