@@ -7,12 +7,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.checks.constancy import Change, change_within
+from sysid.data.checks.dead_time import process_of, refined_delays
 from sysid.data.checks.delay import Delay, estimate_delays
-from sysid.data.checks.feedback import FeedbackTest, feedback_tests
+from sysid.data.checks.feedback import SURE, FeedbackTest, feedback_tests
 from sysid.data.checks.nonlinearity import NonlinearityTest, nonlinearity_tests
 from sysid.data.finding import Finding
 from sysid.data.noise import measurement_noise, settles
 from sysid.data.outliers import Bridged, bridged
+from sysid.data.process import ProcessFit
 from sysid.data.reading.stale import Refresh, at_own_rate, refreshes, without_repeats
 from sysid.data.record import Array, Record
 from sysid.data.resolution import sensor_step
@@ -23,6 +26,10 @@ from sysid.errors import DataError
 
 SAMPLES = 12_000
 """Samples that delays, feedback and orders are judged on: more would only find trifles."""
+
+BENT, BENT_ALARM = 0.05, 1e-12
+"""Share of a linear predictor's errors that a nonlinearity predicts from which on no curve beside a
+process takes up another operating region, and the level at which a change is still one in time."""
 
 LONGEST_DELAY = 30
 """Delays up to this one are looked for everywhere, longer ones where a correlation shows them."""
@@ -117,14 +124,48 @@ class LogFacts:
         return any(t.sure for t in self.feedback or ())
 
     @cached_property
-    def delays(self) -> tuple[Delay, ...] | None:
-        """The delay of every pair; within the sample only where no controller responds."""
+    def _lags(self) -> tuple[Delay, ...] | None:
+        """The delay of every pair as a regression sees it."""
         shortest_record = min(len(r) for r in self.sample)
         longest = min(LONGEST_DELAY, max(shortest_record // 20, 2))
         try:
-            return estimate_delays(self.sample, longest, shortest=int(self.closed_loop))
+            return estimate_delays(self.sample, longest, shortest=self._shortest)
         except DataError:
             return None
+
+    @property
+    def _shortest(self) -> int:
+        """1 where a response within the sample is without doubt a controller's, else 0."""
+        return int(any(t.seen and t.p_value < SURE for t in self.feedback or ()))
+
+    @cached_property
+    def processes(self) -> tuple[ProcessFit | None, ...]:
+        """Each output as lags and dead times of the inputs; None where that is not believed."""
+        lags = self._lags or ()
+        return tuple(
+            process_of(self.sample, j, [d for d in lags if d.output == s.output], s)
+            for j, s in enumerate(self.speeds)
+        )
+
+    @cached_property
+    def delays(self) -> tuple[Delay, ...] | None:
+        """The delay of every pair; within the sample only where no controller responds."""
+        if self._lags is None:
+            return None
+        return refined_delays(self._lags, self.processes, self.records[0].dt, self._shortest)
+
+    @cached_property
+    def changes(self) -> tuple[Change, ...]:
+        """What changes within the log, by output: a gain or lags, at a time or all along."""
+        each = enumerate(self.processes)
+        seen = [change_within(self.sample, j, fit) for j, fit in each if fit is not None]
+        return tuple(c for c in seen if c is not None and not self._by_region(c))
+
+    def _by_region(self, change: Change) -> bool:
+        """Whether another operating region of a nonlinear output may look like this change."""
+        tests = {t.output: t for t in self.nonlinearity or ()}
+        test = tests.get(change.output)
+        return test is not None and test.share > BENT and change.p_value > BENT_ALARM
 
     @cached_property
     def nonlinearity(self) -> tuple[NonlinearityTest, ...] | None:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from sysid.data.checks.constancy_checks import check_constancy
 from sysid.data.checks.dynamics_checks import (
     check_delay,
     check_excitation,
@@ -63,7 +64,7 @@ def inspect_records(
 
     Length, missing samples and constant channels come first; where one of them is fatal the other
     checks have nothing to stand on and are left out. Then stuck values, clipping, resolution and
-    outliers, the robot's signs and units, excitation, sampling rate, delay, feedback and
+    outliers, the robot's signs and units, excitation, sampling rate, delay, feedback, constancy and
     nonlinearity; these need an input, and see the line between their neighbours in place of
     outliers.
 
@@ -95,6 +96,7 @@ def inspect_records(
         findings += check_excitation(records, order)
         findings += check_sampling(records[0].dt, facts.speeds, facts.delays)
         findings += [*check_delay(facts.delays), *check_feedback(facts.feedback)]
+        findings += check_constancy(records, facts.changes, facts.processes)
         if nonlinearity:
             findings += check_nonlinearity(facts.nonlinearity)
     return (*reading, *findings)

@@ -96,7 +96,8 @@ def _explained(records: Sequence[Record], step: Array) -> Array:
                 signal.fftconvolve(u[:, i], impulse[:, j, i])[: len(r)] for i in range(r.nu)
             )
             error = r.y[:, j] - predicted
-            unexplained[j] += np.sum((error - error.mean()) ** 2)
+            with np.errstate(over="ignore"):  # an unstable regression
+                unexplained[j] += np.sum((error - error.mean()) ** 2)
             total[j] += np.sum((r.y[:, j] - r.y[:, j].mean()) ** 2)
     return np.asarray(1.0 - unexplained / np.where(total > 0, total, 1.0))
 

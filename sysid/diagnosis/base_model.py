@@ -22,7 +22,6 @@ from sysid.effects.by_log import for_logs
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError, ModelError
 from sysid.estimation.assessment.figures import Start, outputs
-from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.selection.delays import chosen_delay
 from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.holdout import hold_out
@@ -413,7 +412,7 @@ def _require_tracks(records: Sequence[Record]) -> Record:
 def _linear(facts: LogFacts) -> tuple[Model, int]:
     """The output-error model whose order the log asks for, and its delay in samples."""
     detrend = Detrend.means(facts.records)
-    nk = chosen_delay(facts, Offsets.of_detrend(detrend)).nk
+    nk = chosen_delay(facts).nk
     delay = int(np.max(nk)) if isinstance(nk, list) else int(nk)
     delay = max(delay, 1)
     grid = [{"nb": n, "nf": n, "nk": delay} for n in range(1, LARGEST_ORDER + 1)]

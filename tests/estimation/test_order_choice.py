@@ -1,7 +1,6 @@
 """How orders, delays and structures are chosen: what is held out, what ties, what leads."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from sysid.data.facts import LogFacts
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.data.shortened import shortened
-from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.pem import fit
 from sysid.estimation.selection.delays import chosen_delay
 from sysid.estimation.selection.orders import Candidate, ranked, searching
@@ -160,12 +158,9 @@ def test_outliers_do_not_rule_a_robust_score() -> None:
     assert ratio(True) > 3.0
 
 
-def delay_of(records: Sequence[Record], estimated: bool = False) -> int | list[list[int]]:
-    """The delay to search with, about zero or about a level that each model estimates."""
-    offsets = Offsets.none(records[0].nu, records[0].ny)
-    if estimated:
-        offsets = replace(offsets, estimated=(True,) * records[0].ny)
-    return chosen_delay(LogFacts.of(records), offsets).nk
+def delay_of(records: Sequence[Record]) -> int | list[list[int]]:
+    """The delay to search with."""
+    return chosen_delay(LogFacts.of(records)).nk
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2, 7])
@@ -246,7 +241,7 @@ def test_two_lags_sampled_fast_get_no_dead_time_they_have_not(delay: int) -> Non
         first[k] = slow * first[k - 1] + (1.0 - slow) * u[max(k - delay, 0)]
         y[k] = fast * y[k - 1] + (1.0 - fast) * first[k]
     log = Record((u - u.mean())[:, None], (y + 0.003 * rng.standard_normal(3000))[:, None], 2.0)
-    found = delay_of([log], estimated=True)
+    found = delay_of([log])
     # in the first sample the answer is a thousandth of the step: a third of the noise
     assert isinstance(found, int)
     assert abs(found - delay) <= 1

@@ -10,7 +10,6 @@ from sysid.data.checks.delay import estimate_delays
 from sysid.data.facts import LogFacts
 from sysid.data.outliers import bridged, outlier_flags
 from sysid.data.record import Record
-from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.selection.delays import chosen_delay
 from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.options import FitOptions
@@ -80,7 +79,7 @@ def test_no_delay_is_searched_with_that_orders_do_not_allow() -> None:
     u = rng.standard_normal(2000)
     y = np.roll(u, MAX_ORDER + 60) + 0.1 * rng.standard_normal(2000)
     log = Record(u[:, None], y[:, None], 0.1)
-    found = chosen_delay(LogFacts((log,)), Offsets.none(1, 1))
+    found = chosen_delay(LogFacts((log,)))
     assert found.nk == 1
     assert f"more than the {MAX_ORDER} that orders allow" in found.notes[0]
 

@@ -48,6 +48,7 @@ class Delay:
             the input has no visible effect on this output.
         low, high: the shortest and longest delay the data allow.
         evidence: by how much the input lowers −2 ln L of this output, 0 for no effect.
+        dead_s, error_s: dead time and its standard error [s], NaN where no process shows them.
     """
 
     input: str
@@ -56,6 +57,8 @@ class Delay:
     low: int
     high: int
     evidence: float = 0.0
+    dead_s: float = float("nan")
+    error_s: float = float("nan")
 
     @property
     def certain(self) -> bool:

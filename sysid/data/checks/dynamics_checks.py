@@ -8,6 +8,7 @@ from sysid.data.checks.delay import Delay
 from sysid.data.checks.feedback import FeedbackTest
 from sysid.data.checks.nonlinearity import NonlinearityTest
 from sysid.data.finding import Finding, Severity
+from sysid.data.operating_point import value_with_error
 from sysid.data.record import Array, Record
 from sysid.data.speed import Speed
 
@@ -16,6 +17,9 @@ NONLINEAR = 0.01
 
 TRACE = 0.005
 """Share of the linear predictor's error below which a nonlinearity is but a trace."""
+
+CLEAR = 3.0
+"""Standard errors from which on a dead time is seen."""
 
 EXCITED = 1e-8
 """Directions of the lagged input below this part of the strongest one's power are not excited."""
@@ -152,7 +156,7 @@ def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
                 parts.append(f"{d.delay} from {d.input}")
             else:
                 parts.append(f"{d.delay} ({d.low} to {d.high}) from {d.input}")
-        text = f"Delay to {output} in samples: {', '.join(parts)}."
+        text = f"Delay to {output} in samples: {', '.join(parts)}.{_dead_times(pairs)}"
         if all(d.delay is None for d in pairs):
             findings.append(_no_effect(output, [d.input for d in pairs]))
             continue
@@ -168,6 +172,15 @@ def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
             )
         findings.append(Finding("delay", severity, text, advice, output))
     return findings
+
+
+def _dead_times(pairs: Sequence[Delay]) -> str:
+    """Dead times in seconds, where one is seen."""
+    seen = [d for d in pairs if d.delay is not None and d.dead_s > CLEAR * d.error_s]
+    if not seen:
+        return ""
+    words = [f"{value_with_error(d.dead_s, d.error_s)} s from {d.input}" for d in seen]
+    return f" Dead time {', '.join(words)}."
 
 
 def _no_effect(output: str, inputs: Sequence[str]) -> Finding:

@@ -10,7 +10,7 @@ from sysid.data.facts import LogFacts
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
 from sysid.errors import DataError, ModelError, SysidError, UsageError
-from sysid.estimation.offsets.choice import choose_offsets, start_of
+from sysid.estimation.offsets.choice import choose_offsets
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.pem import check_data, fit
 from sysid.estimation.selection.delays import ChosenDelay, chosen_delay
@@ -237,10 +237,9 @@ def _offsets_and_delay(
 ) -> tuple[Offsets, ChosenDelay]:
     """The offsets, and the delay to search with, which that choice needs."""
     known = Offsets.of_detrend(detrend) if isinstance(detrend, Detrend) else detrend
-    first = start_of(facts, known) if isinstance(known, str) else known
     delay = ChosenDelay(1)
     if search and facts.records[0].nu:
-        delay = chosen_delay(facts, first)
+        delay = chosen_delay(facts)
     return choose_offsets(facts, known, delay.nk) if isinstance(known, str) else known, delay
 
 

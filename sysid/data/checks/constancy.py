@@ -1,0 +1,309 @@
+"""Constancy over time: whether gain, lag or level of a process change within a log, and when.
+
+Score test (Andrews 1993, Econometrica 61): the errors of the process (``process.py``) are tested
+for what a change of each gain, of the lags and of the level at a time τ, or in proportion to time,
+would add; the largest of these statistics over τ has the law of the supremum of a Bessel process
+
+    P(sup W > x) ≈ x^{q/2} e^{−x/2} / (2^{q/2} Γ(q/2)) · [(1 − q/x) ln λ + 2/x],  λ = (1/π₀ − 1)²
+
+(DeLong 1981; Estrella 2003). The sums of scores over blocks of time estimate their covariance
+whatever correlates them (HAC), and the smaller of this statistic and of the classical one counts.
+Like is compared with like: static curves of the inputs and of the response, and lags that depend on
+it, stand beside the process, so that another operating region is no change.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.special import gammaln
+
+from sysid.data.process import ProcessFit, fit_process
+from sysid.data.record import Array, Record
+
+BLOCKS = 80
+"""Stretches of time whose edges are the candidates for a change."""
+
+EDGE = 0.1
+"""Share of the log at either end in which no change is looked for (π₀)."""
+
+ALARM = 1e-4
+"""Level of the test: with what shapes do to it, below one false alarm in a hundred."""
+
+KNOTS = (0.05, 0.25, 0.5, 0.75, 0.95)
+"""Quantiles at which static curves may bend."""
+
+MATTERS = 0.03
+"""Change of a gain or lag, relative, that matters."""
+
+CLEAR = 4.0
+"""Standard errors from which on it is said."""
+
+WITHIN = 7.35
+"""Sums of squares, over the variance, within which the time of a step lies at 95 % (Hansen 2000,
+Econometrica 68)."""
+
+MIN_SAMPLES = 240
+MIN_LAGS = 10.0
+"""Lags that either side of a step must last."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One thing that changes: a gain, or the sum of lags [s], before and after.
+
+    Attributes:
+        input: whose gain or lags.
+        is_gain: else the lags.
+        before, after: their values, at the ends of the log where they change all along.
+        error: standard error of ``change``.
+    """
+
+    input: str
+    is_gain: bool
+    before: float
+    after: float
+    error: float
+
+    @property
+    def change(self) -> float:
+        """Relative change."""
+        return self.after / self.before - 1.0
+
+    @property
+    def clear(self) -> bool:
+        """Whether it matters and is beyond doubt."""
+        return abs(self.change) > max(MATTERS, CLEAR * self.error)
+
+
+@dataclass(frozen=True)
+class Change:
+    """What changes within a log.
+
+    Attributes:
+        output: channel name.
+        record: name of the record.
+        parts: the gains and lags that change.
+        at, error: when [s], and half of the interval of 95 %; NaN where it changes all along.
+        p_value: of constancy.
+    """
+
+    output: str
+    record: str
+    parts: tuple[Part, ...]
+    at: float
+    error: float
+    p_value: float
+
+    @property
+    def is_step(self) -> bool:
+        """Whether it happens at one time."""
+        return bool(np.isfinite(self.at))
+
+
+def change_within(records: Sequence[Record], j: int, fit: ProcessFit) -> Change | None:
+    """The change of output j; None where it is constant, or the log is too short to say.
+
+    Args:
+        records: what the process was fitted to.
+        j: the output.
+        fit: its process.
+    """
+    n = len(fit.residual)
+    first = max(round(EDGE * BLOCKS), int(np.ceil(MIN_LAGS * float(fit.lag.max()) / n * BLOCKS)))
+    if n < MIN_SAMPLES or 2 * first >= BLOCKS:
+        return None
+    white = fit.white.filtered
+    X = white(np.hstack([fit.white.base, fit.responses, fit.slopes, _curves(records, fit)]))
+    X = X / (np.sqrt(np.sum(X**2, axis=0)) + 1e-300)
+    values, vectors = np.linalg.eigh(X.T @ X)
+    known = values > 1e-9 * values[-1]
+    X = X @ (vectors[:, known] / np.sqrt(values[known]))
+    target = white(np.concatenate([r.y[:, j] for r in records])[:, None])[:, 0]
+    e = target - X @ (X.T @ target)
+    Z = white(np.column_stack([fit.responses, fit.slopes.sum(axis=1), np.ones(n)]))
+    size = np.sqrt(np.mean(Z**2, axis=0)) + 1e-300
+    edges = np.linspace(0, n, BLOCKS + 1).astype(int)
+    inner = np.arange(first, BLOCKS - first + 1)
+    profiles = np.vstack(
+        [np.arange(BLOCKS) >= inner[:, None], (np.arange(BLOCKS) + 0.5) / BLOCKS - 0.5]
+    )
+    stats, effects, errors = _statistics(X, Z / size, e, profiles, edges)
+    p = _chance(float(stats.min(axis=1).max()), Z.shape[1] - 1)
+    if p > ALARM:
+        return None
+    best = int(np.argmax(stats[:, 0]))  # where the errors are least
+    if stats[-1, 0] >= stats[best, 0] - WITHIN:
+        return _trend(records, j, fit, effects[-1] / size, errors[-1] / size, p)
+    return _step(records, j, fit, int(edges[inner[best]]), p)
+
+
+def _statistics(
+    X: Array, Z: Array, e: Array, profiles: Array, edges: Array
+) -> tuple[Array, Array, Array]:
+    """The classical and the robust statistic of each profile; effects and errors, (profiles, q).
+
+    Profiles are weights of the blocks, (profiles, BLOCKS).
+    """
+    everything = np.hstack([X, Z])
+    p, q = X.shape[1], Z.shape[1]
+    gram, score = np.empty((BLOCKS, p + q, p + q)), np.empty((BLOCKS, p + q))
+    for b, (start, stop) in enumerate(pairwise(edges)):
+        rows = everything[start:stop]
+        gram[b], score[b] = rows.T @ rows, rows.T @ e[start:stop]
+    variance = float(e @ e) / max(len(e) - p - q, 1)
+    stats, effects = np.zeros((len(profiles), 2)), np.zeros((len(profiles), q))
+    errors = np.zeros_like(effects)
+    for k, w in enumerate(profiles):
+        beside = np.tensordot(w, gram[:, :p, p:], 1)  # X'(wZ), X orthonormal
+        A = np.tensordot(w**2, gram[:, p:, p:], 1) - beside.T @ beside
+        # what z is beside X, in each block as a combination of the columns
+        T = np.concatenate(
+            [-np.broadcast_to(beside, (BLOCKS, p, q)), w[:, None, None] * np.eye(q)], 1
+        )
+        g = np.einsum("biq,bi->q", T, score)
+        inverse = np.linalg.pinv(A, rcond=1e-4, hermitian=True)
+        effects[k] = inverse @ g
+        rest = score - np.einsum("bij,bj->bi", gram, T @ effects[k])
+        part = np.einsum("biq,bi->bq", T, rest) @ inverse
+        both = variance * inverse, part.T @ part
+        errors[k] = np.sqrt(np.max([np.diag(c) for c in both], axis=0))
+        tested = effects[k, :-1]  # whatever the level does
+        stats[k] = [
+            float(tested @ np.linalg.pinv(c[:-1, :-1], rcond=1e-8, hermitian=True) @ tested)
+            for c in both
+        ]
+    return stats, effects, errors
+
+
+def _chance(x: float, q: int) -> float:
+    if x <= q + 2.0:
+        return 1.0
+    log = 0.5 * q * np.log(x) - 0.5 * x - 0.5 * q * np.log(2.0) - gammaln(0.5 * q)
+    tail = (1.0 - q / x) * 2.0 * np.log(1.0 / EDGE - 1.0) + 2.0 / x
+    return float(min(np.exp(log) * tail, 1.0))
+
+
+def _curves(records: Sequence[Record], fit: ProcessFit) -> Array:
+    """Static curves of inputs and response, and lags that depend on the response, (N, n)."""
+    columns = []
+    for i in range(records[0].nu):
+        u = np.concatenate([r.u[:, i] for r in records])
+        if len(knots := np.unique([*np.quantile(u, KNOTS), 0.0])) and np.ptp(u) > 0.0:
+            inside = knots[(knots > u.min()) & (knots < u.max())]
+            columns += [
+                fit.through(i, [np.maximum(r.u[:, i] - k, 0.0) for r in records]) for k in inside
+            ]
+            if u.min() < 0.0 < u.max():
+                columns.append(fit.through(i, [np.sign(r.u[:, i]) for r in records]))
+    x = fit.responses.sum(axis=1) + fit.level
+    d = fit.slopes.sum(axis=1)
+    hinges = [np.maximum(x - k, 0.0) for k in np.quantile(x, KNOTS)]
+    columns += [*hinges, np.sign(x), *(d * h for h in hinges), d * x, d * np.sign(x)]
+    return np.column_stack(columns)
+
+
+def _main(fit: ProcessFit) -> int:
+    """The input that moves the output most."""
+    return int(np.argmax(fit.responses.std(axis=0)))
+
+
+def _trend(
+    records: Sequence[Record], j: int, fit: ProcessFit, effect: Array, error: Array, p: float
+) -> Change | None:
+    """Gains and lags that change in proportion to time, at both ends of the log."""
+    nu, dt, main = len(fit.gain), records[0].dt, _main(fit)
+    ends = np.maximum(1.0 + np.outer([-0.5, 0.5], effect), 1e-3)
+    values = [*fit.gain, fit.lag[main] * dt]
+    parts = [
+        Part(
+            records[0].input_names[i if i < nu else main],
+            i < nu,
+            float(v * ends[0, i]),
+            float(v * ends[1, i]),
+            float(error[i] / ends[0, i]),
+        )
+        for i, v in enumerate(values)
+    ]
+    return _said(records[0], j, parts, np.nan, np.nan, p)
+
+
+def _said(
+    r: Record, j: int, parts: Sequence[Part], at: float, error: float, p: float
+) -> Change | None:
+    clear = tuple(part for part in parts if part.clear)
+    return Change(r.output_names[j], r.name, clear, at, error, p) if clear else None
+
+
+def _step(records: Sequence[Record], j: int, fit: ProcessFit, row: int, p: float) -> Change | None:
+    """Gains and lags fitted on either side of a row, and the time between them."""
+    starts = np.concatenate([[0], np.cumsum([len(r) for r in records])])
+    k = int(np.searchsorted(starts, row, side="right")) - 1
+    r, at, block = records[k], row - int(starts[k]), len(fit.residual) // BLOCKS
+    for _ in range(ROUNDS):
+        sides = [*records[:k], r.rows(0, at)], [r.rows(at, len(r)), *records[k + 1 :]]
+        long = [[part for part in side if len(part) > MIN_ROWS] for side in sides]
+        if not all(long):
+            return None
+        fits = [fit_process(side, j, [fit.dead], [fit.lag]) for side in long]
+        if fits[0] is None or fits[1] is None:
+            return None
+        before, after = fits[0], fits[1]
+        last, reach = at, REACH * block
+        at, half = _when(r, j, before, after, max(at - reach, 0), min(at + reach, len(r) - 1))
+        if abs(at - last) <= block // 4:
+            break
+    main, parts = _main(fit), []
+    for i, name in enumerate(r.input_names):
+        one, two = (float(f.gain[i]) for f in (before, after))
+        errors = before.gain_error[i] / one, after.gain_error[i] / two
+        parts.append(Part(name, True, one, two, float(abs(two / one) * np.hypot(*errors))))
+    one, two = (float(f.lag[main] * r.dt) for f in (before, after))
+    error = two / one * np.hypot(before.lag_error[main], after.lag_error[main])
+    parts.append(Part(r.input_names[main], False, one, two, float(error)))
+    return _said(r, j, parts, r.t0 + at * r.dt, half * r.dt, p)
+
+
+ROUNDS, REACH = 4, 3
+"""Times that both sides are fitted anew, and blocks that the step may move at once."""
+
+MIN_ROWS = 60
+
+
+def _when(
+    r: Record, j: int, before: ProcessFit, after: ProcessFit, first: int, last: int
+) -> tuple[int, float]:
+    """The row between two processes, and half of its interval of 95 %.
+
+    From the row on the output runs by the later process, from where the earlier one left it.
+    """
+    rest = [
+        r.y[:, j] - sum(f.gain[i] * f.through(i, [u - u[0]]) for i, u in enumerate(r.u.T))
+        for f in (before, after)
+    ]
+    lag = float(after.lag[_main(after)])
+    near = round(5.0 * lag) + 5
+    stop = min(last + near, len(r))
+    levels = [
+        float(np.mean(rest[0][max(first - near, 0) : max(first, 1)])),
+        float(np.mean(rest[1][last:stop])),
+    ]
+    early, late = (x - v for x, v in zip(rest, levels, strict=True))
+    decay = np.exp(-np.arange(len(r)) / max(lag, 1e-3))
+    whitener = np.concatenate([[1.0], before.white.noise])
+    tried = np.unique(np.linspace(first, last, MOST_TIMES).astype(int))
+    begin = max(first - len(whitener), 0)
+    errors = np.empty(len(tried))
+    for k, row in enumerate(tried):
+        e = early[begin:stop].copy()
+        e[row - begin :] = late[row:stop] + (early[row] - late[row]) * decay[: stop - row]
+        errors[k] = np.sum(np.convolve(e, whitener)[len(whitener) : len(e)] ** 2)
+    within = tried[errors <= errors.min() + WITHIN * max(before.variance, after.variance)]
+    spacing = float(np.median(np.diff(tried)))
+    half = 0.5 * float(within[-1] - within[0]) + 0.5 * spacing
+    return int(tried[np.argmin(errors)]), half
+
+
+MOST_TIMES = 200
+"""Rows that are tried for the time of a step."""
