@@ -9,6 +9,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError
+from sysid.estimation.soundness import MOST_UNSTABLE
 from sysid.mission.contracts import Scene, SteppablePlant
 from sysid.mission.loop import CommandShaper
 from sysid.mission.monte_carlo.figures import NOTHING, figures_of
@@ -23,6 +24,12 @@ from sysid.mission.simulator import check_robot, scene_of, shaper_of, simulate
 from sysid.mission.spec import Mission
 from sysid.mission.variation import QUANTITIES, Variation
 from sysid.structures.model import Model
+
+MANY_REDRAWN = (
+    " A model of lower orders, by `sysid export --model ID`, may be drawn from its covariance as it "
+    "is."
+)
+"""Advice where the draws are not those of the covariance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +181,7 @@ class Setup:
                 f"{100 * share:.2g} % of the draws could not be driven (an unstable plant, a "
                 "parameter out of its bounds, a start or goal inside an obstacle) and were "
                 "replaced; the results hold for drivable runs only."
+                + (MANY_REDRAWN if share > MOST_UNSTABLE else "")
             )
         if pulled:
             sentences.append(
