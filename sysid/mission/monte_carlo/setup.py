@@ -25,10 +25,7 @@ from sysid.mission.spec import Mission
 from sysid.mission.variation import QUANTITIES, Variation
 from sysid.structures.model import Model
 
-MANY_REDRAWN = (
-    " A model of lower orders, by `sysid export --model ID`, may be drawn from its covariance as it "
-    "is."
-)
+MANY_REDRAWN = " Export a model of lower orders, which may be drawn from its covariance as it is."
 """Advice where the draws are not those of the covariance."""
 
 
