@@ -9,7 +9,6 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError
-from sysid.estimation.soundness import MOST_UNSTABLE
 from sysid.mission.contracts import Scene, SteppablePlant
 from sysid.mission.loop import CommandShaper
 from sysid.mission.monte_carlo.figures import NOTHING, figures_of
@@ -24,9 +23,6 @@ from sysid.mission.simulator import check_robot, scene_of, shaper_of, simulate
 from sysid.mission.spec import Mission
 from sysid.mission.variation import QUANTITIES, Variation
 from sysid.structures.model import Model
-
-MANY_REDRAWN = " Export a model of lower orders, which may be drawn from its covariance as it is."
-"""Advice where the draws are not those of the covariance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,13 +174,12 @@ class Setup:
                 f"{100 * share:.2g} % of the draws could not be driven (an unstable plant, a "
                 "parameter out of its bounds, a start or goal inside an obstacle) and were "
                 "replaced; the results hold for drivable runs only."
-                + (MANY_REDRAWN if share > MOST_UNSTABLE else "")
             )
         if pulled:
             sentences.append(
-                f"In {100 * pulled / runs:.2g} % of the runs hardly any draw of the plant was "
-                "stable, because its log leaves directions of its parameters undetermined. These "
-                "were drawn less far; choose a model of lower orders."
+                f"In {100 * pulled / runs:.2g} % of the runs some parameters of the plant stay nearer "
+                "to their estimates than their standard errors say, because its log leaves them "
+                "undetermined and the plant would be unstable; lower orders leave fewer of them."
             )
         return tuple(sentences)
 
