@@ -21,6 +21,7 @@ ATTEMPTS = (
     Attempt("silverbox", "narx-wavelet", "na=2 nb=2 nk=0", {"units": "0", "degree": "3"}),
     Attempt("robot", "narx-wavelet"),
     Attempt("robot", "narx-wavelet", "na=1 nb=1 nk=1"),
+    Attempt("robot", "narx-wavelet", "na=1,1;0,1 nb=1 nk=1"),
     Attempt("robot", "narx-wavelet", "na=1,1;1,1 nb=1 nk=1"),
 )
 """By record: the default fit, and what else was tried, cheap ones first."""

@@ -38,9 +38,9 @@ def bundled(log: str) -> Record:
 
 
 @cache
-def published_model() -> Model:
+def published_model(orders: str = ORDERS) -> Model:
     """The structure that the thesis accepted, a NARX wavelet network, from ``multilevel``."""
-    return sysid.fit("narx-wavelet", bundled("multilevel"), ORDERS)
+    return sysid.fit("narx-wavelet", bundled("multilevel"), orders)
 
 
 class TwinRobot:

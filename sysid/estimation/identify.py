@@ -97,16 +97,7 @@ def identify(
     known_policy(request.detrend)
     findings = inspect_records(facts, nonlinearity=request.orders is None) if inspect else ()
     names = structures_for(request.structures, records[0].input_names)
-    bare = replace(request.options, method=Method.LEVENBERG_MARQUARDT, extra={})
-    if (
-        request.options.method is not Method.LEVENBERG_MARQUARDT
-        and bare == FitOptions()
-        and all(structure_class(n).solved_at_once for n in names)
-    ):
-        raise UsageError(
-            f"{', '.join(names)} is solved in closed form, without a search; omit `method`, or fit "
-            "with `focus='simulation'`"
-        )
+    _require_search(names, request.options)
     grids = None if request.orders is None else parse_grids(request.orders, names)
     request = replace(request, criterion=known_name(request.criterion))
     options = replace(
@@ -144,6 +135,18 @@ def identify(
         for entry in contest.entries
     )
     return Identification(judged, contest.reason, contest.failed, inside, outside)
+
+
+def _require_search(names: Sequence[str], options: FitOptions) -> None:
+    """Refuse a method of search where nothing is searched."""
+    usual = replace(options, method=Method.LEVENBERG_MARQUARDT, extra={})
+    if options.method is usual.method or usual != FitOptions():
+        return
+    if all(structure_class(n).solved_at_once for n in names):
+        raise UsageError(
+            f"{', '.join(names)} is solved in closed form, without a search; omit `method`, or fit "
+            "with `focus='simulation'`"
+        )
 
 
 def _parts(

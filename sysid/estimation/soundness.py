@@ -1,13 +1,12 @@
 """Reasons against a model: an unbounded free run, an unobservably slow mode, an unfinished search.
 
-A model can be ahead by its figures and still be of no use for what comes next. Four things show
+A model can be ahead by its figures and still be of no use for what comes next. Three things show
 it:
 
 - its free run grows for ever, or nearly so: a pole outside the unit circle;
 - it has a mode slower than the longest record is long: over that record the mode is a level or a
   drift that it stands for, and elsewhere it does something else;
-- its parameter search ended before convergence;
-- its standard errors reach beyond stability: many runs of it could not be drawn.
+- its parameter search ended before convergence.
 
 Such a model leads only where no settled one is as good.
 """
@@ -23,14 +22,9 @@ from sysid.data.record import Array
 from sysid.errors import Termination
 from sysid.structures.dynamics import Dynamics
 from sysid.structures.model import Model
-from sysid.structures.parameter_draws import unstable_share
 
 INTEGRATING = 1.0005
 """Poles up to this radius are an integrator's, seen through noise."""
-
-MOST_UNSTABLE = 0.05
-"""A model of whose neighbours within the standard errors more are unstable is not determined: what
-is drawn instead is another distribution than its covariance."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +56,6 @@ def doubts_about(model: Model) -> Doubts:
     doubts = list(motion_doubts(model.structure, model.theta, longest, model.dt))
     if model.termination is Termination.MAX_ITERATIONS:
         doubts.append("its parameter search ended before convergence")
-    if not doubts and (share := unstable_share(model)) > MOST_UNSTABLE:
-        doubts.append(f"{100 * share:.2g} % of the models within its standard errors are unstable")
     return Doubts(not bounded_run(model.structure, model.theta), tuple(doubts))
 
 

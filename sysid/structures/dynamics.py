@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Channel
+from sysid.data.record import Array, Channel, Index
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.structures.c_step import CStep
@@ -87,6 +87,11 @@ class Dynamics(ABC):
     def stable_each(self, thetas: Array) -> NDArray[np.bool_]:
         """``stable`` of every row of thetas (K, n), (K,) of bool."""
         return np.array([self.stable(theta) for theta in thetas], dtype=bool)
+
+    def stable_parts(self) -> tuple[Index, ...]:
+        """Entries of θ of each part that is stable or not by itself, such as the path of an input;
+        none where stability is a matter of the whole."""
+        return ()
 
     def friction_entries(self) -> tuple[int, ...]:
         """Entries of θ that are dry friction: another floor or grease changes them together."""

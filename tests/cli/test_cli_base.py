@@ -175,7 +175,7 @@ def broken(*_: object, **__: object) -> None:
 def test_the_unexpected_is_one_sentence_and_debug_shows_where(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Workspace, "all", broken)
+    monkeypatch.setattr(Workspace, "readable", broken)
     code, out, err = ask(capsys, ["models"])
     assert (code, out, err.count("\n")) == (1, "", 1)
     assert "ZeroDivisionError: two lines" in err
@@ -193,7 +193,7 @@ def test_an_interrupt_ends_with_130(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Workspace, "all", interrupted)
+    monkeypatch.setattr(Workspace, "readable", interrupted)
     for argv in (["models"], ["--workspace", ".sysid", "models"]):
         code, out, err = ask(capsys, argv)
         assert code == 130

@@ -220,10 +220,8 @@ def test_the_contest_says_by_what_it_was_decided(criterion: str) -> None:
         ("arx", "oe"), [r], FitOptions(), Detrend.none(1, 1), criterion=criterion
     )
     first = found.entries[0].model
-    assert first.structure.name == ("arx" if criterion == "aic" else "oe")
-    if criterion == "aic":  # it takes two orders more, whose poles and zeros nearly cancel
-        assert "15 % of the models within its standard errors are unstable" in found.reason
-    if criterion == "fit":
+    assert first.structure.name == "oe"
+    if criterion == "fit":  # AIC may take an order more
         error = np.sqrt(first.covariance[1, 1])
         assert abs(first.theta[1] + 0.6) < 4 * error  # a chance of 6e-5
     words = {"fit": "on the 30 %", "aic": "its AIC", "bic": "its BIC"}

@@ -40,7 +40,7 @@ def test_the_replayed_path_comes_near_the_measured_one(proof: MissionProof) -> N
 def test_the_mission_driven_again_ends_where_the_robot_did(proof: MissionProof) -> None:
     driven = proof.facts["closed_loop"]
     assert driven["after"]["path_error_end_m"] < 0.2 * driven["before"]["path_error_end_m"]
-    assert driven["after"]["outcome"] == "arrived"
+    assert driven["after"]["outcome"] == "missed"  # as the measured robot did
     assert abs(driven["after"]["time_error_s"]) < 1.0
     measured, after = driven["measured"]["path_length_m"], driven["after"]["path_length_m"]
     assert after == pytest.approx(measured, rel=0.02)

@@ -77,7 +77,8 @@ class Sampler:
     leave a quantity out changes no other. A draw that cannot be driven (parameters outside their
     bounds or an unstable plant; a start or goal inside an obstacle) is drawn again: what remains is
     the distribution on the condition that it can be driven. Where hardly any draw of a plant is
-    feasible, because its log does not determine some directions of θ, those are drawn less far.
+    feasible, because its log does not determine some directions of θ, those are drawn less far; a
+    path of one input that would be unstable by itself stays as estimated.
 
     Attributes:
         mission: nominal.
@@ -162,10 +163,13 @@ class Sampler:
         factor = 1.0 if self.variation.parameters else 0.0
 
         def feasible(z: Array, runs: Index) -> Flags:
-            return self.plant.feasible(self.plant.drawn(factor * z, dry[runs]))
+            thetas = self.plant.drawn(factor * z, dry[runs])
+            return self.plant.feasible(self.plant.settled(thetas))
 
         z, again, bad = _drawn(seeds, "parameters", self.plant.size, feasible, TRIES_OF_PLANT)
-        theta = self.plant.drawn(factor * z, dry)
+        drawn = self.plant.drawn(factor * z, dry)
+        theta = self.plant.settled(drawn)
+        pulled = np.any(theta != drawn, axis=1)
         if len(bad):
             theta[bad] = self.plant.pulled(factor * z[bad], dry[bad])
             pulled[bad] = True

@@ -177,9 +177,9 @@ class Setup:
             )
         if pulled:
             sentences.append(
-                f"In {100 * pulled / runs:.2g} % of the runs hardly any draw of the plant was "
-                "stable, because its log leaves directions of its parameters undetermined. These "
-                "were drawn less far; choose a model of lower orders."
+                f"In {100 * pulled / runs:.2g} % of the runs some parameters of the plant stay "
+                "nearer to their estimates than their standard errors say, because its log leaves "
+                "them undetermined and the plant would be unstable; lower orders leave fewer."
             )
         return tuple(sentences)
 

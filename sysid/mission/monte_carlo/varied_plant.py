@@ -8,10 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array
+from sysid.data.record import Array, Index
 from sysid.mission.contracts import SteppablePlant
 from sysid.structures.model import Model
-from sysid.structures.parameter_draws import ParameterDraws
 from sysid.structures.plant import Plant
 
 Flags = NDArray[np.bool_]
@@ -48,6 +47,10 @@ class VariedPlant(Protocol):
 
     def feasible(self, thetas: Array) -> Flags:
         """Which rows are inside their bounds and stable, (K,)."""
+        ...
+
+    def settled(self, thetas: Array) -> Array:
+        """θ (K, n) with the parts as estimated that would be unstable."""
         ...
 
     def pulled(self, z: Array, friction: Array) -> Array:
@@ -87,6 +90,10 @@ class FixedPlant:
         """Nothing to draw."""
         return np.zeros((len(z), 0))
 
+    def settled(self, thetas: Array) -> Array:
+        """Nothing to change."""
+        return thetas
+
     def feasible(self, thetas: Array) -> Flags:
         """Always."""
         return np.ones(len(thetas), dtype=bool)
@@ -124,8 +131,11 @@ class ModelPlant:
         return self.model.theta
 
     @cached_property
-    def _draws(self) -> ParameterDraws:
-        return ParameterDraws(self.model)
+    def _free(self) -> Index:
+        """Entries of θ that are estimated, with a finite standard error."""
+        variance = np.diag(self.model.covariance)
+        free = [p.fixed is None for p in self.model.parameters]
+        return np.flatnonzero(np.array(free) & np.isfinite(variance) & (variance > 0.0))
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -134,10 +144,20 @@ class ModelPlant:
         pairs = zip(self.model.parameters, variance, strict=True)
         return tuple(p.name for p, v in pairs if p.fixed is None and not np.isfinite(v))
 
+    @cached_property
+    def _root(self) -> Array:
+        """L with L Lᵀ = P over the free entries, (free, size): eigenvectors of the correlation."""
+        free = self._free
+        P = np.nan_to_num(self.model.covariance[np.ix_(free, free)], posinf=0.0, neginf=0.0)
+        error = np.sqrt(np.diag(P))
+        values, vectors = np.linalg.eigh(P / np.outer(error, error))
+        kept = values > 1e-12 * max(len(free), 1)  # beyond it is rounding
+        return np.asarray(error[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+
     @property
     def size(self) -> int:
         """Rank of the covariance."""
-        return self._draws.size
+        return int(self._root.shape[1])
 
     @property
     def has_friction(self) -> bool:
@@ -146,7 +166,11 @@ class ModelPlant:
 
     def drawn(self, z: Array, friction: Array) -> Array:
         """θ̂ + factor·L z, the entries of dry friction times their factor."""
-        thetas = self._draws.drawn(z, self.factor)
+        thetas = np.repeat(self.theta[None], len(z), axis=0)
+        change = np.zeros((len(z), len(self._free)))
+        for k in range(self.size):  # not a product of matrices: one run alone gives the same bits
+            change += z[:, k, None] * self._root[:, k]
+        thetas[:, self._free] += self.factor * change
         entries = list(self.model.structure.friction_entries())
         thetas[:, entries] *= friction[:, None]
         return thetas
@@ -169,6 +193,20 @@ class ModelPlant:
             else:
                 kept[bad, k] = 0.0
         return self.drawn(kept, friction)
+
+    def settled(self, thetas: Array) -> Array:
+        """Path after path: one that would be unstable stays as estimated, the rest is kept.
+
+        The poles of a path that hardly does anything are unknown, and every second draw of them
+        would make a plant unstable that is not. Moved only as far as they are stable, or without
+        the numerator that they were estimated with, they would make it do much.
+        """
+        structure, changed = self.model.structure, thetas.copy()
+        for part in structure.stable_parts():
+            alone = np.repeat(self.theta[None], len(thetas), axis=0)
+            alone[:, part] = thetas[:, part]
+            changed[np.ix_(~structure.stable_each(alone), part)] = self.theta[part]
+        return changed
 
     def feasible(self, thetas: Array) -> Flags:
         """Inside the bounds of what is estimated, and stable."""

@@ -261,6 +261,13 @@ class PolynomialStructure(NamedStructure):
 
         return stable_each(self, thetas)
 
+    def stable_parts(self) -> tuple[Index, ...]:
+        paths: list[Index] = []
+        for i in range(self.ny):
+            row, (_, b, _, _, f) = self.row_index(i), self.layout(i).slices()
+            paths += [np.r_[row[p], row[q]] for p, q in zip(b, f, strict=True) if len(row[q])]
+        return tuple(paths)
+
     def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
         """y = C x + D u; D is zero wherever a command acts a sample later."""
         _, _, C, D = self.transfer(theta).matrices

@@ -147,6 +147,25 @@ def test_a_direction_that_leads_nowhere_is_drawn_less_far() -> None:
     assert 0.8 < np.std(samples.theta[:, last]) / error < 1.2
 
 
+def test_a_path_that_would_be_unstable_stays_as_estimated() -> None:
+    """Poles of paths that do nothing are unknown: what else is drawn of such a plant is kept."""
+    alone = structure_class("oe").from_orders({"nb": 1, "nf": 1, "nk": 1}, 2, 2)
+    plant = ModelPlant(fit(alone, [robot_record()]))
+    z, dry = np.random.default_rng(0).standard_normal((300, plant.size)), np.ones(300)
+    drawn = plant.drawn(z, dry)
+    settled = plant.settled(drawn)
+    unstable = ~plant.feasible(drawn)
+    assert unstable.mean() > 0.1
+    assert plant.feasible(settled).all()
+    np.testing.assert_array_equal(settled[~unstable], drawn[~unstable])
+    for part in plant.model.structure.stable_parts():
+        kept = (settled[:, part] == drawn[:, part]).all(axis=1)
+        assert (kept | (settled[:, part] == plant.theta[part]).all(axis=1)).all()
+    samples = Sampler(SHORT, plant, SHORT.vary).draw(run_seeds(0, 200))
+    assert samples.redrawn.sum() == 0
+    assert 0.1 < samples.pulled.mean() < 1.0
+
+
 def test_a_range_is_drawn_evenly() -> None:
     spread = Spread.model_validate([-1.0, 3.0])
     result = spread.deviation(np.random.default_rng(0).standard_normal(4000))
