@@ -46,12 +46,14 @@ class Recorder:
 
     Attributes:
         states: what lay in it.
+        in_place: files opened for writing where others look for them: a kill leaves half of one.
         on: whether it looks; an audit hook cannot be removed.
     """
 
     root: Path
     copies: Path
     states: list[Path] = field(default_factory=list)
+    in_place: list[str] = field(default_factory=list)
     on: bool = False
 
     def hear(self, event: str, arguments: tuple[object, ...]) -> None:
@@ -62,6 +64,8 @@ class Recorder:
         if not (writes or event in CHANGING) or not self._ours(arguments[0]):
             return
         self.on = False
+        if writes and PART not in str(arguments[0]) and Path(str(arguments[0])).name != ".lock":
+            self.in_place.append(str(arguments[0]))
         self.states.append(self.copies / str(len(self.states)))
         shutil.copytree(self.root, self.states[-1], symlinks=True)
         self.on = True
@@ -99,6 +103,7 @@ def killed_states(root: Path, copies: Path, command: Callable[[], object]) -> li
         command()
     finally:
         recorder.on = False
+    assert not recorder.in_place
     shutil.copytree(root, copies / "done", symlinks=True)
     return [*recorder.states, copies / "done"]
 
