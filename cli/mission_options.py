@@ -80,8 +80,12 @@ def driven(
         if path is not None and not path.exists():
             raise UsageError(f"file not found: {path}; check the path after {option}")
     lengths = None if geometry is None else given_lengths(geometry)
-    if lengths is not None and mission is not None:
-        _agree(lengths, mission)
+    if mission is not None:
+        from sysid.mission.spec import load_mission
+
+        load_mission(mission)  # refused before the minutes of a diagnosis
+        if lengths is not None:
+            _agree(lengths, mission)
     package = None if plant is None else read_package(plant, accept_changes)
     return Driven(mission, package, lengths)
 

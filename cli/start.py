@@ -25,13 +25,17 @@ def main() -> int:
     After an interrupt the process ends here: Python would wait for the threads of libraries, and
     end by the signal where it met one of them in code that a library makes as text.
     """
-    code = command()
+    ending = Ending()
+    if os.name == "posix":
+        threading.Thread(target=ending.watch, args=(_heard(),), daemon=True).start()
+    _silence_libraries()
+    code = command(ending)
     if code == 130:
         os._exit(code)
     return code
 
 
-def command() -> int:
+def command(ending: "Ending") -> int:
     """Run one command; its exit code, 130 after an interrupt.
 
     A request to end (SIGTERM, from ``kill`` or from what supervises a service) ends it as Ctrl-C
@@ -39,13 +43,9 @@ def command() -> int:
     """
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
-    ending = _Ending()
     for which in (signal.SIGINT, signal.SIGTERM):
         signal.signal(which, ending.begin)
-    _silence_libraries()
     sys.unraisablehook = ending.lost
-    if os.name == "posix":
-        threading.Thread(target=ending.watch, args=(_heard(),), daemon=True).start()
     try:
         from .app import main as run
 
@@ -59,7 +59,7 @@ def command() -> int:
     return code
 
 
-class _Ending:
+class Ending:
     """The end of a command that was interrupted; it is said once."""
 
     def __init__(self) -> None:

@@ -25,10 +25,14 @@ LIMITS = {
 }
 """Of the command: bytes of addresses, of memory, of a file; open files; seconds."""
 
-_SYSTEMS = {"x86_64": (0xC000003E, 41), "aarch64": (0xC00000B7, 198)}
-"""Machine → its mark in a system call, and the number of the call ``socket``."""
+_SYSTEMS = {
+    "x86_64": (0xC000003E, (41, 109, 112, 425)),
+    "aarch64": (0xC00000B7, (198, 154, 157, 425)),
+}
+"""Machine → its mark in a system call, and the numbers of the calls that are refused: ``socket``;
+``setpgid`` and ``setsid``, by which a process would outlive the one that started it;
+``io_uring_setup``, which opens sockets without the first."""
 
-_IO_URING = 425  # opens sockets without the call
 _X32 = 0x40000000  # other numbers of the same calls
 
 _NO_NEW_PRIVILEGES, _SECCOMP, _DEATH_SIGNAL = 38, 22, 1
@@ -63,17 +67,16 @@ def close_network() -> bool:
     machine = os.uname().machine if sys.platform == "linux" else ""
     if machine not in _SYSTEMS:
         return False
-    mark, socket = _SYSTEMS[machine]
+    mark, refused = _SYSTEMS[machine]
     program = [
         (0x20, 0, 0, 4),  # the machine of the call
         (0x15, 1, 0, mark),
         (0x06, 0, 0, _KILL),
         (0x20, 0, 0, 0),  # its number
-        (0x35, 2, 0, _X32),
-        (0x15, 1, 0, socket),
-        (0x15, 0, 1, _IO_URING),
-        (0x06, 0, 0, _REFUSE),
+        (0x35, len(refused) + 1, 0, _X32),
+        *((0x15, len(refused) - k, 0, number) for k, number in enumerate(refused)),
         (0x06, 0, 0, _ALLOW),
+        (0x06, 0, 0, _REFUSE),
     ]
     code = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *step) for step in program))
     filter_ = struct.pack("HxxxxxxP", len(program), ctypes.addressof(code))

@@ -146,7 +146,7 @@ class _Zip:
     def read(self, name: str) -> bytes:
         """One file, stored or deflated: other methods take memory before their first byte."""
         if self._archive.getinfo(name).compress_type not in _METHODS:
-            raise NotImplementedError
+            raise zipfile.BadZipFile
         with self._archive.open(name) as member:
             content = member.read(MOST_BYTES + 1)
         if len(content) > MOST_BYTES:

@@ -209,7 +209,6 @@ def as_before() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.set_wakeup_fd(-1)
         sys.unraisablehook = hook
         for which, handler in known.items():
             signal.signal(which, handler)
@@ -224,7 +223,7 @@ def test_an_interrupt_before_the_command_is_loaded_is_quiet_too(
     monkeypatch.delitem(sys.modules, "sysid_cli.app")
     monkeypatch.setattr(importlib.machinery.SourceFileLoader, "exec_module", interrupted)
     with as_before():
-        assert start.command() == 130
+        assert start.command(start.Ending()) == 130
     assert capsys.readouterr().err == "interrupted\n"
 
 
@@ -238,7 +237,7 @@ def test_a_request_to_end_is_an_interrupt(
 
     monkeypatch.setattr(app, "main", asked)
     with as_before():
-        assert start.command() == 130
+        assert start.command(start.Ending()) == 130
     assert capsys.readouterr().err == "interrupted\n"
 
 

@@ -11,6 +11,7 @@ from plant_models import ORDERS, bench_model, robot_model
 
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.export.package import package_files, write_package
+from sysid.plant import storage
 from sysid.plant.package import CARD, UNLISTED, load_plant, read_description
 from sysid.plant.selftest import TOLERANCE, make_selftest, run, selftest
 from sysid.plant.storage import MARK, zip_bytes
@@ -340,6 +341,26 @@ def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
         z.writestr("plant.json", b" " * (65 * 1024**2))
     with pytest.raises(ModelError, match="too large"):
         load_plant(tmp_path / "p.zip")
+
+
+def test_a_bomb_of_many_members_is_given_up_at_the_first_too_many(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [f"c/{k}.c" for k in range(100)]
+    described = json.loads(package_files(robot_model("arx"))["plant.json"]) | {"files": names}
+    with zipfile.ZipFile(tmp_path / "p.zip", "w", zipfile.ZIP_DEFLATED) as z:
+        z.writestr("plant.json", json.dumps(described))
+        for name in names:
+            z.writestr(name, bytes(100_000))
+    opened: list[str] = []
+    whole = zipfile.ZipFile.open
+    monkeypatch.setattr(storage, "MOST_BYTES", 350_000)
+    monkeypatch.setattr(
+        zipfile.ZipFile, "open", lambda z, n, *more: opened.append(n) or whole(z, n, *more)
+    )
+    with pytest.raises(ModelError, match="too large"):
+        load_plant(tmp_path / "p.zip")
+    assert len(opened) == 5  # plant.json and four of the hundred
 
 
 def test_the_selftest_notices_a_changed_parameter(tmp_path: Path) -> None:

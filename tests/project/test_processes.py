@@ -72,10 +72,11 @@ def test_what_a_command_prints_without_end_is_cut(tmp_path: Path) -> None:
 
 
 @linux
-def test_code_of_somebody_else_has_no_network(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("code", ["import socket; socket.socket()", "import os; os.setsid()"])
+def test_code_of_somebody_else_has_no_network_and_outlives_nobody(
+    code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    code = "import socket; socket.socket()"
+    code = f"import os; os.fork() and os._exit(os.wait()[1] >> 8)\n{code}"  # no leader itself
     done = processes.run([sys.executable, "-S", "-c", code], tmp_path, 20.0, foreign=True)
     assert "PermissionError" in done.err
     monkeypatch.setattr(launcher, "_SYSTEMS", {})
