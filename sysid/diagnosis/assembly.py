@@ -24,7 +24,7 @@ from sysid.diagnosis.validation.excess_error import excess_error
 from sysid.diagnosis.validation.explain import described, explain
 from sysid.diagnosis.validation.jitter import detect_jitter
 from sysid.diagnosis.validation.localise import Region, leading, localise
-from sysid.diagnosis.verdict import Remaining, story, undecided, verdict_of
+from sysid.diagnosis.verdict import Remaining, story, too_short, undecided, verdict_of
 from sysid.effects.catalogue import CHANGED, NOT_NAMED, about, ground_effects
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.errors import SysidError
@@ -74,6 +74,8 @@ def assemble(
     off = pose is not None and pose.residuals.structured
     linear = session.linear_words(selection)
     verdict = verdict_of(ids, remaining, off or poor.startswith(ASTRAY) or bool(linear))
+    short = after is None and not selection.effects and (bool(poor) or verdict == "unexplained")
+    poor = too_short(remaining) if short else poor
     traces = _traces(session, selection)
     whole_traces = whole.traces if whole else ()
     old, new = _models(session, selection, model, pose)
@@ -84,6 +86,9 @@ def assemble(
     reported = replace(remaining, gap=gap) if pose is not None and pose.effects else remaining
     unseen = _unseen(session, selection, pose, ids)
     described = _description(session, selection, remaining, traces, bool(effects))
+    if short:  # no figure of so few samples means anything
+        regions, linear, described, rejected = (), "", "", ()
+        selection = replace(selection, minor=(), candidates=())
     silent = verdict != "unexplained" and set(ids) <= set(OF_THE_LOG) and not poor
     return Diagnosis(
         verdict=verdict,
@@ -97,7 +102,7 @@ def assemble(
         excess_error=size if remaining.structured else None,
         minor=tuple(dict.fromkeys(id for id, _ in selection.minor)),
         candidates=(*selection.candidates, *(pose.candidates if pose is not None else ())),
-        where=_where(session, session.origin.base.model),
+        where=() if short else _where(session, session.origin.base.model),
         where_after=regions,
         gap=gap,
         detectable=unseen,

@@ -88,6 +88,8 @@ def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool 
     missing = [id for id in ids if id not in OF_THE_LOG]
     if verdict == "effects-found" and missing:
         return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}"
+    if verdict == "unexplained" and remaining.structure is None:
+        return too_short(remaining)
     if verdict == "unexplained":
         return (
             "The errors depend on inputs and outputs, so something is missing, but no effect of "
@@ -122,14 +124,20 @@ def _what_remains(remaining: Remaining) -> str:
     return ""
 
 
+def too_short(remaining: Remaining) -> str:
+    """That too few samples are held out for any test of the errors, and what to do."""
+    above = f" ({remaining.above_noise} the noise)" if remaining.above_noise else ""
+    return (
+        f"The log is too short for a diagnosis: the errors{above} cannot be tested on so few "
+        f"held-out samples. Record at least {LONG_ENOUGH} samples, or give a second log of the "
+        "same system."
+    )
+
+
 def undecided(remaining: Remaining) -> str:
     """Why no effect is reported although the errors are far above the noise."""
     if remaining.structure is None:
-        return (
-            f"The log is too short for a diagnosis: the errors ({remaining.above_noise} the noise) "
-            "cannot be tested on so few held-out samples. Record at least "
-            f"{LONG_ENOUGH} samples, or give a second log of the same system."
-        )
+        return too_short(remaining)
     begin = "No effect is significant, but the errors are not noise: "
     if remaining.structured:
         return begin + (
