@@ -11,7 +11,7 @@ from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
 from sysid.diagnosis.following import ASTRAY, not_followed
 from sysid.diagnosis.gap import Gap, with_path
 from sysid.diagnosis.long_logs import InFull
-from sysid.diagnosis.named_effects import NamedEffect
+from sysid.diagnosis.named_effects import NamedEffect, RejectedEffect
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis
 from sysid.diagnosis.pose.ground_model import with_ground
@@ -31,6 +31,8 @@ from sysid.errors import SysidError
 from sysid.estimation.vehicle.windows import track_channels
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
+
+ONLY_IN_PIECES = "over all samples of the log the errors grow with it"
 
 FEW_WINDOWS = 40
 """Fewer windows of pose seldom prove an effect of the vehicle."""
@@ -52,10 +54,14 @@ def assemble(
     """
     session = result.session
     selection, rejected = session.confirmed(result.selection)
+    whole = judged(session, selection) if judged else None
+    if whole and selection.effects and whole.gap.closed_percent <= 0.0:
+        rejected += tuple(RejectedEffect(n.id, ONLY_IN_PIECES) for n in selection.effects)
+        selection = replace(session.nothing, candidates=selection.candidates)
+        whole = judged(session, selection) if judged else None
     before, base = session.origin.before, session.base
     after = session.residual_structure(selection, after=True) if selection.selected else before
     regions = _where(session, selection.final)
-    whole = judged(session, selection) if judged else None
     remaining = Remaining(
         after,
         whole.gap if whole else session.gap(selection),
