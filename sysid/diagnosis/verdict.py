@@ -13,6 +13,8 @@ LONG_ENOUGH = 800
 """Samples whose held-out part, three blocks of 80, is left with twice as many samples as terms of
 the model of the errors: whitening takes 20 of each block, the terms are some 40."""
 
+TOO_SHORT = "The log is too short for a diagnosis"
+
 ON_A_RATE = (
     " The output integrates its input, so effects were searched on its rate. Differences of a "
     "position may be too coarse to show backlash: record the speed as well."
@@ -128,7 +130,7 @@ def too_short(remaining: Remaining) -> str:
     """That too few samples are held out for any test of the errors, and what to do."""
     above = f" ({remaining.above_noise} the noise)" if remaining.above_noise else ""
     return (
-        f"The log is too short for a diagnosis: the errors{above} cannot be tested on so few "
+        f"{TOO_SHORT}: the errors{above} cannot be tested on so few "
         f"held-out samples. Record at least {LONG_ENOUGH} samples, or give a second log of the "
         "same system."
     )
