@@ -25,6 +25,8 @@ def main() -> int:
     After an interrupt the process ends here: Python would wait for the threads of libraries, and
     end by the signal where it met one of them in code that a library makes as text.
     """
+    for name in ONE_THREAD:
+        os.environ.setdefault(name, "1")
     ending = Ending()
     if os.name == "posix":
         threading.Thread(target=ending.watch, args=(_heard(),), daemon=True).start()
@@ -41,8 +43,6 @@ def command(ending: "Ending") -> int:
     A request to end (SIGTERM, from ``kill`` or from what supervises a service) ends it as Ctrl-C
     does, so that nodes leave their master and half-written files go.
     """
-    for name in ONE_THREAD:
-        os.environ.setdefault(name, "1")
     for which in (signal.SIGINT, signal.SIGTERM):
         signal.signal(which, ending.begin)
     sys.unraisablehook = ending.lost

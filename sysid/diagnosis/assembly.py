@@ -11,7 +11,7 @@ from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
 from sysid.diagnosis.following import ASTRAY, not_followed
 from sysid.diagnosis.gap import Gap, with_path
 from sysid.diagnosis.long_logs import InFull
-from sysid.diagnosis.named_effects import NamedEffect
+from sysid.diagnosis.named_effects import NamedEffect, RejectedEffect
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis
 from sysid.diagnosis.pose.ground_model import with_ground
@@ -24,13 +24,25 @@ from sysid.diagnosis.validation.excess_error import excess_error
 from sysid.diagnosis.validation.explain import described, explain
 from sysid.diagnosis.validation.jitter import detect_jitter
 from sysid.diagnosis.validation.localise import Region, leading, localise
-from sysid.diagnosis.verdict import Remaining, story, undecided, verdict_of
+from sysid.diagnosis.verdict import (
+    TOO_SHORT,
+    Remaining,
+    story,
+    too_short,
+    undecided,
+    verdict_of,
+)
 from sysid.effects.catalogue import CHANGED, NOT_NAMED, about, ground_effects
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.errors import SysidError
 from sysid.estimation.vehicle.windows import track_channels
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
+
+Judge = Callable[[DiagnosisSession, Selection], InFull]
+"""Both models on all samples of long logs."""
+
+ONLY_IN_PIECES = "over all samples of the log the errors grow with it"
 
 FEW_WINDOWS = 40
 """Fewer windows of pose seldom prove an effect of the vehicle."""
@@ -40,7 +52,7 @@ def assemble(
     result: SelectionResult,
     model: Model | None,
     pose: PoseDiagnosis | None,
-    judged: Callable[[DiagnosisSession, Selection], InFull] | None = None,
+    judged: Judge | None = None,
 ) -> Diagnosis:
     """Everything but the mission.
 
@@ -50,42 +62,54 @@ def assemble(
         pose: what is missing between tracks and ground.
         judged: both models on all samples of logs that were searched in pieces.
     """
+    selection, rejected, whole = _confirmed(result, judged)
     session = result.session
-    selection, rejected = session.confirmed(result.selection)
+    gap = whole.gap if whole else session.gap(selection)
+    diagnosis = _assembled(session, selection, gap, model, pose)
+    if not diagnosis.story.startswith(TOO_SHORT):
+        diagnosis = replace(diagnosis, rejected=rejected)
+    if whole is None:
+        return diagnosis
+    return replace(
+        diagnosis,
+        warnings=(whole.sentence, *diagnosis.warnings),
+        traces=(*(t for t in diagnosis.traces if t.role == "estimation"), *whole.traces),
+    )
+
+
+def _assembled(
+    session: DiagnosisSession,
+    selection: Selection,
+    held_out: Gap,
+    model: Model | None,
+    pose: PoseDiagnosis | None,
+) -> Diagnosis:
+    """Everything about some effects, given the gap of the outputs on held-out data."""
     before, base = session.origin.before, session.base
     after = session.residual_structure(selection, after=True) if selection.selected else before
+    tests = (("before", before), ("after", after))
     regions = _where(session, selection.final)
-    whole = judged(session, selection) if judged else None
-    remaining = Remaining(
-        after,
-        whole.gap if whole else session.gap(selection),
-        leading(regions, base.parts.holdout[0].output_names),
-    )
-    samples = base.parts.samples
-    effects = in_order(
-        (
-            *(_named(session, selection, n, remaining, regions) for n in selection.effects),
-            *(() if pose is None else pose.effects),
-            *findings.sample_effects(samples),
-        )
-    )
+    names = base.parts.holdout[0].output_names
+    remaining = Remaining(after, held_out, leading(regions, names))
+    named = (_named(session, selection, n, remaining, regions) for n in selection.effects)
+    seen = findings.sample_effects(base.parts.samples)
+    effects = in_order((*named, *(() if pose is None else pose.effects), *seen))
     ids = [e.id for e in effects]
     poor = _poor(session, selection)
-    off = pose is not None and pose.residuals.structured
     linear = session.linear_words(selection)
-    verdict = verdict_of(ids, remaining, off or poor.startswith(ASTRAY) or bool(linear))
+    off = (pose is not None and pose.residuals.structured) or poor.startswith(ASTRAY)
+    verdict = verdict_of(ids, remaining, off or bool(linear))
+    short = after is None and not selection.effects and (bool(poor) or verdict == "unexplained")
     traces = _traces(session, selection)
-    whole_traces = whole.traces if whole else ()
     old, new = _models(session, selection, model, pose)
     gap = remaining.gap if pose is None else with_path(remaining.gap, pose.whole)
-    size = excess_error(
-        base.parts.holdout, selection.final.errors.holdout, session.floor, _lengths(pose)
-    )
+    errors = selection.final.errors.holdout
+    size = excess_error(base.parts.holdout, errors, session.floor, _lengths(pose))
     reported = replace(remaining, gap=gap) if pose is not None and pose.effects else remaining
     unseen = _unseen(session, selection, pose, ids)
-    described = _description(session, selection, remaining, traces, bool(effects))
+    parts = (linear, _description(session, selection, remaining, traces, bool(effects)))
     silent = verdict != "unexplained" and set(ids) <= set(OF_THE_LOG) and not poor
-    return Diagnosis(
+    diagnosis = Diagnosis(
         verdict=verdict,
         story=poor or story(verdict, ids, reported, base.on_rate),
         undecided=undecided(remaining) if silent and remaining.above_noise else "",
@@ -93,7 +117,6 @@ def assemble(
         base_words=session.origin.base.words,
         baseline_words=base.words if session.given is not None else "",
         effects=effects,
-        rejected=rejected,
         excess_error=size if remaining.structured else None,
         minor=tuple(dict.fromkeys(id for id, _ in selection.minor)),
         candidates=(*selection.candidates, *(pose.candidates if pose is not None else ())),
@@ -104,18 +127,34 @@ def assemble(
         next_experiments=_next(session, selection, pose, unseen),
         before=old,
         after=new,
-        residuals=tuple(
-            r.verdict(name) for name, r in (("before", before), ("after", after)) if r is not None
-        ),
-        description="; ".join(filter(None, (linear, described))),
-        warnings=(
-            *((whole.sentence,) if whole else ()),
-            *_warnings(session, selection, pose, samples.hidden),
-        ),
-        traces=(*(t for t in traces if not whole or t.role == "estimation"), *whole_traces),
+        residuals=tuple(r.verdict(name) for name, r in tests if r is not None),
+        description="; ".join(filter(None, parts)),
+        warnings=_warnings(session, selection, pose, base.parts.samples.hidden),
+        traces=traces,
         geometry=pose.geometry if pose is not None else None,
         several=several_logs(session, selection),
     )
+    return _of_few_samples(diagnosis, too_short(remaining)) if short else diagnosis
+
+
+def _of_few_samples(diagnosis: Diagnosis, sentence: str) -> Diagnosis:
+    """A diagnosis that says nothing but that the log is too short: so few samples show no more."""
+    plain = replace(diagnosis, minor=(), candidates=(), where=(), where_after=(), description="")
+    return replace(plain, story=sentence, unfollowed=sentence, undecided="")
+
+
+def _confirmed(
+    result: SelectionResult, judged: Judge | None
+) -> tuple[Selection, tuple[RejectedEffect, ...], InFull | None]:
+    """The accepted effects, the rejected ones, and both models on all samples of long logs."""
+    session = result.session
+    selection, rejected = session.confirmed(result.selection)
+    whole = judged(session, selection) if judged else None
+    if judged and whole and selection.effects and whole.gap.closed_percent <= 0.0:
+        rejected += tuple(RejectedEffect(n.id, ONLY_IN_PIECES) for n in selection.effects)
+        selection = replace(session.nothing, candidates=selection.candidates)
+        whole = judged(session, selection)
+    return selection, rejected, whole
 
 
 def in_order(effects: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:

@@ -313,18 +313,9 @@ def given_base(
         q[plain.index["core", "f1", i]] = pole[i]
     candidate = search.evaluate((), q, ())
     words = f"the {model.structure.name} model, as it is"
-    return Base(
-        parts,
-        search,
-        candidate,
-        np.ones(first.nu),
-        1,
-        False,
-        words,
-        in_loop,
-        given=given,
-        driven=driven,
-    )
+    scales = np.ones(first.nu)
+    base = Base(parts, search, candidate, scales, 1, False, words, in_loop, given=given)
+    return replace(base, driven=driven)
 
 
 def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:

@@ -28,9 +28,8 @@ def not_followed(
     """
     e = np.concatenate(errors)
     y = np.concatenate([r.y for r in records])
-    y = np.where(np.isfinite(e), y, np.nan)
     size = np.sqrt(np.nanmean(e**2, axis=0))
-    spread = np.nanstd(y, axis=0)
+    spread = np.nanstd(y, axis=0)  # of the whole records: behind one step a block stands still
     fit = 100.0 * (1.0 - size / np.maximum(spread, 1e-300))
     names = records[0].output_names
     inputs = ", ".join(records[0].input_names)

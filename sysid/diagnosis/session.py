@@ -25,6 +25,7 @@ from sysid.diagnosis.search.selection import (
 from sysid.diagnosis.search.sensitivities import sensitivities
 from sysid.diagnosis.validation.acceptance import (
     drifting_level,
+    final_evidence,
     least_beside,
     small_share,
     uncertain_parameters,
@@ -50,6 +51,9 @@ STAND_IN = (
     "the remaining errors are correlated with the command, and the catalogue covers motion rather "
     "than processes: other physics may look like it"
 )
+
+
+TOO_FEW = "the held-out samples are too few to confirm it (p = {:.2g})"
 
 
 LeastLeft = dict[tuple[bool, ...], float]
@@ -301,7 +305,16 @@ class DiagnosisSession:
             or unknown_wave(self.base, selection)
             or self.too_small_a_share(selection)
             or self._absorber(selection, least_left)
+            or self._unconfirmed(selection)
         )
+
+    def _unconfirmed(self, selection: Selection) -> RejectedEffect | None:
+        """The effect that too few held-out samples confirm, where they cannot be tested at all."""
+        if not selection.effects or self.residual_structure(selection, after=True) is not None:
+            return None
+        chances = {n.id: final_evidence(self.base, selection, n).p_value for n in selection.effects}
+        id, p = max(chances.items(), key=lambda pair: pair[1])
+        return RejectedEffect(id, TOO_FEW.format(p)) if p >= RULE.p else None
 
     def too_small_a_share(self, selection: Selection) -> RejectedEffect | None:
         """An effect that leaves more of the gap of its outputs than one of its kind may.

@@ -13,6 +13,8 @@ LONG_ENOUGH = 800
 """Samples whose held-out part, three blocks of 80, is left with twice as many samples as terms of
 the model of the errors: whitening takes 20 of each block, the terms are some 40."""
 
+TOO_SHORT = "The log is too short for a diagnosis"
+
 ON_A_RATE = (
     " The output integrates its input, so effects were searched on its rate. Differences of a "
     "position may be too coarse to show backlash: record the speed as well."
@@ -88,6 +90,8 @@ def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool 
     missing = [id for id in ids if id not in OF_THE_LOG]
     if verdict == "effects-found" and missing:
         return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}"
+    if verdict == "unexplained" and remaining.structure is None:
+        return too_short(remaining)
     if verdict == "unexplained":
         return (
             "The errors depend on inputs and outputs, so something is missing, but no effect of "
@@ -122,14 +126,20 @@ def _what_remains(remaining: Remaining) -> str:
     return ""
 
 
+def too_short(remaining: Remaining) -> str:
+    """That too few samples are held out for any test of the errors, and what to do."""
+    above = f" ({remaining.above_noise} the noise)" if remaining.above_noise else ""
+    return (
+        f"{TOO_SHORT}: the errors{above} cannot be tested on so few "
+        f"held-out samples. Record at least {LONG_ENOUGH} samples, or give a second log of the "
+        "same system."
+    )
+
+
 def undecided(remaining: Remaining) -> str:
     """Why no effect is reported although the errors are far above the noise."""
     if remaining.structure is None:
-        return (
-            f"The log is too short for a diagnosis: the errors ({remaining.above_noise} the noise) "
-            "cannot be tested on so few held-out samples. Record at least "
-            f"{LONG_ENOUGH} samples, or give a second log of the same system."
-        )
+        return too_short(remaining)
     begin = "No effect is significant, but the errors are not noise: "
     if remaining.structured:
         return begin + (

@@ -10,7 +10,9 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.diagnosis.base_model import full_drive
 from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, Trace
+from sysid.diagnosis.following import ASTRAY
 from sysid.diagnosis.named_effects import NamedEffect, Value
+from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.validation.localise import Region
 from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.effects.catalogue import effect
@@ -182,6 +184,8 @@ def residual_sentence(test: ResidualVerdict) -> str:
 
 def nothing_named(result: Diagnosis) -> str:
     """What is shown where no effect is reported."""
+    if result.unfollowed and not result.unfollowed.startswith(ASTRAY):
+        return "No effect is reported."
     if result.unfollowed:
         return "No effect is reported: the model must follow the log first."
     if result.verdict == "unexplained":
@@ -197,7 +201,8 @@ def evidence_sentence(effect: NamedEffect) -> str:
         return "visible in the samples themselves; the model is unchanged"
     return (
         f"held-out RMSE fell by {percent(100 * effect.heldout_gain)}; "
-        f"ΔBIC {_whole(effect.delta_bic)}, {p_words(effect.p_value)}"
+        f"ΔBIC {_whole(effect.delta_bic)}, "
+        + (p_words(effect.p_value) if effect.p_value < RULE.p else "in too few blocks for a test")
     )
 
 

@@ -98,9 +98,10 @@ def test_no_sentence_of_the_catalogue_knows_whether_wheels_or_tracks_carry_the_r
 
 def test_of_a_position_it_is_said_where_play_is_looked_for() -> None:
     gap = Gap(1.0, 0.5, 0.1, 50.0, (40.0, 60.0), {"y": ChannelGap(9, 3, 1)})
-    axis = story("unexplained", (), Remaining(None, gap), on_rate=True)
+    left = Remaining(ResidualStructure(1e-9, 0.5, ()), gap)
+    axis = story("unexplained", (), left, on_rate=True)
     assert "to show backlash: record the speed" in axis
-    assert "backlash" not in story("unexplained", (), Remaining(None, gap))
+    assert "backlash" not in story("unexplained", (), left)
     u = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 40), 20)
     place = Record(u, np.cumsum(u) * 0.05, 0.05, (Channel("volts", "V"),), (Channel("y", "m"),))
     assert fit_baseline([place], None, chain_effects()).on_rate

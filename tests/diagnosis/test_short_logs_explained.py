@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from sysid.data.io import read_log
 from sysid.data.record import Array, Channel, Record
@@ -14,7 +15,7 @@ from sysid.diagnosis.gap import ChannelGap, Gap
 from sysid.diagnosis.validation.error_tests import f_test
 from sysid.diagnosis.validation.model_error import ResidualStructure
 from sysid.diagnosis.verdict import LONG_ENOUGH, Remaining, story
-from sysid.report.diagnosis_words import headline, nothing_named
+from sysid.report.diagnosis_words import evidence_sentence, headline, nothing_named
 
 STORED = Path(__file__).parents[1] / "data" / "0.1" / "log.csv"
 POLE, NOISE = 0.82, 0.02
@@ -63,6 +64,27 @@ def test_a_load_on_a_short_log_is_neither_named_nor_nothing() -> None:
     assert headline(found) == "The log is too short for a diagnosis"
     assert f"at least {LONG_ENOUGH} samples" in found.story
     assert "No effect is missing" not in nothing_named(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("held", [60, 10])
+def test_sixty_rows_say_nothing_of_an_effect_but_that_they_are_few(held: int) -> None:
+    """A step, and levels, through two lags and a dead time: the held-out block is 18 samples."""
+    rng = np.random.default_rng(5)
+    u = np.repeat(rng.uniform(2.0, 4.0, 60 // held), held) * (np.arange(60) > 5)
+    bottom = np.polymul([1.0, -np.exp(-0.2)], [1.0, -np.exp(-0.4)])
+    y = lfilter(np.append(np.zeros(5), 4.2 * np.sum(bottom)), bottom, u)
+    y += 0.05 * rng.standard_normal(60)
+    found = diagnose([Record(u, np.round(y, 2), 0.1, name="step.csv")])
+    assert found.effects == found.rejected == found.where == ()
+    assert headline(found) == "The log is too short for a diagnosis"
+    assert nothing_named(found) == "No effect is reported."
+    assert found.description == ""
+
+
+def test_a_test_of_few_blocks_is_no_evidence() -> None:
+    effect: Any = SimpleNamespace(id="backlash", heldout_gain=0.9, delta_bic=-70.0, p_value=0.34)
+    assert "0.34" not in evidence_sentence(effect)
 
 
 def test_nothing_is_missing_from_a_short_log_of_the_model_itself() -> None:
