@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from sysid.errors import DataError, UsageError
+from sysid.outside_text import visible
 
 MAX_BYTES = 4 * 1024**3
 """Files beyond this size [bytes] are refused before they fill the memory."""
@@ -40,7 +41,8 @@ def write_atomic(path: str | Path, content: str | bytes) -> Path:
     """Write a whole file so that a reader sees the old content or the new one, never a part.
 
     The content goes to a temporary name in the same folder, is flushed to the disk, and takes the
-    final name by ``os.replace``. Missing parent folders are made. Text is UTF-8 with ``\\n`` ends.
+    final name by ``os.replace``. Missing parent folders are made. Text is UTF-8 with ``\\n`` ends,
+    its control characters escaped.
 
     Returns:
         The path written.
@@ -50,7 +52,7 @@ def write_atomic(path: str | Path, content: str | bytes) -> Path:
         DataError: the folder may not be written, or the disk refuses (full, too long a name).
     """
     path = Path(path)
-    data = content.encode("utf-8") if isinstance(content, str) else content
+    data = visible(content, "\n\t\r").encode("utf-8") if isinstance(content, str) else content
     temporary: str | None = None
     try:
         if path.is_dir():
