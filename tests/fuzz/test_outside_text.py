@@ -20,7 +20,7 @@ from sysid.data.record import Channel
 from sysid.errors import DataError
 from sysid.export.package import package_files
 from sysid.export.registry import BUILT_IN
-from sysid.outside_text import csv_text, has_hidden, visible
+from sysid.outside_text import csv_text, visible
 
 HOSTILE = (
     "u\x1b]0;owned\x07\x1b[31m", "=cmd|'/c calc'!A1", "y\u202eb<script>alert(1)</script>",
@@ -31,6 +31,11 @@ HOSTILE = (
 
 TURNING = {"LRE", "RLE", "PDF", "LRO", "RLO", "LRI", "RLI", "FSI", "PDI"}
 """Bidirectional classes of the characters that turn the order of others."""
+
+
+def has_hidden(text: str, keep: str = "\n\t\r") -> bool:
+    """Whether a text holds characters that act instead of being seen."""
+    return visible(text, keep) != text
 
 
 @given(st.text())
