@@ -71,7 +71,7 @@ STUDY := OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/python -m studies
 KEPT := .study-cache
 
 STUDIES := coverage residual_tests nonlinear_tests nonlinearity robust block_oriented grey_box narx_wavelet \
-  odd_logs tours vehicle dynamic_fit multibody_diagnosis navigation control prediction_intervals multibody
+  fuzz odd_logs tours vehicle dynamic_fit multibody_diagnosis navigation control prediction_intervals multibody
 study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every structure on every record
 	set -e; for name in $(STUDIES); do $(STUDY).$$name; done
 	$(STUDY).nonlinear --results $(KEPT)/nonlinear.jsonl

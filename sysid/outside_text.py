@@ -26,11 +26,6 @@ def name_of(text: str) -> str:
     return visible(text, keep="")
 
 
-def has_hidden(text: str, keep: str = "\n\t\r") -> bool:
-    """Whether a text holds characters that ``visible`` would escape."""
-    return any(m[0] not in keep for m in _HIDDEN.finditer(text))
-
-
 def csv_text(text: str) -> str:
     """A text as a cell that no spreadsheet takes for a formula: ``'=cmd|…``; others as they are."""
     return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text

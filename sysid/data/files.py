@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from sysid.errors import DataError, UsageError
+from sysid.outside_text import visible
 
 MAX_BYTES = 4 * 1024**3
 """Files beyond this size [bytes] are refused before they fill the memory."""
@@ -84,7 +85,8 @@ def read_bytes(path: str | Path) -> bytes:
 def write_atomic(path: str | Path, content: str | bytes) -> Path:
     """Write a whole file so that a reader sees the old content or the new one, never a part.
 
-    Text is UTF-8 with ``\\n`` ends. See :func:`replacing` for the rest.
+    Text is UTF-8 with ``\n`` ends, its control characters escaped. See :func:`replacing` for the
+    rest.
 
     Returns:
         The path written.
@@ -92,8 +94,9 @@ def write_atomic(path: str | Path, content: str | bytes) -> Path:
     Raises:
         UsageError, DataError: see :func:`replacing`.
     """
+    data = visible(content, "\n\t\r").encode("utf-8") if isinstance(content, str) else content
     with replacing(path) as new:
-        write_new(new, content.encode("utf-8") if isinstance(content, str) else content)
+        write_new(new, data)
     return Path(path)
 
 

@@ -12,6 +12,7 @@ from sysid.export.closed_loop import loop_of
 from sysid.export.registry import DEFAULT, chosen
 from sysid.mission.spec import Mission
 from sysid.mission.tuning.written import mission_values
+from sysid.outside_text import name_of, visible
 from sysid.plant import package
 from sysid.plant.description import describe
 from sysid.plant.selftest import make_selftest
@@ -86,7 +87,7 @@ def package_files(
         ModelError: the model has no input, or cannot be written in a format that was asked for.
     """
     exporters = chosen(DEFAULT if formats is None else formats)
-    name = name or model.structure.name
+    name = name_of(name or model.structure.name)
     if not model.inputs:
         raise ModelError(f"{name} has no input, which a plant needs; fit a structure with inputs")
     loop = None if form.controller is None else loop_of(model, form.controller)
@@ -131,6 +132,6 @@ def _described(form: Form) -> dict[str, Any]:
 def _written(exporter: Exporter, source: Source) -> dict[str, bytes]:
     """The files of one exporter by their names inside the package."""
     return {
-        f"{exporter.name}/{file}": text.encode("utf-8") if isinstance(text, str) else text
+        f"{exporter.name}/{file}": visible(text).encode("utf-8") if isinstance(text, str) else text
         for file, text in exporter.files(source).items()
     }

@@ -1,7 +1,7 @@
 """Model: a structure with parameters, their covariance, and provenance."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -381,45 +381,41 @@ class Model:
             ModelError: a structure of another package does not read back what it writes.
         """
         require_readable(self.structure)
-        return {
-            "schema": SCHEMA,
-            **self.structure.to_json(),
-            "parameters": [
-                {
-                    "name": p.name,
-                    "value": float(v),
-                    "unit": p.unit,
-                    "lower": _number(p.lower),
-                    "upper": _number(p.upper),
-                    "fixed": p.fixed is not None,
-                }
-                for p, v in zip(self.parameters, self.theta, strict=True)
-            ],
-            "covariance": [[_number(c) for c in row] for row in self.covariance],
-            "sample_time": self.dt,
-            "inputs": [asdict(c) for c in self.inputs],
-            "outputs": [asdict(c) for c in self.outputs],
-            "detrend": self.detrend.to_json(),
-            "level": self.operating_point.to_json(),
-            "noise_covariance": [[_number(c) for c in row] for row in self.noise_covariance],
-            "n_estimated": self.n_estimated,
-            "criteria": {k: _number(v) for k, v in self.criteria.items()},
-            "termination": self.termination.code,
-            "initial_states": [x.tolist() for x in self.initial_states],
-            "ranges": self.ranges.tolist(),
-            "at_bound": list(self.at_bound),
-            "null_directions": [dict(d) for d in self.null_directions],
-            "starts": [
-                asdict(s) | {"cost_at_start": _number(s.cost_at_start), "cost": _number(s.cost)}
-                for s in self.starts
-            ],
-            "warnings": list(self.warnings),
-            "provenance": {
-                "data": [asdict(s) for s in self.provenance.data],
-                "options": dict(self.provenance.options),
-                "version": self.provenance.version,
-            },
-        }
+        described: dict[str, Any] = documents.plain(
+            {
+                "schema": SCHEMA,
+                **self.structure.to_json(),
+                "parameters": [
+                    {
+                        "name": p.name,
+                        "value": float(v),
+                        "unit": p.unit,
+                        "lower": p.lower,
+                        "upper": p.upper,
+                        "fixed": p.fixed is not None,
+                    }
+                    for p, v in zip(self.parameters, self.theta, strict=True)
+                ],
+                "covariance": self.covariance,
+                "sample_time": self.dt,
+                "inputs": self.inputs,
+                "outputs": self.outputs,
+                "detrend": self.detrend.to_json(),
+                "level": self.operating_point.to_json(),
+                "noise_covariance": self.noise_covariance,
+                "n_estimated": self.n_estimated,
+                "criteria": self.criteria,
+                "termination": self.termination.code,
+                "initial_states": self.initial_states,
+                "ranges": self.ranges,
+                "at_bound": self.at_bound,
+                "null_directions": self.null_directions,
+                "starts": self.starts,
+                "warnings": self.warnings,
+                "provenance": vars(self.provenance),
+            }
+        )
+        return described
 
     @staticmethod
     def from_json(raw: Mapping[str, Any]) -> "Model":
@@ -490,10 +486,6 @@ class Model:
             return Model.from_json(raw)
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
-
-
-def _number(value: float | None) -> float | None:
-    return None if value is None or not np.isfinite(value) else float(value)
 
 
 def _array(rows: Sequence[Sequence[float | None]], n: int, missing: float) -> Array:

@@ -3,7 +3,6 @@
 import contextlib
 import io
 import json
-import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from command_lines import COMMANDS, good_logs, inspect_and_fit, run_command
 from mutations import DEEP, NESTED
 
 from sysid.data import documents
@@ -29,13 +29,13 @@ class Parser:
         suffix: of its file.
         seeds: valid documents (written as JSON, or YAML where the suffix says so), texts or bytes.
         read: reads the file, and uses what was read as a command would first.
-        quick: inputs a second, to share out a budget of time.
+        share: inputs of it in the quick tests, by what one costs; a study takes many times these.
     """
 
     suffix: str
     seeds: Callable[[], Sequence[Any]]
     read: Callable[[Path], object]
-    quick: int = 1000
+    share: int
 
 
 def encoded(document: Any, suffix: str) -> bytes:
@@ -72,7 +72,9 @@ def _plant_files() -> list[Any]:
     from sysid.plant.description import describe
 
     return [
-        json.loads(json.dumps(describe(m, {}, "plant"))) for m in _models() if not isinstance(m, dict)
+        json.loads(json.dumps(describe(m, {}, "plant")))
+        for m in _models()
+        if not isinstance(m, dict)
     ]
 
 
@@ -120,14 +122,20 @@ def _workspace(path: Path) -> None:
 def _workspaces() -> list[Any]:
     entry = {"id": "arx-1f00ba", "model": _model_files()[0], "report": {}}
     latest = {"value": "arx-1f00ba", "order": 1}
-    return [entry, ["arx-1f00ba"], {"latest": latest, "best": {"value": ["arx-1f00ba"], "order": 2}}]
+    return [
+        entry,
+        ["arx-1f00ba"],
+        {"latest": latest, "best": {"value": ["arx-1f00ba"], "order": 2}},
+    ]
 
 
 # ------------------------------------------------------------------------------- hand-written files
 
 
 def _yaml_of(*folders: str) -> list[Any]:
-    return [yaml.safe_load(p.read_text()) for f in folders for p in sorted((DATA / f).glob("*.yaml"))]
+    return [
+        yaml.safe_load(p.read_text()) for f in folders for p in sorted((DATA / f).glob("*.yaml"))
+    ]
 
 
 FULL_MISSION = {
@@ -150,7 +158,11 @@ FULL_MISSION = {
 
 
 def _missions() -> list[Any]:
-    return [*_yaml_of("missions"), FULL_MISSION, *({"goal": [6, 3], k: FULL_MISSION[k]} for k in FULL_MISSION)]
+    return [
+        *_yaml_of("missions"),
+        FULL_MISSION,
+        *({"goal": [6, 3], k: FULL_MISSION[k]} for k in FULL_MISSION),
+    ]
 
 
 def _mission(path: Path) -> None:
@@ -224,16 +236,23 @@ def _statics(path: Path) -> None:
 
     name, *given = path.read_bytes().decode("utf-8", "replace").split("|")
     options = dict(g.partition("=")[::2] for g in given)
-    orders = {"hammerstein-wiener": {"nb": 1, "nf": 1}, "wiener-hammerstein": {"nb1": 1, "nf1": 1, "nb": 1, "nf": 1}}
+    orders = {
+        "hammerstein-wiener": {"nb": 1, "nf": 1},
+        "wiener-hammerstein": {"nb1": 1, "nf1": 1, "nb": 1, "nf": 1},
+    }
     fallback = {"na": 1, "nb": 1, "nk": 1} if name.startswith("nar") else {}
     structure_class(name).from_orders(orders.get(name, fallback), 1, 1, options)
 
 
 STATICS = (
-    "hammerstein-wiener|input=dead-zone|output=identity", "hammerstein-wiener|input=abs,polynomial:3|output=piecewise:8",
-    "wiener-hammerstein|static=saturation", "narx-wavelet|degree=2|units=3|refine=none", "narmax|degree=2|terms=y(t-1), u(t-1)*y(t-1)",
-    "dc-motor|friction=none|input=voltage|output=speed|substeps=1", "tanks|substeps=2",
-)  # fmt: skip
+    "hammerstein-wiener|input=dead-zone|output=identity",
+    "hammerstein-wiener|input=abs,polynomial:3|output=piecewise:8",
+    "wiener-hammerstein|static=saturation",
+    "narx-wavelet|degree=2|units=3|refine=none",
+    "narmax|degree=2|terms=y(t-1), u(t-1)*y(t-1)",
+    "dc-motor|friction=none|input=voltage|output=speed|substeps=1",
+    "tanks|substeps=2",
+)
 
 
 # ------------------------------------------------------------------------------- logs
@@ -259,7 +278,9 @@ def _parquet() -> list[bytes]:
     forms = (
         plain,
         plain.set_index("t"),
-        plain.set_index(pd.date_range("2024-01-01", periods=40, freq="100ms", tz="UTC", name="time")),
+        plain.set_index(
+            pd.date_range("2024-01-01", periods=40, freq="100ms", tz="UTC", name="time")
+        ),
         plain.set_index(pd.Index(k, name="y")),
         plain.assign(u=pd.Categorical(["on", "off"] * 20), y=plain.y.astype("Int64")),
     )
@@ -288,7 +309,10 @@ def _bench(path: Path) -> None:
 
 
 def _bench_logs() -> list[str]:
-    return ["\n".join(p.read_text().splitlines()[:30]) + "\n" for p in sorted((DATA / "bench").glob("*.csv"))]
+    return [
+        "\n".join(p.read_text().splitlines()[:30]) + "\n"
+        for p in sorted((DATA / "bench").glob("*.csv"))
+    ]
 
 
 def _swing(path: Path) -> None:
@@ -312,7 +336,9 @@ def _power(path: Path) -> None:
 
 
 def _power_logs() -> list[str]:
-    rows = "".join(f"{0.1 * k:.1f},{7.4 - 0.01 * k:.2f},{k % 4},{0.1 * (k % 9)},{k % 5}\n" for k in range(40))
+    rows = "".join(
+        f"{0.1 * k:.1f},{7.4 - 0.01 * k:.2f},{k % 4},{0.1 * (k % 9)},{k % 5}\n" for k in range(40)
+    )
     return ["t,battery_voltage_V,battery_current_A,pwm,motor_voltage_V\n" + rows]
 
 
@@ -330,72 +356,13 @@ def _selftest(path: Path) -> None:
     read_csv(path.read_bytes(), plant, path.name)
 
 
-# ------------------------------------------------------------------------------- command lines
-
-COMMANDS = (
-    "inspect {log} --ts 0.1 --pwm-max 255 --unit y=rpm",
-    "inspect {log} --input u --output y --time t --resample fill --unwrap y=4096 --held auto --trim 0.1:0.1",
-    "fit {log} --structure arx --orders 'na=1 nb=1 nk=1' --split 0.7 --skip 3 --horizon 2 --stable --fix a1=0",
-    "fit {log} --structure oe --orders 'nb=1:2 nf=1' --bound b1=-1:1 --detrend linear --json",
-    "excite --ts 0.01 --duration 5 --low -1 --high 1 -o {new}",
-    "compare --criteria aic --workspace {ws}",
-    "models --workspace {ws}",
-    "structures arx",
-    "simulate {mission} --workspace {ws} --runs 2 --seed 1",
-    "vehicle {vehicle}",
-    "soil --soil clay",
-    "plan {mission}",
-    "bench motor {bench}",
-)  # fmt: skip
-
-
-def _command(path: Path) -> None:
-    from sysid_cli.app import main
-
-    folder = path.parent
-    log = folder / "log.csv"
-    if not log.exists():
-        log.write_text("t,u,y\n" + "".join(f"{0.1 * k:.1f},{k // 3 % 4},{k % 7}\n" for k in range(40)))
-    names = {
-        "log": log,
-        "ws": folder / "ws",
-        "new": folder / "new.csv",
-        "mission": DATA / "missions/goal_1m.yaml",
-        "vehicle": DATA / "vehicles/omni.yaml",
-        "bench": DATA / "bench/motor_stall.csv",
-    }
-    text = path.read_bytes().decode("utf-8", "replace")
-    for name, place in names.items():
-        text = text.replace("{" + name + "}", str(place))
-    try:
-        words = shlex.split(text)
-    except ValueError:
-        return
-    if any(w.startswith(("/", "..")) and str(folder) not in w and str(DATA) not in w for w in words):
-        return  # files of the machine itself are no business of this
-    if "--follow" in words or words[:1] == ["plant"]:
-        return
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            code = main(["--debug", *words])
-        except SystemExit as exit:
-            code = exit.code
-    if code not in (0, 1, 2) or "unexpected error (" in err.getvalue():
-        raise Broken(err.getvalue())
-
-
-class Broken(Exception):
-    """A command ended in what is no sentence; its text is the traceback."""
-
-
 PARSERS: dict[str, Parser] = {
-    "model": Parser(".json", _model_files, _use_model, 300),
+    "model": Parser(".json", _model_files, _use_model, 500),
     "plant": Parser(".json", _plant_files, _use_plant, 300),
     "workspace": Parser(".json", _workspaces, _workspace, 300),
-    "mission": Parser(".yaml", _missions, _mission, 300),
-    "mission-text": Parser(".yaml", lambda: [yaml.safe_dump(FULL_MISSION)], _mission, 300),
-    "vehicle": Parser(".yaml", lambda: _yaml_of("vehicles"), _vehicle, 200),
+    "mission": Parser(".yaml", _missions, _mission, 80),
+    "mission-text": Parser(".yaml", lambda: [yaml.safe_dump(FULL_MISSION)], _mission, 30),
+    "vehicle": Parser(".yaml", lambda: _yaml_of("vehicles"), _vehicle, 60),
     "urdf": Parser(".urdf", _urdf, _vehicle, 300),
     "soil": Parser(
         ".yaml",
@@ -405,30 +372,45 @@ PARSERS: dict[str, Parser] = {
             "clay",
         ],
         _soils,
-        500,
+        80,
     ),
     "motors": Parser(
-        ".yaml", lambda: [{"resistance": [2.4, 0.1], "back_emf": 0.01, "gear": 45, "inertia": 1e-6}], _motors
+        ".yaml",
+        lambda: [{"resistance": [2.4, 0.1], "back_emf": 0.01, "gear": 45, "inertia": 1e-6}],
+        _motors,
+        80,
     ),
     "map": Parser(
         ".yaml",
-        lambda: [{"omega_l": "/joint_states.velocity[wheel_left]", "y [m]": "-/odom.x", "z": "0.5*/a.b"}],
+        lambda: [
+            {"omega_l": "/joint_states.velocity[wheel_left]", "y [m]": "-/odom.x", "z": "0.5*/a.b"}
+        ],
         _map,
+        100,
     ),
-    "measured": Parser(".json", lambda: [{"measured": {"R": {"value": 1.0, "std_error": 0.1}}}], _measured),
+    "measured": Parser(
+        ".json", lambda: [{"measured": {"R": {"value": 1.0, "std_error": 0.1}}}], _measured, 500
+    ),
     "orders": Parser(
         ".txt",
-        lambda: ["na=1:4 nb=2 nk=0:3", "na=1,0;0,1 nb=2", "arx: na=2 nb=2; oe: nb=2 nf=2", "nb=1,2 nf=1,1"],
+        lambda: [
+            "na=1:4 nb=2 nk=0:3",
+            "na=1,0;0,1 nb=2",
+            "arx: na=2 nb=2; oe: nb=2 nf=2",
+            "nb=1,2 nf=1,1",
+        ],
         _orders,
+        800,
     ),
-    "options": Parser(".txt", lambda: list(STATICS), _statics),
-    "log": Parser(".csv", _logs, _log, 60),
-    "parquet": Parser(".parquet", _parquet, _log, 100),
-    "sensors": Parser(".csv", _sensor_logs, _sensors, 100),
-    "bench": Parser(".csv", _bench_logs, _bench, 100),
-    "swing": Parser(".csv", _swings, _swing, 100),
-    "power": Parser(".csv", _power_logs, _power, 100),
-    "returns": Parser(".csv", lambda: ["direction,x,y\ncw,0.1,-0.2\nccw,0.1,0.1\n"], _returns),
-    "selftest": Parser(".csv", lambda: ["t,u,y\n0,1,2\n0.05,1,2.5\n"], _selftest),
-    "command": Parser(".txt", lambda: list(COMMANDS), _command, 20),
+    "options": Parser(".txt", lambda: list(STATICS), _statics, 300),
+    "log": Parser(".csv", _logs, _log, 250),
+    "parquet": Parser(".parquet", _parquet, _log, 300),
+    "sensors": Parser(".csv", _sensor_logs, _sensors, 150),
+    "bench": Parser(".csv", _bench_logs, _bench, 300),
+    "swing": Parser(".csv", _swings, _swing, 150),
+    "power": Parser(".csv", _power_logs, _power, 150),
+    "returns": Parser(".csv", lambda: ["direction,x,y\ncw,0.1,-0.2\nccw,0.1,0.1\n"], _returns, 500),
+    "selftest": Parser(".csv", lambda: ["t,u,y\n0,1,2\n0.05,1,2.5\n"], _selftest, 400),
+    "first commands": Parser(".csv", lambda: list(good_logs()), inspect_and_fit, 5),
+    "command": Parser(".txt", lambda: list(COMMANDS), run_command, 10),
 }

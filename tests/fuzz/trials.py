@@ -10,8 +10,9 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from command_lines import BrokenError
 from mutations import mutated
-from parsers import PARSERS, Broken, encoded
+from parsers import PARSERS, encoded
 
 from sysid.errors import SysidError
 
@@ -49,6 +50,19 @@ def _seeds(name: str) -> tuple[Any, ...]:
     return tuple(PARSERS[name].seeds())
 
 
+def valid(name: str, folder: Path) -> list[str]:
+    """What is said against the inputs of a parser that are to be right; empty for nothing."""
+    said = []
+    for seed in _seeds(name):
+        path = folder / f"input{PARSERS[name].suffix}"
+        path.write_bytes(encoded(seed, PARSERS[name].suffix))
+        try:
+            PARSERS[name].read(path)
+        except Exception as error:
+            said.append(f"{type(error).__name__}: {error}")
+    return said
+
+
 def fault(name: str, content: bytes, folder: Path) -> str:
     """What is wrong with how a parser takes an input: exception and place; empty for nothing."""
     path = folder / f"input{PARSERS[name].suffix}"
@@ -61,7 +75,7 @@ def fault(name: str, content: bytes, folder: Path) -> str:
         text = str(error)
         if len(text) > LONGEST:
             return f"a sentence of {len(text)} letters: {text[:80]}"
-    except Broken as error:
+    except BrokenError as error:
         lines = [x for x in str(error).splitlines() if 'File "' in x and "/sysid" in x]
         return f"{str(error).splitlines()[-1][:120]} at {lines[-1].strip() if lines else ''}"
     except (Exception, Hang) as error:

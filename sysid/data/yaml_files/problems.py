@@ -8,6 +8,9 @@ from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from sysid.data.yaml_files.source import Place, YamlSource, shown
 
+MOST_LINES = 10
+"""Lines with further problems that a sentence names."""
+
 KnownKeys = Callable[[Place], Sequence[str]]
 """The keys that there are in the section at a place."""
 
@@ -42,7 +45,8 @@ def first_problem(
         if place and isinstance(place[-1], int) and place not in source.lines:
             problem["loc"] = place[:-1]  # one number that stands for all of a list
     first, *others = dict.fromkeys(line(p) for p in problems)
-    more = f" (more to correct in line {', '.join(map(str, others))})" if others else ""
+    lines = ", ".join(map(str, others[:MOST_LINES])) + (" …" if len(others) > MOST_LINES else "")
+    more = f" (more to correct in line {lines})" if others else ""
     sentence = _sentence(problems[0], known_keys, whole, examples or {})
     return f"{source.name}:{first}: {sentence}{more}"
 
