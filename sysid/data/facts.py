@@ -99,10 +99,16 @@ class LogFacts:
         return rest_head(self.outliers.records[0])
 
     @cached_property
+    def as_logged(self) -> "LogFacts":
+        """Of the records before they were filtered or decimated; these where none was."""
+        logged = {id(r.as_logged): r.as_logged for r in self.records if r.as_logged}
+        return LogFacts(tuple(logged.values())) if logged else self
+
+    @cached_property
     def feedback(self) -> tuple[FeedbackTest, ...] | None:
         """Whether inputs follow from outputs, one verdict an output."""
         try:
-            return feedback_tests(self.sample)
+            return feedback_tests(self.as_logged.sample)
         except DataError:
             return None
 
@@ -119,10 +125,12 @@ class LogFacts:
     @cached_property
     def delays(self) -> tuple[Delay, ...] | None:
         """The delay of every pair; within the sample only where no controller responds."""
-        shortest_record = min(len(r) for r in self.sample)
+        logged = self.as_logged  # a filter leaves the delay, and too little to see it by
+        sample = (logged if logged.records[0].dt == self.records[0].dt else self).sample
+        shortest_record = min(len(r) for r in sample)
         longest = min(LONGEST_DELAY, max(shortest_record // 20, 2))
         try:
-            return estimate_delays(self.sample, longest, shortest=int(self.closed_loop))
+            return estimate_delays(sample, longest, shortest=int(self.closed_loop))
         except DataError:
             return None
 

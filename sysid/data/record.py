@@ -92,6 +92,8 @@ class Record:
             only serve to see whether a controller was running.
         reference_names: their nr column names.
         read_as: what was decided when it was read, and how to decide otherwise.
+        as_logged: the record before it was filtered or decimated, which smears instants: whether a
+            controller was running is judged on it. None where nothing was.
 
     Raises:
         DataError: lengths differ, the sample time is not positive, or names do not fit.
@@ -110,6 +112,7 @@ class Record:
     references: Array | None = None
     reference_names: tuple[str, ...] = ()
     read_as: tuple[Decision, ...] = ()
+    as_logged: "Record | None" = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -272,6 +275,7 @@ class Record:
             inputs=tuple(self.inputs[i] for i in iu),
             outputs=tuple(self.outputs[i] for i in iy),
             weights=None if self.weights is None else self.weights[:, iy],
+            as_logged=self.as_logged and self.as_logged.select(inputs, outputs),
         )
 
 
