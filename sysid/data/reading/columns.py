@@ -224,7 +224,7 @@ def _unclear(names: Sequence[str], families: Roles, where: str, given_u: bool) -
             f"{where} has no column left for the {missing[0]}: its columns are {_listed(names)}; "
             "a log needs at least one input and one output"
         )
-    alone = "" if given_u else " (or none: `inputs='none'`)"
+    alone = "" if given_u or len(families.outputs) != 1 else " (or none: `inputs='none'`)"
     asked = {
         f"the {side}": [" with ".join(f) for f in of_side] or [*names]
         for side, of_side in sides.items()
