@@ -174,8 +174,9 @@ def _find(name: str, names: Sequence[str], which: str, where: str) -> str:
         return near[0]
     shown = repr(name.strip()) if name.strip() else "an empty name"
     if near:
+        meant = _listed(near, last=" or ")
         raise UsageError(
-            f"{which} names {shown} of {where}, which can be {_listed(near, last=' or ')}"
+            f"{which} names {shown}, which can be {meant} in {where}; write more of it"
         )
     raise UsageError(
         f"{which} names {shown}, which is not a column of {where}; its columns are {_listed(names)}"
