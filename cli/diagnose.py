@@ -82,7 +82,8 @@ def diagnose(
     judged = judged_on(holdout or (), validation or ())
     result = _run(data, holdout, drive, (*data.findings, *holdout_findings), bench)
     before, after = keep_models(place, result, data.base, origin, judged)
-    read_as = decided((*data.records, *(holdout or ())))
+    offsets = result.before.operating_point.decision
+    read_as = decided((*data.records, *(holdout or ())), offsets)
     document = write_results(folder, result, before, after, read_as)
     if json:
         render.document(document)

@@ -123,7 +123,7 @@ def fit(
         if how.on:
             check_alone(validation, steps)
             followed = follow(logs, how, request, read, store, stop, quiet=json)
-            identification = followed.found
+            identification, records = followed.found, followed.records
         else:
             identification, notes, records = _identify(logs, validation or [], read, steps, request)
         stored = _stored(store, identification, validation or logs)

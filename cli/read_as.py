@@ -9,6 +9,7 @@ from .field_options import with_options
 
 if TYPE_CHECKING:
     from sysid.data.decision import Decision
+    from sysid.data.logs.sensor_log import SensorLog
     from sysid.data.record import Record
 
 WIDTH = 80
@@ -16,7 +17,7 @@ LINES = 5
 """Most lines shown; the document of --json has the rest."""
 
 
-def decided(records: "Iterable[Record]", *more: "Decision") -> list[dict[str, str]]:
+def decided(records: "Iterable[Record | SensorLog]", *more: "Decision") -> list[dict[str, str]]:
     """The decisions on every log, with its name, for a document.
 
     Args:

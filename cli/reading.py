@@ -158,11 +158,11 @@ Trim = Annotated[
 ]
 LowPass = Annotated[
     float | None,
-    _preparing("--low-pass", "HZ", "Cut-off of a zero-phase filter on inputs and outputs."),
+    _preparing("--low-pass", "HZ", "Cut-off of a filter on all signals."),
 ]
 Decimate = Annotated[
     int,
-    _preparing("--decimate", "N", "Keep every N-th sample after an anti-alias filter."),
+    _preparing("--decimate", "N", "Keep every N-th sample, of means of N."),
 ]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]

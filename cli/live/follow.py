@@ -19,6 +19,7 @@ from .view import View
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
+    from sysid.data.record import Record
     from sysid.estimation.identify import Identification, Request
     from sysid.estimation.online.follower import Feed, Follower
     from sysid.estimation.online.live_state import LiveState
@@ -34,12 +35,14 @@ class Followed:
     Attributes:
         found: the model, judged on the rows it stands on.
         log: those rows as a file.
+        records: the same as read again.
         ending: why following ended.
     """
 
     found: "Identification"
     state: "LiveState"
     log: Path
+    records: "tuple[Record, ...]"
     ending: str
 
 
@@ -209,7 +212,7 @@ def _kept(follower: "Follower", ending: str, request: "Request", workspace: Work
     }
     options = replace(request.options, extra=extra)
     identified = identification(live, records, options, request.policy)
-    return Followed(replace(identified, reason=ending), state, log, ending)
+    return Followed(replace(identified, reason=ending), state, log, records, ending)
 
 
 @contextmanager

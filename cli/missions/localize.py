@@ -9,6 +9,7 @@ from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
+from ..read_as import decided, show_decisions
 from .law_options import LawChoice, Navigation
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ def localize(
         "navigation": kind_of("navigation", given.navigation),
         "output": write_columns(localization.columns, target),
         "used": localization.used,
+        "read_as": decided([localization.log]),
         "consistency": localization.consistency,
         "errors": localization.errors,
         "end": {n: float(localization.columns[f"{n}_est"][-1]) for n in ("x", "y", "psi")},
@@ -125,6 +127,7 @@ def _show(name: str, facts: dict[str, Any]) -> None:
             mean = figures[f"{figure}_mean"]
             verdict = "as they should be" if low <= mean <= high else _verdict(mean > high)
             rows.append((words, f"{mean:.3g}, bounds {low:.3g} to {high:.3g}: {verdict}"))
+    show_decisions(facts["read_as"])
     render.table((name, facts["navigation"]), rows)
     for warning in facts["warnings"]:
         render.warn(f"! {warning}")

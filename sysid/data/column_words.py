@@ -26,13 +26,14 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     (
         *("cmd", "command", "befehl", "kommando", "commande", "stellgröße", "stellgroesse"),
         *("stellsignal", "stellwert", "pid", "controller", "regler", "reglerausgang"),
+        *("brake", "bremse", "frein"),
     ),
     ("volt", "volts", "voltage", "spannung"),
     ("control", "ctrl", "effort", "drive", "power", "leistung"),
     (
         *("rudder", "ruder", "ruderwinkel", "gouvernail", "steer", "steering", "lenkung"),
         *("lenkwinkel", "heater", "heizung", "heat", "chauffage", "pump", "pumpe", "pompe"),
-        *("valve", "ventil", "vanne", "fan", "lüfter", "relay", "brake", "bremse", "frein"),
+        *("valve", "ventil", "vanne", "fan", "lüfter", "relay"),
         *("esc", "servo", "damper", "klappe"),
     ),
     ("u", "motor", "mot"),

@@ -106,10 +106,16 @@ class LogFacts:
         return rest_head(self.outliers.records[0])
 
     @cached_property
+    def as_logged(self) -> "LogFacts":
+        """Of the records before they were filtered or decimated; these where none was."""
+        logged = {id(r.as_logged): r.as_logged for r in self.records if r.as_logged}
+        return LogFacts(tuple(logged.values())) if logged else self
+
+    @cached_property
     def feedback(self) -> tuple[FeedbackTest, ...] | None:
         """Whether inputs follow from outputs, one verdict an output."""
         try:
-            return feedback_tests(self.sample)
+            return feedback_tests(self.as_logged.sample)
         except DataError:
             return None
 
@@ -124,12 +130,18 @@ class LogFacts:
         return any(t.sure for t in self.feedback or ())
 
     @cached_property
+    def _unfiltered(self) -> tuple[Record, ...]:
+        """The sample as it was measured: a filter leaves the delay, and too little to see it by."""
+        logged = self.as_logged
+        return (logged if logged.records[0].dt == self.records[0].dt else self).sample
+
+    @cached_property
     def _lags(self) -> tuple[Delay, ...] | None:
         """The delay of every pair as a regression sees it."""
-        shortest_record = min(len(r) for r in self.sample)
-        longest = min(LONGEST_DELAY, max(shortest_record // 20, 2))
+        sample = self._unfiltered
+        longest = min(LONGEST_DELAY, max(min(len(r) for r in sample) // 20, 2))
         try:
-            return estimate_delays(self.sample, longest, shortest=self._shortest)
+            return estimate_delays(sample, longest, shortest=self._shortest)
         except DataError:
             return None
 
@@ -143,7 +155,7 @@ class LogFacts:
         """Each output as lags and dead times of the inputs; None where that is not believed."""
         lags = self._lags or ()
         return tuple(
-            process_of(self.sample, j, [d for d in lags if d.output == s.output], s)
+            process_of(self._unfiltered, j, [d for d in lags if d.output == s.output], s)
             for j, s in enumerate(self.speeds)
         )
 
@@ -158,7 +170,7 @@ class LogFacts:
     def changes(self) -> tuple[Change, ...]:
         """What changes within the log, by output: a gain or lags, at a time or all along."""
         each = enumerate(self.processes)
-        seen = [change_within(self.sample, j, fit) for j, fit in each if fit is not None]
+        seen = [change_within(self._unfiltered, j, fit) for j, fit in each if fit is not None]
         return tuple(c for c in seen if c is not None and not self._by_region(c))
 
     def _by_region(self, change: Change) -> bool:

@@ -22,8 +22,8 @@ class Preparation:
 
     Attributes:
         trim_start, trim_end: seconds cut from the head and the tail of each record.
-        low_pass: cut-off [Hz] of the zero-phase filter on inputs and outputs, None for none.
-        decimate: keep every so many samples (anti-alias filter included), 1 for all.
+        low_pass: cut-off [Hz] of the filter on all signals, None for none.
+        decimate: keep every so many samples (means of them), 1 for all.
 
     Raises:
         UsageError: a number cannot be.

@@ -1,6 +1,6 @@
 """Preprocessing of records: offsets, trends, filters, decimation, trimming."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -152,20 +152,20 @@ class Detrend:
 
 
 def low_pass(record: Record, cutoff: float, order: int = 4) -> Record:
-    """Inputs and outputs through the same zero-phase Butterworth low-pass.
+    """All signals through the same causal Butterworth low-pass, settled at the first sample.
 
-    Filtering both alike leaves the relation between them as it is and weights the fit towards
-    frequencies below ``cutoff``; it colours the noise, so residuals will not be white, and the
-    filter looks into the future. (Ljung 1999, §14.4.)
+    Filtering all alike leaves the relation between them as it is and weights the fit towards
+    frequencies below ``cutoff``; it colours the noise, so residuals will not be white. A filter
+    without phase would look into the future, which then predicts the outputs as a controller's
+    commands do. (Ljung 1999, §14.4.)
 
     Args:
         record: the experiment.
-        cutoff: −6 dB frequency of the double pass [Hz].
-        order: order of the filter that is run forward and backward.
+        cutoff: −3 dB frequency [Hz].
+        order: order of the filter.
 
     Raises:
         UsageError: the cut-off is not between 0 and half the sampling rate.
-        DataError: the record is too short for the filter.
     """
     nyquist = 0.5 / record.dt
     if not 0.0 < cutoff < nyquist:
@@ -178,24 +178,17 @@ def low_pass(record: Record, cutoff: float, order: int = 4) -> Record:
     from scipy import signal
 
     sections = signal.butter(order, cutoff / nyquist, output="sos")
-    pad = 3 * (2 * len(sections) + 1)
-    if len(record) <= pad:
-        raise DataError(f"{record.name}: {len(record)} samples are too few to filter; record more")
-
-    def passed(x: Array) -> Array:
-        return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=pad))
-
-    references = None if record.references is None else passed(record.references)
-    return replace(record, u=passed(record.u), y=passed(record.y), references=references)
+    settled = signal.sosfilt_zi(sections)[:, :, None]
+    return _each(record, lambda x: signal.sosfilt(sections, x, axis=0, zi=settled * x[0])[0])
 
 
 def decimate(record: Record, factor: int) -> Record:
     """Keep every ``factor``-th sample.
 
-    Inputs and outputs pass the same zero-phase anti-alias filter first (Chebyshev I of order 8 at
-    0.8 of the new half rate): filtering the outputs alone would make the plant look slower. The
-    input is then held between samples, so its new value is the mean of the samples it replaces,
-    which acts on a slow plant like they did: ū_k = (1/m) Σ_{i<m} u_{km+i}.
+    All signals pass the same mean of the last m = ``factor`` samples first: filtering the outputs
+    alone would make the plant look slower, and a filter without phase would take the future into
+    them. The input is then held between samples, so its new value is the mean of the samples it
+    replaces, which acts on a slow plant like they did: ū_k = (1/m) Σ_{i<m} u_{km+i}.
 
     Raises:
         UsageError: the factor is below 1.
@@ -211,23 +204,37 @@ def decimate(record: Record, factor: int) -> Record:
             f"{record.name}: {len(record)} samples decimated by {factor} leave {count}; "
             "choose a smaller factor"
         )
-    from scipy import signal
 
-    sections = signal.cheby1(8, 0.05, 0.8 / factor, output="sos")
-    pad = min(len(record) - 1, 27 * factor)
-    y = signal.sosfiltfilt(sections, record.y, axis=0, padlen=pad)
+    def last_means(x: Array) -> Array:
+        before = np.repeat(x[:1], factor, axis=0)
+        sums = np.cumsum(np.vstack([before, x]) - x[0], axis=0)
+        return np.asarray(x[0] + (sums[factor:] - sums[:-factor]) / factor)
+
+    smooth = _each(record, last_means).rows(0, count * factor)
 
     def means(x: Array) -> Array:
-        smooth = signal.sosfiltfilt(sections, x, axis=0, padlen=pad)[: count * factor]
-        return np.asarray(smooth.reshape(count, factor, x.shape[1]).mean(axis=1))
+        return np.asarray(x.reshape(count, factor, x.shape[1]).mean(axis=1))
 
     return replace(
-        record,
-        u=means(record.u),
-        references=None if record.references is None else means(record.references),
-        y=y[: count * factor : factor],
-        pose=None if record.pose is None else record.pose[: count * factor : factor],
+        smooth,
+        u=means(smooth.u),
+        references=None if smooth.references is None else means(smooth.references),
+        y=smooth.y[::factor],
+        pose=None if smooth.pose is None else smooth.pose[::factor],
+        weights=None if smooth.weights is None else smooth.weights[::factor],
         dt=record.dt * factor,
+    )
+
+
+def _each(record: Record, filtered: Callable[[Array], Array]) -> Record:
+    """The record with every signal through the same filter."""
+    return replace(
+        record,
+        u=filtered(record.u),
+        y=filtered(record.y),
+        pose=None if record.pose is None else filtered(record.pose),
+        references=None if record.references is None else filtered(record.references),
+        as_logged=record.as_logged or record,
     )
 
 

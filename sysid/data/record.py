@@ -112,6 +112,8 @@ class Record:
         since: what went before a piece of a longer record: seconds, and the integral of each
             output, (1 + ny,); None at the beginning of a record.
         read_as: what was decided when it was read, and how to decide otherwise.
+        as_logged: the record before it was filtered or decimated, which smears instants: whether a
+            controller was running is judged on it. None where nothing was.
 
     Raises:
         DataError: lengths differ, the sample time is not positive, or names do not fit.
@@ -131,6 +133,7 @@ class Record:
     reference_names: tuple[str, ...] = ()
     since: Array | None = None
     read_as: tuple[Decision, ...] = ()
+    as_logged: "Record | None" = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -293,6 +296,7 @@ class Record:
             inputs=tuple(self.inputs[i] for i in iu),
             outputs=tuple(self.outputs[i] for i in iy),
             weights=None if self.weights is None else self.weights[:, iy],
+            as_logged=self.as_logged and self.as_logged.select(inputs, outputs),
         )
 
 

@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
+from sysid.data.facts import LogFacts
 from sysid.data.outliers import outlier_flags
+from sysid.data.preparation import Preparation
 from sysid.data.preprocess import Detrend, decimate, low_pass, trim
 from sysid.data.record import Record
 from sysid.errors import DataError, ModelError, UsageError
@@ -99,10 +101,10 @@ def test_low_pass_keeps_the_relation_of_u_and_y() -> None:
 def test_low_pass_passes_slow_and_stops_fast() -> None:
     t = np.arange(2000) * 0.01
     slow, fast = np.sin(2 * np.pi * 1 * t), np.sin(2 * np.pi * 25 * t)
-    filtered = low_pass(Record(slow + fast, slow + fast, 0.01), 5.0)
-    middle = slice(300, -300)
-    # Twice order 4: gain 1/(1 + (f/fc)^8) is 0.9999974 at fc/5 and 2.6e-6 at 5 fc.
-    np.testing.assert_allclose(filtered.y[middle, 0], slow[middle], atol=1e-4)
+    filtered = low_pass(Record(slow, slow + fast, 0.01), 5.0)
+    # Order 4: gain 1/√(1 + (f/fc)^8) is 0.999999 at fc/5 and 0.0016 at 5 fc.
+    np.testing.assert_allclose(filtered.y[300:], filtered.u[300:], atol=2e-3)
+    assert np.max(filtered.u[300:]) == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("cutoff", [0.0, -1.0, 5.0, 9.0, float("nan")])
@@ -119,8 +121,8 @@ def test_decimated_motor_keeps_its_pole_and_gain() -> None:
     assert (len(r), r.dt) == (800, pytest.approx(0.05))
     X = np.column_stack([r.y[:-1, 0], r.u[:-1, 0]])[20:-20]
     a, b = np.linalg.lstsq(X, r.y[21:-20, 0], rcond=None)[0]
-    # The input is constant over each block, so the exact pole is 0.98^5; the anti-alias filter
-    # rounds the corners of y, which costs about a percent.
+    # The input is constant over each block, so the exact pole is 0.98^5; the mean of the samples
+    # rounds the corners of u and y, which costs about a percent.
     assert a == pytest.approx(0.98**5, abs=0.01)
     assert b / (1 - a) == pytest.approx(1.0, abs=0.02)
 
@@ -129,7 +131,21 @@ def test_decimation_does_not_alias() -> None:
     t = np.arange(4000) * 0.01
     fast = np.sin(2 * np.pi * 9.7 * t)  # every 10th sample of it would be a slow wave of size 1
     r = decimate(Record(np.ones_like(t), fast, 0.01), 10)
-    assert np.max(np.abs(r.y[20:-20])) < 1e-3
+    assert np.max(np.abs(r.y[20:-20])) < 0.04  # sin(0.97 π) / (0.97 π) of the mean of ten
+
+
+@pytest.mark.parametrize("hold", [1, 7, 40])
+@pytest.mark.parametrize("steps", [Preparation(decimate=10), Preparation(low_pass=2.0)])
+def test_filters_close_no_loop_and_take_no_dead_time(hold: int, steps: Preparation) -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.choice([-1.0, 1.0], 4000 // hold + 1), hold)[:4000, None]
+        y = signal.lfilter([0, 0, 0.03], [1, -0.97], u, axis=0) + rng.normal(0, 0.05, u.shape)
+        log = Record(u, y, 0.01)
+        facts = LogFacts((steps.apply(log),))
+        assert not facts.closed_loop
+        (delay,), (logged,) = facts.delays or (), LogFacts((log,)).delays or ()
+        assert delay.delay == (1 if steps.decimate > 1 else logged.delay)
 
 
 def test_decimate_and_trim_refuse() -> None:

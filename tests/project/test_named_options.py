@@ -3,7 +3,6 @@
 import ast
 import re
 import shlex
-from collections.abc import Iterator
 from dataclasses import fields
 from inspect import signature
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import pytest
 import typer
 from command_line import Capture, robot_log, run
+from named_fields import MARKED, messages
 from sysid_cli import reading
 from sysid_cli.app import app
 from sysid_cli.field_options import every_command, fields_in, options_of, with_options
@@ -48,7 +48,6 @@ SHOWN_BY = {
 
 WITH_COMMAND = re.compile(r"sysid ((?:bench )?[\w-]+)(?:(?!sysid)[^`\n])*?(--[a-z][a-z-]+)")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
-MARKED = re.compile(r"(?<!`)`([a-z_]+(?:[=\[][^`]*)?)`(?!`)")
 
 NO_MESSAGES = {
     "sysid/export/c/templates/CMakeLists.txt": "lines to type where the C code is built",
@@ -58,25 +57,6 @@ NO_MESSAGES = {
     "sysid/report/templates/diagnosis.html.j2": "variables of CSS are written like options",
 }
 """Files of the library that may hold what looks like an option, and why."""
-
-
-def messages(path: Path) -> Iterator[tuple[int, str]]:
-    """Every text of a module but its docstrings, formatted ones with X for their values."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    silent: set[int] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-            silent.add(id(node.value))
-        if isinstance(node, ast.JoinedStr):
-            silent |= {id(part) for part in ast.walk(node) if part is not node}
-    for node in ast.walk(tree):
-        if id(node) in silent:
-            continue
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.lineno, node.value
-        elif isinstance(node, ast.JoinedStr):
-            parts = (p.value if isinstance(p, ast.Constant) else "X" for p in node.values)
-            yield node.lineno, "".join(map(str, parts))
 
 
 def named_options() -> list[tuple[str, str, str]]:

@@ -11,6 +11,7 @@ from sysid.data.finding import Finding, Severity
 from sysid.data.operating_point import value_with_error
 from sysid.data.record import Array, Record
 from sysid.data.speed import Speed
+from sysid.errors import argument
 
 NONLINEAR = 0.01
 """Level of the test for nonlinearity, over all outputs."""
@@ -230,8 +231,8 @@ def check_sampling(
             severity = Severity.WARNING if samples > 500 else Severity.NOTE
             tail = ": the sampling is much faster than the plant."
             advice = (
-                f"Decimate by about {max(2, round(samples / 15))}: otherwise the poles lie near "
-                "1 and noise dominates the fit."
+                f"Decimate it with {argument(decimate=max(2, round(samples / 15)))}: otherwise the "
+                "poles lie near 1 and noise dominates the fit."
             )
         findings.append(Finding("sampling", severity, text + tail, advice, speed.output))
     return findings

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sysid.data.finding import Finding, Severity
 from sysid.data.outliers import Bridged
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
+from sysid.errors import argument
 
 STUCK_SAMPLES = 20
 """An output that repeats one number for so many samples while the input moves is suspect."""
@@ -29,7 +30,7 @@ def check_finite(records: Sequence[Record]) -> list[Finding]:
                         "missing",
                         Severity.FATAL,
                         f"{text}t = {record.t0 + bad[0] * record.dt:.6g} s.",
-                        "Repair the log, or read it with `resample='fill'` or `resample='split'`.",
+                        "Leave these samples out.",
                         name,
                         record.name,
                     )
@@ -41,15 +42,24 @@ def check_constant(records: Sequence[Record]) -> list[Finding]:
     """Channels that never change: they hold no information."""
     findings = []
     still = [[_is_constant(c) for _, c in _channels(r)] for r in records]
+    moves = [not all(rows) for rows in zip(*still, strict=True)]
+    nu = records[0].nu
     for i, (name, column) in enumerate(_channels(records[0])):
-        what = "input" if i < records[0].nu else "output"
-        if all(row[i] for row in still):
+        what, same = ("input", range(nu)) if i < nu else ("output", range(nu, len(moves)))
+        if not moves[i]:
+            every = (*records[0].input_names, *records[0].output_names)
+            others = argument(**{f"{what}s": [every[k] for k in same if moves[k]]})
+            leave = (
+                f"Leave it out with {others}, or record"
+                if any(moves[k] for k in same)
+                else "Record"
+            )
             findings.append(
                 Finding(
                     "constant",
                     Severity.FATAL,
                     f"The {what} {name} never changes (it stays at {column[0]:.6g}).",
-                    f"Leave it out with --{what}, or record a run in which it moves.",
+                    f"{leave} a run in which it moves.",
                     name,
                 )
             )

@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from sysid.data.column_words import meaning
+from sysid.data.decision import Decision
 from sysid.data.finding import Finding
 from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.columns import NO_INPUT, choose_columns
+from sysid.data.reading.decisions import time_words
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import column_reader, row_times
+from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
 from sysid.data.reading.table import Table
 from sysid.data.record import Array
 from sysid.data.unit_words import ending
@@ -51,6 +53,7 @@ class SensorLog:
         measurements: name → values in SI units, (N,); NaN where nothing was read.
         pose: true x, y [m], ψ [rad] where the log holds a pose, (N, 3).
         findings: what there is to say about the reading.
+        read_as: what was decided when it was read, and how to decide otherwise.
     """
 
     name: str
@@ -58,6 +61,7 @@ class SensorLog:
     measurements: Mapping[str, Array]
     pose: Array | None
     findings: tuple[Finding, ...] = field(default=())
+    read_as: tuple[Decision, ...] = ()
 
 
 def read_sensor_log(
@@ -118,7 +122,17 @@ def read_sensor_log(
         block = table.columns((*choice.outputs, *choice.pose))
         block, findings = pose_in_si(block, choice, pose_units, table.where)
         pose = block[:, -3:]
-    return SensorLog(path.name, t, measurements, pose, (*log.findings, *clock.findings, *findings))
+    stamps = table.columns(numbered_clock(table, choice.clock)[:1]).ravel()
+    taken = ", ".join(
+        f"{n} from {c} [{_unit(table, known[n], c, options.units) or known[n].unit or 'no unit'}]"
+        for n, c in places.items()
+    )
+    read_as = (
+        Decision("time", time_words(choice, stamps, clock.t), ("time", "units")),
+        Decision("sensors", taken, ("sensor", "units")),
+    )
+    said = (*log.findings, *clock.findings, *findings)
+    return SensorLog(path.name, t, measurements, pose, said, read_as)
 
 
 def _places(

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
 from sysid.data.reading.time_column import (
+    STEADY,
     TimeColumn,
     unit_in_name,
     unit_of,
@@ -115,7 +116,8 @@ def unrolled(raw: Array, name: str, where: str, place: Place) -> tuple[Array, tu
     """The counts of a clock as if its counter never started over.
 
     A step back is a roll-over where adding one modulus M makes it an ordinary step: half a step
-    to five of them or the longest pause seen. It is undone only if one M explains every step back.
+    to five of them or the longest pause seen. It is undone only if one M explains every step back,
+    holds every count, and leaves a steady clock: rows in disorder step back as well.
     """
     d = np.diff(raw)
     back = np.flatnonzero(d < 0)
@@ -125,7 +127,13 @@ def unrolled(raw: Array, name: str, where: str, place: Place) -> tuple[Array, tu
     typical, longest = float(np.median(ahead)), float(np.max(ahead))
     for modulus in _moduli():
         mended = d[back] + modulus
-        if np.all((mended >= 0.5 * typical) & (mended <= max(5.5 * typical, longest))):
+        steps = np.where(d < 0, d + modulus, d)
+        usual = float(np.median(steps))
+        steady = (
+            float(np.mean(np.abs(steps / usual - 1.0) <= 0.5)) >= STEADY if usual > 0 else False
+        )
+        fits = (mended >= 0.5 * typical) & (mended <= max(5.5 * typical, longest))
+        if np.ptp(raw) <= modulus and steady and np.all(fits):
             turns = np.zeros(len(raw))
             turns[back + 1] = 1.0
             times = "once" if len(back) == 1 else f"{len(back)} times"

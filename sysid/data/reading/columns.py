@@ -174,8 +174,9 @@ def _find(name: str, names: Sequence[str], which: str, where: str) -> str:
         return near[0]
     shown = repr(name.strip()) if name.strip() else "an empty name"
     if near:
+        meant = _listed(near, last=" or ")
         raise UsageError(
-            f"{which} names {shown} of {where}, which can be {_listed(near, last=' or ')}"
+            f"{which} names {shown}, which can be {meant} in {where}; write more of it"
         )
     raise UsageError(
         f"{which} names {shown}, which is not a column of {where}; its columns are {_listed(names)}"
@@ -224,7 +225,7 @@ def _unclear(names: Sequence[str], families: Roles, where: str, given_u: bool) -
             f"{where} has no column left for the {missing[0]}: its columns are {_listed(names)}; "
             "a log needs at least one input and one output"
         )
-    alone = "" if given_u else " (or none: `inputs='none'`)"
+    alone = "" if given_u or len(families.outputs) != 1 else " (or none: `inputs='none'`)"
     asked = {
         f"the {side}": [" with ".join(f) for f in of_side] or [*names]
         for side, of_side in sides.items()

@@ -42,7 +42,7 @@ def decisions(
     inputs = _channels(first.inputs) + ", a set point: the model is the closed loop's" * loop
     scaled = any(c.file_unit.startswith("±") for c in first.inputs)
     found = [
-        Decision("time", _time(choice, stamps, t), ("time", "units")),
+        Decision("time", time_words(choice, stamps, t), ("time", "units")),
         Decision("dt", f"{first.dt:.6g} s", ("ts",)),
         Decision("in", inputs, ("inputs", "pwm_max" if scaled else "units")),
         Decision("out", _channels(first.outputs), ("outputs", "units")),
@@ -65,7 +65,8 @@ def decisions(
     return tuple(found)
 
 
-def _time(choice: Choice, stamps: Array, t: Array) -> str:
+def time_words(choice: Choice, stamps: Array, t: Array) -> str:
+    """The time column and its unit, which the instants ``t`` [s] of its stamps show, (N,)."""
     clock = choice.clock
     if clock is None:
         return "by the number of the row"

@@ -186,13 +186,14 @@ def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> t
             f"{place(i + 1)}: time {t[i]:.9g} appears twice; delete one of the two lines"
         )
     back = np.flatnonzero(d < 0)
-    restarts = np.abs(t[back + 1] - t[0]) <= 2.0 * np.median(np.abs(d))
+    usual = float(np.median(np.diff(np.unique(t))))  # of rows in disorder, the steps are not
+    restarts = np.abs(t[back + 1] - t[0]) <= 3.0 * usual
     if (policy == "split" or (policy == "auto" and restarts.all())) and not np.any(d == 0):
         return tuple(int(j) for j in back)
     hint = (
         "the file holds several logs; `resample='auto'` makes an experiment of each"
         if restarts.all()
-        else "sort the rows or delete that line"
+        else "sort the rows by time or delete that line"
     )
     raise DataError(
         f"{place(i + 1)}: time does not increase; it goes from {t[i]:.9g} to {t[i + 1]:.9g}; {hint}"

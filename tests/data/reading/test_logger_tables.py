@@ -95,7 +95,7 @@ def test_text_and_clocks_are_not_offered(tmp_path: Path) -> None:
     rows = "\n".join(
         f"{0.1 * k:.1f},{k % 2},base,{np.sin(k):.3f},{np.cos(k):.3f}" for k in range(N)
     )
-    with pytest.raises(DataError, match=r"can be barrier, alpha or beta "):
+    with pytest.raises(DataError, match=r"can be barrier, alpha or beta;"):
         read_file(put(tmp_path, f"t,barrier,frame_id,alpha,beta\n{rows}\n"))
 
 

@@ -112,6 +112,7 @@ def test_names(names: str, chosen: str) -> None:
         ("t steering throttle gyro speed", "inputs='steering', outputs='gyro'"),
         ("t setpoint knob speed", "inputs='setpoint', outputs='speed'"),
         ("t valve outdoor_temp supply_temp", "inputs='valve', outputs='outdoor_temp'"),
+        ("t AccelPedal BrakePressure speed", "inputs='AccelPedal', outputs='speed'"),
         ("t Drehzahl Druck", "inputs='Drehzahl', outputs='Druck'"),
         ("t alpha beta", "inputs='alpha', outputs='beta'"),
         ("t duty throttle rpm drehzahl", "outputs='rpm'"),
