@@ -45,6 +45,8 @@ def inspect(
         raise typer.Exit(1)
 
 
+MOST_TABLES = 4
+"""Experiments whose channels are shown; a log with many gaps has many."""
 _VERDICTS = {
     "ok": "Data usable: no problems found.",
     "note": "Data usable.",
@@ -64,7 +66,9 @@ def _document(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", ve
 
 
 def _show(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", verdict: str) -> None:
-    for record in map(_facts, records):
+    from sysid.data.record import names_of
+
+    for record in map(_facts, records[:MOST_TABLES]):
         render.table(
             ("channel", "role", "unit", "lowest", "highest", "mean"),
             [
@@ -74,6 +78,9 @@ def _show(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", verdic
             title=f"{record['name']}: {record['samples']} samples, one every "
             f"{record['sample_time_s']:.6g} s, {record['duration_s']:.6g} s in all",
         )
+    if len(records) > MOST_TABLES:
+        more = names_of(records[MOST_TABLES:])
+        render.say(f"{sum(map(len, records))} samples in all, with {more}.")
     render.findings(findings)
     render.say(_VERDICTS[verdict], "bold")
 

@@ -318,7 +318,7 @@ def read_table(
     where: str,
     delimiter: str | None = None,
     decimal: str | None = None,
-    strict: bool = False,
+    strict: bool = True,
 ) -> Table:
     """The table in the bytes of a CSV or Parquet file.
 
