@@ -61,6 +61,9 @@ class Table:
     notes: tuple[str, ...]
     source: "Layout | Rows | pd.DataFrame"
     extra: Mapping[str, Array] = field(default_factory=dict, hash=False)
+    _dates: dict[str, tuple[Array, float] | None] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )  # what ``dates`` has read: half a second for 10⁵ rows, asked for by the choice and the clock
 
     def at(self, rows: NDArray[np.intp]) -> "Table":
         """Some of its rows, by their numbers in the order wanted."""
@@ -160,6 +163,11 @@ class Table:
         Raises:
             DataError: the first cell reads as a date but another one does not.
         """
+        if name not in self._dates:
+            self._dates[name] = self._read_dates(name)
+        return self._dates[name]
+
+    def _read_dates(self, name: str) -> tuple[Array, float] | None:
         if name in self.extra:
             return None
         column = self.names.index(name)
