@@ -185,17 +185,7 @@ def _read(
     digest: str,
 ) -> LogFile:
     """The log in a table."""
-    choice = choose_columns(
-        table.names,
-        options.inputs,
-        options.outputs or options.speed_of,
-        options.time,
-        table.where,
-        column_reader(table),
-        options.ts is not None,
-    )
-    bracketed = dict(zip(table.names, table.units, strict=True))
-    choice, pose_units = usable_pose(choice, bracketed, options.units, table.where)
+    choice, pose_units = _chosen(table, options)
     signals = (*choice.inputs, *choice.outputs, *choice.pose)
     table, without_time = with_times(table, choice.clock, options.strict)
     stamps = numbered_clock(table, choice.clock)
@@ -239,6 +229,21 @@ def _read(
         part = slice(segment.start, segment.stop)
         records.append(at_sensor_rate(record, slow, rows.t, part))
     return LogFile(path, tuple(records), findings, options, clock.origin)
+
+
+def _chosen(table: Table, options: ReadOptions) -> tuple[Choice, tuple[Conversion, ...]]:
+    """Which column is what, and the units of the pose."""
+    choice = choose_columns(
+        table.names,
+        options.inputs,
+        options.outputs or options.speed_of,
+        options.time,
+        table.where,
+        column_reader(table),
+        options.ts is not None,
+    )
+    bracketed = dict(zip(table.names, table.units, strict=True))
+    return usable_pose(choice, bracketed, options.units, table.where)
 
 
 def _table(path: Path, options: ReadOptions) -> tuple[Table, tuple[Finding, ...], str]:

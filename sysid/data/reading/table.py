@@ -286,7 +286,7 @@ class Table:
                 if re.fullmatch(r"[+-]?\d+,\d+", text):
                     hint = "it looks like a decimal comma; give the decimal option"
                 elif re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?", text):
-                    hint = "thousands separators are not supported; write the log without them"
+                    hint = f"omit the decimal option {layout.decimal!r}, which it contradicts"
                 elif row == 0 and re.fullmatch(r"\[?[A-Za-zµ°%][\w/^·* .-]{0,9}\]?", text):
                     hint = "write numbers below the header (units go into the column names: u_V)"
                 shown = text if len(text) <= 40 else text[:37] + "…"

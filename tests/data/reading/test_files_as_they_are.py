@@ -88,9 +88,9 @@ FILES: dict[str, tuple[str, bytes, dict[str, object], str]] = {
     "no header": ("l.dat", text(ROWS, "", "\t"), BY_POSITION, "named by position"),
     "UTF-16 without mark": ("l.csv", text(ROWS).decode().encode("utf-16-le"), {}, ""),
     "cp1252": ("l.csv", text(ROWS, "t [s],u [V],y [µm/s]").decode().encode("cp1252"), {}, "1252"),
-    "thousands": ("l.csv", grouped(",", "."), {}, "thousands separators"),
-    "thousands, German": ("l.csv", grouped(".", ","), {}, "thousands separators"),
-    "thousands, Swiss": ("l.csv", grouped("'", "."), {}, "thousands separators"),
+    "thousands": ("l.csv", grouped(",", "."), {}, "separators are of thousands"),
+    "thousands, German": ("l.csv", grouped(".", ","), {}, "separators are of thousands"),
+    "thousands, Swiss": ("l.csv", grouped("'", "."), {}, "separators are of thousands"),
     "units as words": ("l.csv", text(ROWS, "t in s,u in V,y in m/s"), {}, ""),
     "JSON lines": ("l.jsonl", JSON_LINES, {}, ""),
     "JSON lines, cut off": ("l.jsonl", JSON_LINES + b'{"t"', {}, ""),
@@ -160,6 +160,9 @@ def test_a_comma_is_read_by_its_company(
     log = read_file(put(tmp_path, text(rows, "t;u;y")))
     assert log.records[0].u[0, 0] == pytest.approx(value)
     assert said in " ".join(log.notes)
+    if "give `decimal" in said:  # the advice works
+        advised = read_file(log.path, ReadOptions(decimal="."))
+        assert advised.records[0].u[0, 0] == 1591.0
 
 
 # ------------------ rates of their own
