@@ -184,6 +184,14 @@ def events() -> bytes:
     return text(rows)
 
 
+def changes() -> bytes:
+    """An output that is written where its rounded value changes only."""
+    y = 20.0 * np.round(Y / 20.0)
+    changed = np.flatnonzero(np.diff(y, prepend=np.nan) != 0.0)
+    rows = [f"{T[k]:.2f},{U[k]},{y[k] if k in changed else ''}" for k in range(N)]
+    return text(rows)
+
+
 def own_rows() -> bytes:
     """A slow sensor in rows of its own, 4 ms after those of the others."""
     rows = []
@@ -197,6 +205,12 @@ def own_rows() -> bytes:
 def same(log: LogFile) -> None:
     np.testing.assert_allclose(log.records[0].u[:, 0], U[: len(log.records[0])])
     np.testing.assert_allclose(log.records[0].y[:, 0], Y[: len(log.records[0])], atol=1e-9)
+
+
+def rounded(log: LogFile) -> None:
+    n = len(log.records[0])
+    np.testing.assert_allclose(log.records[0].y[:, 0], 20.0 * np.round(Y[:n] / 20.0))
+    assert n > 0.9 * N
 
 
 def at_20_hz(log: LogFile) -> None:
@@ -219,6 +233,7 @@ RATES: dict[
 RATES = {
     "a bus": (bus, {}, 0.05, "u 50 Hz (held), y 20 Hz", at_20_hz),
     "events": (events, {}, DT, "u 2 Hz (held), y 50 Hz", same),
+    "changes": (changes, {}, DT, "y at events (held)", rounded),
     "rows of others": (
         own_rows, TWO, DT, "12 rows hold none of the columns", same
     ),
