@@ -113,11 +113,12 @@ def _validation(
             raise UsageError("options for reading a log apply to --val only; give --val LOG")
         return None, ()
     from sysid.data.preparation import Preparation, read_prepared
+    from sysid.data.record import names_of
 
     read, steps = as_fitted(stored[-1] if stored else None, read, Preparation())
     step = stored[-1].model.dt if stored else None
     records, findings = read_prepared(val, read, steps, step)
-    return (records, ", ".join(dict.fromkeys(r.name for r in records))), findings
+    return (records, names_of(records)), findings
 
 
 def _document(

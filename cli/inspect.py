@@ -46,6 +46,8 @@ def inspect(
         raise typer.Exit(1)
 
 
+MOST_TABLES = 4
+"""Experiments whose channels are shown; a log with many gaps has many."""
 _VERDICTS = {
     "ok": "Data usable: no problems found.",
     "note": "Data usable.",
@@ -66,8 +68,10 @@ def _document(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", ve
 
 
 def _show(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", verdict: str) -> None:
+    from sysid.data.record import names_of
+
     show_decisions(decided(records))
-    for record in records:
+    for record in records[:MOST_TABLES]:
         channels = zip((*record.inputs, *record.outputs), _facts(record)["channels"], strict=True)
         render.table(
             ("channel", "role", "unit", "lowest", "highest", "mean"),
@@ -79,6 +83,9 @@ def _show(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", verdic
             title=f"{record.name}: {len(record)} samples, one every {record.dt:.6g} s, "
             f"{len(record) * record.dt:.6g} s in all",
         )
+    if len(records) > MOST_TABLES:
+        more = names_of(records[MOST_TABLES:])
+        render.say(f"{sum(map(len, records))} samples in all, with {more}.")
     render.findings(findings)
     render.say(_VERDICTS[verdict], "bold")
 

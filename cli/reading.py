@@ -31,7 +31,9 @@ _reading, _preparing = in_panel("Reading the log"), in_panel("Preparing the log"
 
 Logs = Annotated[
     list[Path],
-    typer.Argument(metavar="LOG...", help="CSV, Parquet or bag; several are several experiments."),
+    typer.Argument(
+        metavar="LOG...", help="CSV, Parquet, JSON, MATLAB or bag; several are several experiments."
+    ),
 ]
 Inputs = Annotated[
     list[str] | None,

@@ -300,6 +300,20 @@ class Record:
         )
 
 
+def names_of(records: Sequence[Record]) -> str:
+    """The names of records, with parts of one log as ``log.csv parts 1 to 20``."""
+    parts: dict[str, list[str]] = {}
+    for name in dict.fromkeys(r.name for r in records):
+        log, _, part = name.rpartition(" part ")
+        parts.setdefault(log if part.isdigit() and log else name, []).append(part)
+    called = []
+    for log, of_log in parts.items():
+        first, last = of_log[0], of_log[-1]
+        many = f" parts {first} to {last}" if first != last else f" part {first}"
+        called.append(f"{log}{many}" if last.isdigit() else log)
+    return ", ".join(called)
+
+
 def _named(channels: tuple[Channel, ...], n: int, letter: str, record: str) -> tuple[Channel, ...]:
     if not channels:
         return tuple(Channel(letter if n == 1 else f"{letter}{i + 1}") for i in range(n))

@@ -136,14 +136,16 @@ def _at_own_rates(
         nothing = np.full(len(values), np.nan)
         stream = Stream(name, "", t[there], nothing, values[:, None], (name,), ("",), (name,))
         streams.append(Timed(stream, t[there], "", np.nan, ()))
+    held |= {s.stream.topic for s in streams if _is_written_at_changes(s)}
     measured = [s for s in streams if s.stream.topic not in held]
-    rows = aligned(streams, held, None, table.where, measured)
+    step = None if measured else float(np.median(np.diff(t)))
+    rows = aligned(streams, held, step, table.where, measured)
     rates = ", ".join(
         f"{s.stream.topic} {_rate(s)}{' (held)' if s.stream.topic in held else ''}" for s in streams
     )
     text = (
         f"{table.where}: columns have rates of their own: {rates}; one row every "
-        f"{rows.grid.dt:.6g} s, the step of {rows.grid.topic}."
+        f"{rows.grid.dt:.6g} s, the step of {rows.grid.topic or 'the rows'}."
     )
     faster = [n for n in names if n not in held and n != rows.grid.topic]
     advice = f"Without it, {argument(outputs=faster)}, the rows are finer." if faster else ""
@@ -154,6 +156,11 @@ def _at_own_rates(
     }
     values = np.column_stack([rows.columns[n] for n in names])
     return UsableRows(rows.t, values, references, source.place, (*findings, note))
+
+
+def _is_written_at_changes(stream: Timed) -> bool:
+    """Whether a value is only written when it is another one, at no steady rate."""
+    return not stream.regular and bool(np.all(np.diff(stream.stream.values[:, 0]) != 0.0))
 
 
 def _rate(stream: Timed) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from sysid.criteria.table import known_name
 from sysid.data.facts import LogFacts
 from sysid.data.inspection import MIN_SAMPLES, inspect_records
-from sysid.data.record import Record
+from sysid.data.record import Record, names_of
 from sysid.data.same_kind import require_same_kind
 from sysid.errors import DataError, UsageError
 from sysid.estimation.assessment.data_notes import notes_for
@@ -152,9 +152,9 @@ def _require_search(names: Sequence[str], options: FitOptions) -> None:
 def _parts(
     records: Sequence[Record], validation: Sequence[Record], split: float | None
 ) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, str]]:
-    names = ", ".join(dict.fromkeys(r.name for r in records))
+    names = names_of(records)
     if split is None:
-        validation_names = ", ".join(dict.fromkeys(r.name for r in validation))
+        validation_names = names_of(validation)
         return tuple(records), tuple(validation), (names, validation_names)
     if validation:
         raise UsageError("give either `validation` or `split`, not both")

@@ -11,7 +11,7 @@ from plant_models import robot_model
 from sysid.errors import ModelError
 from sysid.export.package import write_package
 
-EXTRAS = {"rosbags": "ros", "mujoco": "physics", "fmpy": "fmu", "libcosimpy": "fmu"}
+EXTRAS = {"h5py": "hdf5", "rosbags": "ros", "mujoco": "physics", "fmpy": "fmu", "libcosimpy": "fmu"}
 
 
 @pytest.fixture(scope="module")
@@ -20,6 +20,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("w")
     write_package(robot_model(), folder / "plant", formats=["json"])
     (folder / "m.yaml").write_text("goal: [1, 0]\n")
+    (folder / "log.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     (folder / "log.mcap").write_bytes(b"\x89MCAP0\r\n")
     return folder
 
@@ -34,6 +35,7 @@ def without(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
 @pytest.mark.parametrize(
     ("package", "line"),
     [
+        ("h5py", ("inspect", "log.h5")),
         ("rosbags", ("inspect", "log.mcap")),
         ("rosbags", ("fit", "log.mcap", "--map", "y=/a.b")),
         ("rosbags", ("simulate", "m.yaml", "--bag", "out.mcap")),

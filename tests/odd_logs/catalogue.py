@@ -67,8 +67,8 @@ CATALOGUE: tuple[OddLog, ...] = (
         "42 missing lines", with_missing_lines, gains=MOTOR, says="42", never="No sample is missing"
     ),
     OddLog("jitter", with_jitter, gains=MOTOR),
-    OddLog("a gap", with_a_gap, code=1, inspected=1, fit_says="--resample split"),
-    OddLog("a gap that splits the log", with_a_gap, "--resample split", gains={RPM: 150.0}),
+    OddLog("a gap", with_a_gap, gains={RPM: 150.0}, says="cut into 2 experiments"),
+    OddLog("a gap to be refused", with_a_gap, "--resample refuse", code=1, inspected=1),
     OddLog("no time", untimed, "--ts 0.02", gains=MOTOR),
     OddLog("no time and nobody says", untimed, says="--ts", gains=MOTOR),
     OddLog(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO
 
 from sysid.data.files import open_regular
+from sysid.data.reading.decoding import MOST_ZEROS
 from sysid.errors import DataError, UsageError
 
 CHUNK = 1 << 16
@@ -43,8 +44,9 @@ class Lines(ABC):
         data = self._read()
         if not data:
             return []
-        *whole, self._rest = (self._rest + data).split(b"\n")
-        if len(self._rest) > LONGEST_LINE or b"\0" in data:
+        zeros = data.count(b"\0")
+        *whole, self._rest = (self._rest + data.replace(b"\0", b"")).split(b"\n")
+        if len(self._rest) > LONGEST_LINE or zeros > MOST_ZEROS * len(data):
             raise DataError(f"{self.where} is not text in lines; follow a CSV log")
         return [line.decode("utf-8", "replace").rstrip("\r") for line in whole]
 

@@ -18,12 +18,13 @@ SAMPLED = 1000
 SIGN = 3
 """A word that stands so often in a column of numbers is the logger's sign for a missing number."""
 
-_PLAIN = re.compile(r"[\d+\-.,;\teE \"]*")
-_BROKEN = re.compile(r"[eE+\-](?![+\-\d.])|[\d.][+-]|[+-]{2}|\.\d*\.|(?<![\d.])[eE]")
-"""What no plain number has, as in ``1e``, ``3-4``, ``1.2.3``; a date may have it."""
+_GROUP = "[.,'\u2019\u00a0\u202f]"
 _NUMBER = re.compile(
-    r"\s*\"?\s*[+-]?(\d[\d.,'\u2019\u00a0\u202f]*|[.,]\d+)([eE][+-]?\d+)?\s*\"?\s*|[+-]?inf"
+    rf"\"? *[+-]?(\d+([.,]\d*)?|[.,]\d+|[1-9]\d{{0,2}}({_GROUP}\d{{3}})+([.,]\d+)?)"
+    r"([eE][+-]?\d+)? *\"?|[+-]?inf",
 )
+_DATE = r'"?\d[\d:./\- TZ+]*"?'
+"""The signs of a date as loggers write it."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,8 @@ def unreadable(rows: Sequence[str], sep: str) -> tuple[list[int], dict[int, str]
         the rows; and rows in which such a word is the logger's sign for a missing number, as they
         read without it.
     """
-    odd = [k for k, row in enumerate(rows) if not _PLAIN.fullmatch(row) or _BROKEN.search(row)]
+    usual = _usual_row(rows, sep)
+    odd = [k for k, row in enumerate(rows) if not usual.fullmatch(row)]
     if not odd:
         return [], {}
     cells = {k: [c.strip() for c in cells_of(rows[k], sep)] for k in odd}
@@ -91,11 +93,35 @@ def unreadable(rows: Sequence[str], sep: str) -> tuple[list[int], dict[int, str]
     return bad, without
 
 
+def _usual_row(rows: Sequence[str], sep: str) -> re.Pattern[str]:
+    """What a row without anything odd looks like: plain numbers, and any text where others have it.
+
+    A number has one decimal sign, and that is no delimiter, so that a row is matched in one way.
+    """
+    point = "[.,]" if sep != "," else "[.]"
+    number = rf'"?[+-]?\d*(?:{point}\d*)?(?:(?<=\d)[eE][+-]?\d+)?"?'
+    between, text = (r"\s+", r"\S*") if sep == " " else (rf" *{re.escape(sep)} *", None)
+    text = text or rf'(?:"[^"]*"|[^"{re.escape(sep)}]*)'
+    shown = [[c.strip() for c in cells_of(row, sep)] for row in _some(rows)]
+    least = MOST * len(shown)
+    kinds = []
+    for column in zip(*shown, strict=True):
+        dates = sum(date_format(c) is not None for c in column)
+        words = sum(map(_is_word, column))
+        kinds.append(text if words > least else _DATE if dates > least else number)
+    return re.compile(rf" *{between.join(kinds)}\s*")
+
+
+def _some(rows: Sequence[str]) -> Sequence[str]:
+    """Rows from all of a log."""
+    return rows[:: max(len(rows) // SAMPLED, 1)]
+
+
 def _filled(rows: Sequence[str], column: int, sep: str) -> int:
     """About how many cells of a column hold something."""
-    every = max(len(rows) // SAMPLED, 1)
-    cells = [cells_of(row, sep)[column].strip().lower() for row in rows[::every]]
-    return every * sum(c not in MISSING for c in cells)
+    some = _some(rows)
+    cells = [cells_of(row, sep)[column].strip().lower() for row in some]
+    return sum(c not in MISSING for c in cells) * len(rows) // len(some)
 
 
 def _is_word(cell: str) -> bool:

@@ -39,11 +39,8 @@ class NumberSigns:
         """What a person should know, as part of a sentence."""
         if self.group:
             plain = re.sub(f"[{_SPACES}{re.escape(self.group)}]", "", self.example)
-            other = "," if self.decimal == "." else "."
-            return (
-                f"{self.example} was read as {plain.replace(',', '.')} (thousands separators); if "
-                f"it is a decimal sign, give `decimal={other!r}`",
-            )
+            plain = plain.replace(",", ".")
+            return (f"{self.example} was read as {plain}: its separators are of thousands",)
         if self.doubtful:
             return (
                 f"{self.example} was read with a decimal comma; if it separates thousands, give "

@@ -62,6 +62,9 @@ class Table:
     notes: tuple[str, ...]
     source: "Layout | Rows | pd.DataFrame"
     extra: Mapping[str, Array] = field(default_factory=dict, hash=False)
+    _dates: dict[str, tuple[Array, float] | None] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )  # what ``dates`` has read: half a second for 10⁵ rows, asked for by the choice and the clock
 
     def at(self, rows: NDArray[np.intp]) -> "Table":
         """Some of its rows, by their numbers in the order wanted."""
@@ -161,6 +164,11 @@ class Table:
         Raises:
             DataError: the first cell reads as a date but another one does not.
         """
+        if name not in self._dates:
+            self._dates[name] = self._read_dates(name)
+        return self._dates[name]
+
+    def _read_dates(self, name: str) -> tuple[Array, float] | None:
         if name in self.extra:
             return None
         column = self.names.index(name)
@@ -279,7 +287,7 @@ class Table:
                 if re.fullmatch(r"[+-]?\d+,\d+", text):
                     hint = "it looks like a decimal comma; give the decimal option"
                 elif re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?", text):
-                    hint = "thousands separators are not supported; write the log without them"
+                    hint = f"omit the decimal option {layout.decimal!r}, which it contradicts"
                 elif row == 0 and re.fullmatch(r"\[?[A-Za-zµ°%][\w/^·* .-]{0,9}\]?", text):
                     hint = "write numbers below the header (units go into the column names: u_V)"
                 shown = text if len(text) <= 40 else text[:37] + "…"
@@ -319,7 +327,7 @@ def read_table(
     where: str,
     delimiter: str | None = None,
     decimal: str | None = None,
-    strict: bool = False,
+    strict: bool = True,
 ) -> Table:
     """The table in the bytes of a CSV or Parquet file.
 

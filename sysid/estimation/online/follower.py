@@ -13,7 +13,7 @@ from sysid.data.following.rows import Lost, RowReader, Rows
 from sysid.data.operating_point import OperatingPoint, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.record import Channel, Record
+from sysid.data.record import Channel, Record, names_of
 from sysid.data.same_kind import Sampled
 from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation import pem
@@ -250,7 +250,7 @@ def identification(
     """
     records = tuple(replace(r, inputs=live.inputs, outputs=live.outputs) for r in records)
     model = _model(live, records, options)
-    name = ", ".join(dict.fromkeys(r.name for r in records))
+    name = names_of(records)
     lacking = [e for e in live.state().excitation if not e.enough]
     notes = tuple(f"the excitation of {e.output} is not enough: {e.why}" for e in lacking)
     judged = assess(model, (records, name), None, policy, 0.0, {}, notes)

@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.criteria import table
 from sysid.criteria.information import information_criteria, on_common_samples
-from sysid.data.record import Record
+from sysid.data.record import Record, names_of
 from sysid.errors import ModelError
 from sysid.estimation.assessment.figures import residual_tests
 from sysid.estimation.assessment.findings import DataFigures, Policy, figures_on
@@ -169,7 +169,7 @@ def _seen_before(contenders: Sequence[Contender], judged: Sequence[Record]) -> l
     if not seen:
         return []
     who = "All models were" if len(seen) == len(contenders) else f"{', '.join(seen)}: "
-    called = ", ".join(dict.fromkeys(r.name for r in judged))
+    called = names_of(judged)
     who = who if len(seen) == len(contenders) else who + ("was" if len(seen) == 1 else "were")
     return [
         f"{who} fitted to data of {called}, on which they are judged here; that favours large "

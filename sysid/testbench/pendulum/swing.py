@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -82,7 +82,7 @@ def read_swing(
         UsageError: a column or unit named is not there.
     """
     path = Path(path)
-    table = read_log_table(path, options).table
+    table = read_log_table(path, replace(options, strict=True)).table
     known = [n for n in options.units if n.lower() not in [c.lower() for c in table.names]]
     if known:
         raise UsageError(f"`units` names {known[0]!r}, which is not a column: {_listed(table)}")

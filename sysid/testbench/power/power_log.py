@@ -59,7 +59,7 @@ class PowerLog:
     findings: tuple[Finding, ...]
 
 
-ANY_FILE = ReadOptions()
+ANY_FILE = ReadOptions(strict=True)
 """Nothing is said of a bag."""
 
 

@@ -84,6 +84,14 @@ def test_a_pipe_ends_when_its_writer_goes(tmp_path: Path) -> None:
     source.close()
 
 
+def test_zero_bytes_of_a_serial_line_are_left_out(tmp_path: Path) -> None:
+    log = tmp_path / "run.csv"
+    log.write_bytes(b"\0t,u,y\n" + b"0,1,2\n" * 20 + b"1,\x002,3\n")
+    source = lines_of(str(log))
+    assert source.new()[::21] == ["t,u,y", "1,2,3"]
+    source.close()
+
+
 def test_no_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="is a folder"):
         lines_of(str(tmp_path))

@@ -88,9 +88,9 @@ FILES: dict[str, tuple[str, bytes, dict[str, object], str]] = {
     "no header": ("l.dat", text(ROWS, "", "\t"), BY_POSITION, "named by position"),
     "UTF-16 without mark": ("l.csv", text(ROWS).decode().encode("utf-16-le"), {}, ""),
     "cp1252": ("l.csv", text(ROWS, "t [s],u [V],y [µm/s]").decode().encode("cp1252"), {}, "1252"),
-    "thousands": ("l.csv", grouped(",", "."), {}, "thousands separators"),
-    "thousands, German": ("l.csv", grouped(".", ","), {}, "thousands separators"),
-    "thousands, Swiss": ("l.csv", grouped("'", "."), {}, "thousands separators"),
+    "thousands": ("l.csv", grouped(",", "."), {}, "separators are of thousands"),
+    "thousands, German": ("l.csv", grouped(".", ","), {}, "separators are of thousands"),
+    "thousands, Swiss": ("l.csv", grouped("'", "."), {}, "separators are of thousands"),
     "units as words": ("l.csv", text(ROWS, "t in s,u in V,y in m/s"), {}, ""),
     "JSON lines": ("l.jsonl", JSON_LINES, {}, ""),
     "JSON lines, cut off": ("l.jsonl", JSON_LINES + b'{"t"', {}, ""),
@@ -160,6 +160,9 @@ def test_a_comma_is_read_by_its_company(
     log = read_file(put(tmp_path, text(rows, "t;u;y")))
     assert log.records[0].u[0, 0] == pytest.approx(value)
     assert said in " ".join(log.notes)
+    if "give `decimal" in said:  # the advice works
+        advised = read_file(log.path, ReadOptions(decimal="."))
+        assert advised.records[0].u[0, 0] == 1591.0
 
 
 # ------------------ rates of their own
@@ -181,6 +184,14 @@ def events() -> bytes:
     return text(rows)
 
 
+def changes() -> bytes:
+    """An output that is written where its rounded value changes only."""
+    y = 20.0 * np.round(Y / 20.0)
+    changed = np.flatnonzero(np.diff(y, prepend=np.nan) != 0.0)
+    rows = [f"{T[k]:.2f},{U[k]},{y[k] if k in changed else ''}" for k in range(N)]
+    return text(rows)
+
+
 def own_rows() -> bytes:
     """A slow sensor in rows of its own, 4 ms after those of the others."""
     rows = []
@@ -194,6 +205,12 @@ def own_rows() -> bytes:
 def same(log: LogFile) -> None:
     np.testing.assert_allclose(log.records[0].u[:, 0], U[: len(log.records[0])])
     np.testing.assert_allclose(log.records[0].y[:, 0], Y[: len(log.records[0])], atol=1e-9)
+
+
+def rounded(log: LogFile) -> None:
+    n = len(log.records[0])
+    np.testing.assert_allclose(log.records[0].y[:, 0], 20.0 * np.round(Y[:n] / 20.0))
+    assert n > 0.9 * N
 
 
 def at_20_hz(log: LogFile) -> None:
@@ -216,6 +233,7 @@ RATES: dict[
 RATES = {
     "a bus": (bus, {}, 0.05, "u 50 Hz (held), y 20 Hz", at_20_hz),
     "events": (events, {}, DT, "u 2 Hz (held), y 50 Hz", same),
+    "changes": (changes, {}, DT, "y at events (held)", rounded),
     "rows of others": (
         own_rows, TWO, DT, "12 rows hold none of the columns", same
     ),
