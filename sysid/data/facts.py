@@ -1,7 +1,7 @@
 """LogFacts: what a log says without a model, each fact computed when first asked for, and once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -199,3 +199,29 @@ class LogFacts:
     def speeds(self) -> tuple[Speed, ...]:
         """The time of each output to 63 % of its step response."""
         return estimate_speed(self.outliers.records)
+
+
+def without_drift(record: Record) -> Record:
+    """The record less the slow drift of its outputs about their means (see ``processes``).
+
+    A log longer than ``SAMPLES`` is looked at in means of a few samples.
+
+    Raises:
+        DataError: no process shows how an output follows its inputs.
+    """
+    every = -(-len(record) // SAMPLES)
+    n = len(record) // every
+    u, y = (x[: n * every].reshape(n, every, -1).mean(axis=1) for x in (record.u, record.y))
+    coarse = replace(
+        record, u=u, y=y, dt=record.dt * every, pose=None, references=None, weights=None, sha256=""
+    )
+    moved = record.y.copy()
+    at = np.arange(len(record)) / every - 0.5 * (every - 1) / every
+    for j, fit in enumerate(LogFacts((coarse,)).processes):
+        if fit is None:
+            raise DataError(
+                f"{record.name}: how {record.output_names[j]} follows the inputs is not clear "
+                "enough to tell a drift from it; omit `remove_drift`"
+            )
+        moved[:, j] -= np.interp(at, np.arange(n), fit.drift - fit.drift.mean())
+    return replace(record, y=moved)

@@ -1,4 +1,4 @@
-"""Trimming, filtering and decimation of records before a fit, stored with the model."""
+"""Trimming, filtering, decimation and drift of records before a fit, stored with the model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.facts import without_drift
 from sysid.data.finding import Finding
 from sysid.data.io import ReadOptions, read_files
 from sysid.data.preprocess import decimate, low_pass, trim
@@ -16,12 +17,13 @@ from sysid.errors import UsageError
 
 @dataclass(frozen=True)
 class Preparation:
-    """Trimming, low-pass filtering and decimation, in that order.
+    """Trimming, low-pass filtering, decimation and removal of a drift, in that order.
 
     Attributes:
         trim_start, trim_end: seconds cut from the head and the tail of each record.
         low_pass: cut-off [Hz] of the zero-phase filter on inputs and outputs, None for none.
         decimate: keep every so many samples (anti-alias filter included), 1 for all.
+        remove_drift: take the slow drift of each output's level out, whatever the inputs do.
 
     Raises:
         UsageError: a number cannot be.
@@ -31,6 +33,7 @@ class Preparation:
     trim_end: float = 0.0
     low_pass: float | None = None
     decimate: int = 1
+    remove_drift: bool = False
 
     def __post_init__(self) -> None:
         for name in ("trim_start", "trim_end"):
@@ -48,7 +51,9 @@ class Preparation:
             record = trim(record, self.trim_start, self.trim_end)
         if self.low_pass is not None:
             record = low_pass(record, self.low_pass)
-        return decimate(record, self.decimate) if self.decimate > 1 else record
+        if self.decimate > 1:
+            record = decimate(record, self.decimate)
+        return without_drift(record) if self.remove_drift else record
 
     def to_json(self) -> dict[str, Any]:
         """The steps as a JSON object; what is not done is left out."""

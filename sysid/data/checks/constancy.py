@@ -18,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.fft import dct
-from scipy.special import gammaln
+from scipy.special import fdtrc, gammaln
 
 from sysid.data.process import ProcessFit, fit_process
 from sysid.data.record import Array, Record
@@ -39,9 +39,15 @@ WIDER, ASIDE = 1.35, 0.5
 """Ratio of an input's spreads, and distance of its means in spreads, from which on two parts of a
 log visit different regions."""
 
-DRIFTS = 30.0
+DRIFTS = 50.0
 """Power of the slow cosines in a level over that of the next ones (noise of any colour has a few
 times as much) from which on it drifts."""
+
+DRIFT_ALARM = 1e-6
+"""Level of that comparison, were the noise white there."""
+
+MIN_SLOW = 5
+"""Slow curves that a log must have room for: forty lags."""
 
 TRACE = 0.02
 """Range of a drift over that of the output from which on it matters."""
@@ -160,7 +166,7 @@ def level_drifts(records: Sequence[Record], j: int, fit: ProcessFit) -> float:
     slow = int(np.sum(fit.white.drifting)) // len(records)
     y = r.y[:, j]
     moved = float(np.ptp(fit.drift[: len(r)]))
-    if not slow or len(r) < 6 * slow or moved < TRACE * float(np.ptp(y)):
+    if slow < MIN_SLOW or len(r) < 8 * slow or moved < TRACE * float(np.ptp(y)):
         return 0.0
     still = base[:, ~fit.white.drifting]  # levels and decays
     X = np.hstack([still, fit.slopes, _curves(records, fit), base[:, fit.white.drifting]])[: len(r)]
@@ -168,8 +174,10 @@ def level_drifts(records: Sequence[Record], j: int, fit: ProcessFit) -> float:
     rest = y - fit.responses[: len(r)].sum(axis=1)
     added = np.linalg.lstsq(X, rest, rcond=1e-9)[0]
     added[X.shape[1] - int(fit.white.drifting.sum()) :] = 0.0
-    power = dct(rest - X @ added)[1 : 3 * slow + 1] ** 2
-    return moved if power[:slow].mean() > DRIFTS * power[slow:].mean() else 0.0
+    power = dct(rest - X @ added)[1 : 4 * slow + 1] ** 2
+    ratio = power[:slow].mean() / max(power[slow:].mean(), 1e-300)
+    sure = fdtrc(slow, 3 * slow, ratio) < DRIFT_ALARM
+    return moved if sure and ratio > DRIFTS else 0.0
 
 
 def regions_differ(records: Sequence[Record], at: float) -> bool:

@@ -20,7 +20,9 @@ def check_constancy(
         tested: whether a process stands for any output.
     """
     findings = [
-        Finding("change", Severity.WARNING, sentence(c, records[0]), _ADVICE[c.is_step], c.output)
+        Finding(
+            "change", Severity.WARNING, change_sentence(c, records[0]), _ADVICE[c.is_step], c.output
+        )
         for c in changes
     ]
     changed = {c.output for c in changes}
@@ -44,7 +46,7 @@ def check_constancy(
     return [Finding("change", Severity.OK, "Gains, time constants and levels are constant.")]
 
 
-def sentence(change: Change, record: Record) -> str:
+def change_sentence(change: Change, record: Record) -> str:
     """``speed: gain from volts falls by 24.0 ± 0.3 % (…) at 61.3 ± 0.4 s.``"""
     inputs = {c.name: c for c in record.inputs}
     output = next(c for c in record.outputs if c.name == change.output)
