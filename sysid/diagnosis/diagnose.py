@@ -113,8 +113,11 @@ def diagnose(
             geometry = diagnosis.geometry.geometry
         diagnosis = replace(diagnosis, path=_path(mission, whole, diagnosis, geometry))
     say("done", 1.0)
-    changes = tuple(change_sentence(c, estimation[0]) for c in facts.changes)
-    return replace(diagnosis, changes=changes, seconds=time.perf_counter() - started)
+    return replace(
+        diagnosis,
+        changes=tuple(change_sentence(c, estimation[0]) for c in facts.changes),
+        seconds=time.perf_counter() - started,
+    )
 
 
 MIN_SAMPLES = 60
