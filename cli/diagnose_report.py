@@ -22,6 +22,8 @@ def show(
     render.reading(result.reading)
     if result.geometry is not None:
         render.say(result.geometry.sentence, "bold")
+    for change in result.changes:
+        render.warn(f"! {change}")
     render.say(headline(result), "bold")
     if story(result):
         render.say(story(result))

@@ -166,6 +166,10 @@ Decimate = Annotated[
     int,
     _preparing("--decimate", "N", "Keep every N-th sample, of means of N."),
 ]
+RemoveDrift = Annotated[
+    bool,
+    _preparing("--remove-drift", None, "Take the slow drift of each output's level out."),
+]
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 WorkspaceRoot = Annotated[
@@ -245,7 +249,10 @@ def _resolved(join: str) -> str:
 
 
 def preparation(
-    trim: Trim = None, low_pass: LowPass = None, decimate: Decimate = 1
+    trim: Trim = None,
+    low_pass: LowPass = None,
+    decimate: Decimate = 1,
+    remove_drift: RemoveDrift = False,
 ) -> "Preparation":
     """The preparing options as the library takes them; this signature is their one declaration.
 
@@ -255,7 +262,7 @@ def preparation(
     from sysid.data.preparation import Preparation
 
     head, tail = seconds_to_trim(trim) if trim is not None else (0.0, 0.0)
-    return Preparation(head, tail, low_pass, decimate)
+    return Preparation(head, tail, low_pass, decimate, remove_drift)
 
 
 def composed(

@@ -1,17 +1,22 @@
 """LogFacts: what a log says without a model, each fact computed when first asked for, and once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.checks.constancy import Change, change_within
+from sysid.data.checks.constancy import Change, change_within, level_drifts, regions_differ
 from sysid.data.checks.dead_time import process_of, refined_delays
 from sysid.data.checks.delay import Delay, estimate_delays
 from sysid.data.checks.feedback import SURE, FeedbackTest, feedback_tests
-from sysid.data.checks.nonlinearity import NonlinearityTest, nonlinearity_tests
+from sysid.data.checks.nonlinearity import (
+    NONLINEAR,
+    TRACE,
+    NonlinearityTest,
+    nonlinearity_tests,
+)
 from sysid.data.finding import Finding
 from sysid.data.noise import measurement_noise, settles
 from sysid.data.outliers import Bridged, bridged
@@ -27,9 +32,9 @@ from sysid.errors import DataError
 SAMPLES = 12_000
 """Samples that delays, feedback and orders are judged on: more would only find trifles."""
 
-BENT, BENT_ALARM = 0.05, 1e-12
-"""Share of a linear predictor's errors that a nonlinearity predicts from which on no curve beside a
-process takes up another operating region, and the level at which a change is still one in time."""
+BENT = 0.2
+"""Share of a linear predictor's errors that a nonlinearity predicts from which on a change in time
+may be a curve, even where the regions are alike."""
 
 LONGEST_DELAY = 30
 """Delays up to this one are looked for everywhere, longer ones where a correlation shows them."""
@@ -175,9 +180,24 @@ class LogFacts:
 
     def _by_region(self, change: Change) -> bool:
         """Whether another operating region of a nonlinear output may look like this change."""
-        tests = {t.output: t for t in self.nonlinearity or ()}
-        test = tests.get(change.output)
-        return test is not None and test.share > BENT and change.p_value > BENT_ALARM
+        share = self._bent(change.output)
+        return share > BENT or (share > 0.0 and regions_differ(self.sample, change.at))
+
+    def _bent(self, output: str) -> float:
+        """Share of the errors that a nonlinearity predicts; 0 where it is none, or a trace."""
+        test = {t.output: t for t in self.nonlinearity or ()}.get(output)
+        seen = test is not None and test.p_value < NONLINEAR and test.share >= TRACE
+        return test.share if test is not None and seen else 0.0
+
+    @cached_property
+    def drifts(self) -> Array:
+        """Range of the drift of each output's level, in its unit; 0 where there is none, (ny,)."""
+        ranges = np.zeros(self.records[0].ny)
+        for j, fit in enumerate(self.processes):
+            seen = 0.0 if fit is None else level_drifts(self.sample, j, fit)
+            if seen and not self._bent(self.records[0].output_names[j]):
+                ranges[j] = seen
+        return ranges
 
     @cached_property
     def nonlinearity(self) -> tuple[NonlinearityTest, ...] | None:
@@ -191,3 +211,29 @@ class LogFacts:
     def speeds(self) -> tuple[Speed, ...]:
         """The time of each output to 63 % of its step response."""
         return estimate_speed(self.outliers.records)
+
+
+def without_drift(record: Record) -> Record:
+    """The record less the slow drift of its outputs about their means (see ``processes``).
+
+    A log longer than ``SAMPLES`` is looked at in means of a few samples.
+
+    Raises:
+        DataError: no process shows how an output follows its inputs.
+    """
+    every = -(-len(record) // SAMPLES)
+    n = len(record) // every
+    u, y = (x[: n * every].reshape(n, every, -1).mean(axis=1) for x in (record.u, record.y))
+    coarse = replace(
+        record, u=u, y=y, dt=record.dt * every, pose=None, references=None, weights=None, sha256=""
+    )
+    moved = record.y.copy()
+    at = np.arange(len(record)) / every - 0.5 * (every - 1) / every
+    for j, fit in enumerate(LogFacts((coarse,)).processes):
+        if fit is None:
+            raise DataError(
+                f"{record.name}: how {record.output_names[j]} follows the inputs is not clear "
+                "enough to tell a drift from it; omit `remove_drift`"
+            )
+        moved[:, j] -= np.interp(at, np.arange(n), fit.drift - fit.drift.mean())
+    return replace(record, y=moved)

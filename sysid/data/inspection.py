@@ -96,7 +96,7 @@ def inspect_records(
         findings += check_excitation(records, order)
         findings += check_sampling(records[0].dt, facts.speeds, facts.delays)
         findings += [*check_delay(facts.delays), *check_feedback(facts.feedback)]
-        findings += check_constancy(records, facts.changes, facts.processes)
+        findings += check_constancy(records, facts.changes, facts.drifts, any(facts.processes))
         if nonlinearity:
             findings += check_nonlinearity(facts.nonlinearity)
     return (*reading, *findings)

@@ -1,4 +1,4 @@
-"""Trimming, filtering and decimation of records before a fit, stored with the model."""
+"""Trimming, filtering, decimation and drift of records before a fit, stored with the model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -9,6 +9,7 @@ import numpy as np
 
 from sysid.data.common_step import common_step
 from sysid.data.decision import Decision
+from sysid.data.facts import without_drift
 from sysid.data.finding import Finding
 from sysid.data.io import ReadOptions, read_files
 from sysid.data.preprocess import decimate, low_pass, trim
@@ -18,12 +19,13 @@ from sysid.errors import UsageError
 
 @dataclass(frozen=True)
 class Preparation:
-    """Trimming, low-pass filtering and decimation, in that order.
+    """Trimming, low-pass filtering, decimation and removal of a drift, in that order.
 
     Attributes:
         trim_start, trim_end: seconds cut from the head and the tail of each record.
         low_pass: cut-off [Hz] of the filter on all signals, None for none.
         decimate: keep every so many samples (means of them), 1 for all.
+        remove_drift: take the slow drift of each output's level out, whatever the inputs do.
 
     Raises:
         UsageError: a number cannot be.
@@ -33,6 +35,7 @@ class Preparation:
     trim_end: float = 0.0
     low_pass: float | None = None
     decimate: int = 1
+    remove_drift: bool = False
 
     def __post_init__(self) -> None:
         for name in ("trim_start", "trim_end"):
@@ -52,8 +55,13 @@ class Preparation:
             record = low_pass(record, self.low_pass)
         if self.decimate > 1:
             record = decimate(record, self.decimate)
+        if self.remove_drift:
+            record = without_drift(record)
         done = self.to_json()
-        steps = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in done.items())
+        steps = ", ".join(
+            name.replace("_", " ") + ("" if value is True else f" {value:g}")
+            for name, value in done.items()
+        )
         changes = dict.fromkeys(name.partition("_")[0] if "trim" in name else name for name in done)
         decision = Decision("prepared", steps, tuple(changes))
         return replace(record, read_as=(*record.read_as, decision)) if done else record

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
-from scipy.special import chdtrc
 
 from sysid.data.record import Array, Record
 
@@ -58,7 +57,6 @@ class ProcessFit:
         white: the filter that whitens the noise, with the columns of levels and drift.
         level: what levels, drift and decaying starts add, (N,).
         drift: the part of it that drifts about its mean, (N,).
-        drift_chance: p-value of a constant level in every record.
         residual: e, (N,).
         variance: of e.
     """
@@ -75,7 +73,6 @@ class ProcessFit:
     white: "Whitened"
     level: Array
     drift: Array
-    drift_chance: float
     residual: Array
     variance: float
 
@@ -249,18 +246,13 @@ def _described(problem: _Problem, p: Array, white: Whitened, scale: Array) -> Pr
     rest = problem.y - columns @ gain
     error = np.sqrt(np.maximum(np.diag(inverse), 0.0) * variance) / size
     levels = _solved(white.filtered(white.base), white.filtered(rest[:, None])[:, 0])
-    drifting = white.drifting
-    X = white.filtered(np.hstack([white.base[:, ~drifting], columns]))
-    target = white.filtered(problem.y[:, None])[:, 0]
-    more = float(np.sum((target - X @ _solved(X, target)) ** 2)) - float(e @ e)
-    chance = float(chdtrc(max(drifting.sum(), 1), max(more, 0.0) / variance))
     if not np.all(np.isfinite(error)):
         return None
     return ProcessFit(
         gain / scale, np.exp(p[:nu]), np.exp(p[nu : 2 * nu]), p[2 * nu :],
         error[3 * nu :] / scale, error[:nu], error[2 * nu : 3 * nu],
         columns * gain, slopes[:, :nu] * gain, white, white.base @ levels,
-        white.base[:, drifting] @ levels[drifting], chance, e, variance,
+        white.base[:, white.drifting] @ levels[white.drifting], e, variance,
     )  # fmt: skip
 
 

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.checks.constancy_checks import change_sentence
 from sysid.data.record import Record
 from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.assembly import assemble
 from sysid.diagnosis.base_model import fit_baseline, full_drive, given_base
 from sysid.diagnosis.diagnosis import Diagnosis
-from sysid.diagnosis.given_model import around_model, or_on_first_order
+from sysid.diagnosis.given_model import around_model, or_on_first_order, possible
 from sysid.diagnosis.long_logs import searched_on
 from sysid.diagnosis.pose.correct_sensor import correct_sensor
 from sysid.diagnosis.resolve_ties_by_pose import resolve_ties_by_pose
@@ -75,9 +76,9 @@ def diagnose(
     require_same_kind((*estimation[1:], *(holdout or ())), estimation[0])
     say = progress or (lambda text, share: None)
     say("original model", 0.02)
-    effects = within(chain_effects(), measured or {})
     searched = searched_on(estimation, holdout, model is not None)
     facts, holdout_facts = searched.facts, searched.holdout_facts
+    effects = possible(within(chain_effects(), measured or {}), facts)
     if model is None:
         base = fit_baseline(facts, holdout_facts, effects)
     else:
@@ -112,7 +113,11 @@ def diagnose(
             geometry = diagnosis.geometry.geometry
         diagnosis = replace(diagnosis, path=_path(mission, whole, diagnosis, geometry))
     say("done", 1.0)
-    return replace(diagnosis, seconds=time.perf_counter() - started)
+    return replace(
+        diagnosis,
+        changes=tuple(change_sentence(c, estimation[0]) for c in facts.changes),
+        seconds=time.perf_counter() - started,
+    )
 
 
 MIN_SAMPLES = 60

@@ -96,6 +96,7 @@ class Diagnosis:
             model.
         geometry: the vehicle's lengths, where nobody gave them and the pose contradicts those
             that are assumed.
+        changes: what changes within a log, and when, in sentences.
         reading: what was done to the logs as they were read, in sentences.
         unfollowed: that the augmented model does not follow the log, and what to do; empty where it
             does.
@@ -127,6 +128,7 @@ class Diagnosis:
     path: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
     baseline_words: str = ""
+    changes: tuple[str, ...] = ()
     geometry: GeometryEstimate | None = None
     unfollowed: str = ""
     undecided: str = ""
@@ -149,6 +151,7 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "story": self.story,
+            "changes": list(self.changes),
             "base": self.base_words,
             "added_to": self.baseline_words or self.base_words,
             "geometry": None if self.geometry is None else self.geometry.to_json(),

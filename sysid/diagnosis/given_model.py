@@ -3,6 +3,7 @@
 A model that fits a log partly has absorbed part of what is missing.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from sysid.data.column_words import may_move
@@ -11,6 +12,7 @@ from sysid.diagnosis.base_model import LARGEST_ORDER, fit_baseline
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import DiagnosisSession, SelectionResult
+from sysid.effects.base import Effect
 from sysid.effects.catalogue import CHANGED, chain_effects
 from sysid.errors import SysidError
 from sysid.structures.model import Model
@@ -57,6 +59,12 @@ def around_model(
     )
 
 
+def possible(effects: Sequence[Effect], facts: LogFacts) -> tuple[Effect, ...]:
+    """Effects without those that gather over a log, where a log changes at one time."""
+    at_once = any(c.is_step for c in facts.changes)
+    return tuple(e for e in effects if not (at_once and e.gathers))
+
+
 def or_on_first_order(
     result: SelectionResult,
     facts: LogFacts,
@@ -91,7 +99,7 @@ def _on_baseline(
 ) -> SelectionResult | None:
     """Effects on the baseline, where they explain more than the given model; else None."""
     try:
-        base = fit_baseline(facts, holdout, chain_effects(), highest)
+        base = fit_baseline(facts, holdout, possible(chain_effects(), facts), highest)
     except SysidError:
         return None
     sizes = [[len(e) for e in b.model.errors.holdout] for b in (base, given.base)]

@@ -133,11 +133,10 @@ def inspect_samples(data: Sequence[Record] | LogFacts) -> SampleEffects:
     facts = LogFacts.of(data)
     records = facts.records
     weights = [np.ones(r.y.shape) for r in records]
-    coarse: list[Coarse] = []
-    lost: list[Lost] = []
-    stale: list[Stale] = []
+    coarse, lost, stale = list[Coarse](), list[Lost](), list[Stale]()
     total = sum(len(r) for r in records)
     slow, few_ways = facts.refreshes, _on_few_ways(records)
+    dead = [_latest(facts, output) for output in records[0].output_names]
     for i, name in enumerate(records[0].output_names):
         series = [r.y[:, i] for r in records]
         step = facts.steps[i]
@@ -149,11 +148,11 @@ def inspect_samples(data: Sequence[Record] | LogFacts) -> SampleEffects:
             seconds = refresh.period * records[0].dt
             stale.append(Stale(name, refresh.period, seconds, phase, refresh.repeated))
         for holds in (False, True) if refresh is None else ():
-            sure = [_bursts(r, i, step, holds, strict=True) for r in records]
+            sure = [_bursts(r, i, step, holds, dead[i], strict=True) for r in records]
             count = sum(int(np.sum(np.diff(m.astype(int), prepend=0) == 1)) for m in sure)
             if count < max(MIN_BURSTS, MIN_BURST_SHARE * total):
                 continue
-            bursts_of = [_bursts(r, i, step, holds, strict=False) for r in records]
+            bursts_of = [_bursts(r, i, step, holds, dead[i], strict=False) for r in records]
             bursts_of = [a | b for a, b in zip(bursts_of, sure, strict=True)]
             bursts = sum(int(np.sum(np.diff(m.astype(int), prepend=0) == 1)) for m in bursts_of)
             share = sum(int(m.sum()) for m in bursts_of) / total
@@ -225,10 +224,17 @@ def _on_few_ways(records: Sequence[Record]) -> bool:
     return all(len(np.unique(c[c > 0.0])) < 2 for c in commands)
 
 
-def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> Mask:
+def _latest(facts: LogFacts, output: str) -> int:
+    """Samples beyond the first by which an output may respond late to the input it follows."""
+    pairs = [d for d in facts.delays or () if d.output == output and d.delay is not None]
+    return max((max(d.high, 1) - 1 for d in pairs), default=0)
+
+
+def _bursts(record: Record, i: int, step: float, holds: bool, late: int, strict: bool) -> Mask:
     """Samples of one output that were lost.
 
     Args:
+        late: samples that a command may take beyond the first until it shows.
         strict: only bursts that can hardly be anything else; else what is likely a lost reading
             once it is known that measurements do get lost.
     """
@@ -255,7 +261,7 @@ def _bursts(record: Record, i: int, step: float, holds: bool, strict: bool) -> M
         if not holds:
             lost[k:stop] = before * after > 0.0 and min(abs(before), abs(after)) > least
         elif abs(after - before) > least or not (strict or ordinary):
-            lost[k:stop] = not ordinary or _moved_before(record, i, k, stop, least)
+            lost[k:stop] = not ordinary or _moved_before(record, i, k, stop, late, least)
     return lost
 
 
@@ -271,7 +277,7 @@ def _repeats_by_chance(y: Array) -> bool:
     return float(np.sum(asked & (change == 0.0))) <= 3.0 * near + 5.0
 
 
-def _moved_before(record: Record, i: int, k: int, stop: int, least: float) -> bool:
+def _moved_before(record: Record, i: int, k: int, stop: int, dead: int, least: float) -> bool:
     """Whether the speed must have moved while it was read as constant from k to stop − 1.
 
     It was moving the same way before, or the command had changed early enough to show by then.
@@ -281,6 +287,8 @@ def _moved_before(record: Record, i: int, k: int, stop: int, least: float) -> bo
     moving = float(y[k - 1] - y[k - 2])
     if moving * jump > 0.0 and abs(moving) > 0.5 * least:
         return True
-    late = abs(float(u[stop - 1] - u[stop - 2]))
-    early = float(np.max(np.abs(np.diff(u[k - 2 : stop - 1])), initial=0.0))
+    if k - 2 < dead:
+        return False
+    late = float(np.max(np.abs(np.diff(u[stop - 2 - dead : stop]))))
+    early = float(np.max(np.abs(np.diff(u[k - 2 - dead : stop - 1 - dead])), initial=0.0))
     return early > 0.1 * float(np.max(np.abs(u))) and late < 0.2 * early

@@ -251,6 +251,7 @@ class Effect:
             that then does the opposite; empty where the sentence holds on both sides.
         programmes: commands that show it, the best first.
         starts_from: what the search for it starts from.
+        gathers: whether it comes on slowly over the log, and explains nothing that changes at once.
         weakens: whether a base without it has a smaller gain instead, so that the search starts
             from a larger one, too.
         level: whether it shifts torque or reading by a constant, which a base with a level of its
@@ -300,6 +301,7 @@ class Effect:
     programmes: tuple[Programme, ...] = (LEVELS, REVERSALS)
     starts_from: StartsFrom = StartsFrom.LISTED
     weakens: bool = False
+    gathers: bool = False
     level: bool = False
     beyond_sampling: bool = False
     exchanges: str = ""

@@ -93,6 +93,7 @@ EFFECTS = (
         states=1,
         at_rest=lambda w, d: (0.0 * w,),
         programmes=(HOT, REPEAT),
+        gathers=True,
         laws=(
             Law(("loss", "time"), choices={"by_current": 0.0}),
             Law(

@@ -232,6 +232,7 @@ EFFECTS = (
         at_rest=_full,
         inverse=inverses.charged,
         shared=True,
+        gathers=True,
         laws=(
             Law(("loss",), choices={"charge": 0.0}),
             Law(("loss",), choices={"charge": 1.0}, sentence=_BY_CHARGE),

@@ -246,7 +246,7 @@ def test_every_check_speaks_in_a_fixed_order() -> None:
         "delay",
         "feedback",
     ]
-    expected += ["nonlinearity"]
+    expected += ["change", "nonlinearity"]
     assert order == expected
     assert all(f.sentence.endswith(".") for f in inspect_records([robot()]))
 

@@ -21,14 +21,11 @@ LOGS = Path(sysid_datasets.__file__).parent / "devastator"
 
 ESTIMATORS = (
     "bridged",
-    "change_within",
     "estimate_delays",
     "estimate_speed",
     "feedback_tests",
     "measurement_noise",
     "nonlinearity_tests",
-    "process_of",
-    "refined_delays",
     "refreshes",
     "rest_head",
 )

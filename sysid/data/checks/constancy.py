@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import gammaln
+from scipy.fft import dct
+from scipy.special import fdtrc, gammaln
 
 from sysid.data.process import ProcessFit, fit_process
 from sysid.data.record import Array, Record
@@ -31,8 +32,25 @@ EDGE = 0.1
 ALARM = 1e-4
 """Level of the test: with what shapes do to it, below one false alarm in a hundred."""
 
-KNOTS = (0.05, 0.25, 0.5, 0.75, 0.95)
+KNOTS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97)
 """Quantiles at which static curves may bend."""
+
+WIDER, ASIDE = 1.35, 0.5
+"""Ratio of an input's spreads, and distance of its means in spreads, from which on two parts of a
+log visit different regions."""
+
+DRIFTS = 50.0
+"""Power of the slow cosines in a level over that of the next ones (noise of any colour has a few
+times as much) from which on it drifts."""
+
+DRIFT_ALARM = 1e-6
+"""Level of that comparison, were the noise white there."""
+
+MIN_SLOW = 5
+"""Slow curves that a log must have room for: forty lags."""
+
+TRACE = 0.02
+"""Range of a drift over that of the output from which on it matters."""
 
 MATTERS = 0.03
 """Change of a gain or lag, relative, that matters."""
@@ -137,6 +155,42 @@ def change_within(records: Sequence[Record], j: int, fit: ProcessFit) -> Change 
     if stats[-1, 0] >= stats[best, 0] - WITHIN:
         return _trend(records, j, fit, effects[-1] / size, errors[-1] / size, p)
     return _step(records, j, fit, int(edges[inner[best]]), p)
+
+
+def level_drifts(records: Sequence[Record], j: int, fit: ProcessFit) -> float:
+    """Range of the drift of output j's level, in its unit; 0 where it does not drift.
+
+    The slow cosines of what inputs and static curves leave are compared with the next ones.
+    """
+    r, base = records[0], fit.white.base
+    slow = int(np.sum(fit.white.drifting)) // len(records)
+    y = r.y[:, j]
+    moved = float(np.ptp(fit.drift[: len(r)]))
+    if slow < MIN_SLOW or len(r) < 8 * slow or moved < TRACE * float(np.ptp(y)):
+        return 0.0
+    still = base[:, ~fit.white.drifting]  # levels and decays
+    X = np.hstack([still, fit.slopes, _curves(records, fit), base[:, fit.white.drifting]])[: len(r)]
+    X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-300)
+    rest = y - fit.responses[: len(r)].sum(axis=1)
+    added = np.linalg.lstsq(X, rest, rcond=1e-9)[0]
+    added[X.shape[1] - int(fit.white.drifting.sum()) :] = 0.0
+    power = dct(rest - X @ added)[1 : 4 * slow + 1] ** 2
+    ratio = power[:slow].mean() / max(power[slow:].mean(), 1e-300)
+    sure = fdtrc(slow, 3 * slow, ratio) < DRIFT_ALARM
+    return moved if sure and ratio > DRIFTS else 0.0
+
+
+def regions_differ(records: Sequence[Record], at: float) -> bool:
+    """Whether the inputs visit other regions before and after a time [s] (NaN: either half)."""
+    u, t = np.concatenate([r.u for r in records]), np.concatenate([r.t for r in records])
+    early = t < (at if np.isfinite(at) else float(np.median(t)))
+    if early.all() or not early.any():
+        return False
+    one, two = (u[rows] for rows in (early, ~early))
+    spread, other = one.std(axis=0), two.std(axis=0)
+    wider = np.maximum(spread, other) > WIDER * np.minimum(spread, other)
+    aside = np.abs(one.mean(axis=0) - two.mean(axis=0)) > ASIDE * np.maximum(spread, other)
+    return bool(np.any(wider | aside))
 
 
 def _statistics(

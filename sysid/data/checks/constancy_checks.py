@@ -5,35 +5,31 @@ from collections.abc import Sequence
 from sysid.data.checks.constancy import Change, Part
 from sysid.data.finding import Finding, Severity
 from sysid.data.operating_point import value_with_error
-from sysid.data.process import ProcessFit
-from sysid.data.record import Channel, Record
-
-DRIFT_ALARM = 1e-6
-"""Level of the test for a drifting level."""
-
-DRIFTS = 0.02
-"""Range of a drift over that of the output from which on it matters."""
+from sysid.data.record import Array, Channel, Record
 
 
 def check_constancy(
-    records: Sequence[Record], changes: Sequence[Change], processes: Sequence[ProcessFit | None]
+    records: Sequence[Record], changes: Sequence[Change], drifts: Array, tested: bool
 ) -> list[Finding]:
     """What changes within the log, and when; nothing where no process shows it.
 
     Args:
         records: with the channels' names and units.
         changes: of gains and time constants.
-        processes: of the outputs.
+        drifts: ranges of the drifts of levels, (ny,).
+        tested: whether a process stands for any output.
     """
     findings = [
-        Finding("change", Severity.WARNING, sentence(c, records[0]), _ADVICE[c.is_step], c.output)
+        Finding(
+            "change", Severity.WARNING, change_sentence(c, records[0]), _ADVICE[c.is_step], c.output
+        )
         for c in changes
     ]
     changed = {c.output for c in changes}
-    for channel, y, fit in zip(records[0].outputs, records[0].y.T, processes, strict=False):
-        if fit is None or channel.name in changed or not drifts(fit, float(y.max() - y.min())):
+    for channel, drift in zip(records[0].outputs, drifts.tolist(), strict=False):
+        if not drift or channel.name in changed:
             continue
-        span = float(fit.drift.max() - fit.drift.min()) / channel.scale
+        span = drift / channel.scale
         unit = channel.file_words or channel.unit
         text = f"The level of {channel.name} drifts by {span:.2g} {unit}".strip()
         findings.append(
@@ -45,23 +41,12 @@ def check_constancy(
                 channel.name,
             )
         )
-    if findings or not any(processes):
+    if findings or not tested:
         return findings
     return [Finding("change", Severity.OK, "Gains, time constants and levels are constant.")]
 
 
-def drifts(fit: ProcessFit, span: float) -> bool:
-    """Whether the level of a process drifts: beyond chance, and not a trace.
-
-    Args:
-        fit: the process.
-        span: range of its output.
-    """
-    moved = float(fit.drift.max() - fit.drift.min())
-    return fit.drift_chance < DRIFT_ALARM and moved > DRIFTS * span
-
-
-def sentence(change: Change, record: Record) -> str:
+def change_sentence(change: Change, record: Record) -> str:
     """``speed: gain from volts falls by 24.0 ± 0.3 % (…) at 61.3 ± 0.4 s.``"""
     inputs = {c.name: c for c in record.inputs}
     output = next(c for c in record.outputs if c.name == change.output)

@@ -6,18 +6,12 @@ import numpy as np
 
 from sysid.data.checks.delay import Delay
 from sysid.data.checks.feedback import FeedbackTest
-from sysid.data.checks.nonlinearity import NonlinearityTest
+from sysid.data.checks.nonlinearity import NONLINEAR, TRACE, NonlinearityTest
 from sysid.data.finding import Finding, Severity
 from sysid.data.operating_point import value_with_error
 from sysid.data.record import Array, Record
 from sysid.data.speed import Speed
 from sysid.errors import argument
-
-NONLINEAR = 0.01
-"""Level of the test for nonlinearity, over all outputs."""
-
-TRACE = 0.005
-"""Share of the linear predictor's error below which a nonlinearity is but a trace."""
 
 CLEAR = 3.0
 """Standard errors from which on a dead time is seen."""

@@ -35,6 +35,12 @@ from sysid.data.record import Array, Record
 from sysid.data.shortened import shortened
 from sysid.errors import DataError
 
+NONLINEAR = 0.01
+"""Level of the test for nonlinearity, over all outputs."""
+
+TRACE = 0.005
+"""Share of the linear predictor's error below which a nonlinearity is but a trace."""
+
 ROWS = 6_000
 """Samples looked at, as evenly spread pieces of the log: more would only find trifles."""
 

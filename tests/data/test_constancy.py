@@ -1,0 +1,129 @@
+"""Dead times with intervals, what changes within a log, and what looks like it and is none."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import Capture, run, write_log
+
+from sysid.data.facts import LogFacts, without_drift
+from sysid.data.record import Array, Record
+from sysid.diagnosis.samples import inspect_samples
+
+
+def steps(rng: np.random.Generator, samples: int, hold: int, low: float, high: float) -> Array:
+    return np.repeat(rng.uniform(low, high, samples // hold + 1), hold)[:samples]
+
+
+def lag(u: Array, lags: Array | float, dead: int = 0) -> Array:
+    """A first-order lag of so many samples, and a dead time: y(t + 1) from u(t - dead)."""
+    a = np.exp(-1.0 / np.broadcast_to(lags, u.shape))
+    late = np.concatenate([np.full(dead, u[0]), u])[: len(u)]
+    y = np.full(len(u), late[0])
+    for k in range(1, len(u)):
+        y[k] = a[k] * y[k - 1] + (1.0 - a[k]) * late[k - 1]
+    return y
+
+
+def plant(kind: str, seed: int) -> Record:
+    """Constant logs of 2 000 samples; of the nonlinear ones the operating region changes."""
+    rng = np.random.default_rng([3, seed])
+    u = steps(rng, 2000, 25, -1.0, 1.0)
+    if kind in ("dead zone", "saturation"):
+        u = u * np.where(np.arange(2000) < 1000, 0.35, 1.0)
+    acting = {
+        "dead zone": np.sign(u) * np.maximum(np.abs(u) - 0.2, 0.0),
+        "saturation": np.clip(u, -0.6, 0.6),
+    }.get(kind, u)
+    y, noise = lag(acting, 8.0, 2), 0.02 * rng.standard_normal(2000)
+    if kind == "coloured":
+        noise = lag(0.2 * rng.standard_normal(2000), 20.0)
+    y = y + noise
+    return Record(u, np.round(y, 1) if kind == "coarse" else y, 0.05)
+
+
+def controlled(seed: int, dead: int) -> Record:
+    """PI control of a lag whose sensor is noisy."""
+    rng = np.random.default_rng([4, seed])
+    wanted, u, y, x, integral = steps(rng, 2000, 150, 10.0, 60.0), [0.0] * dead, [], 0.0, 0.0
+    for k in range(2000):
+        y.append(x + 0.15 * rng.standard_normal())
+        integral += 0.03 * (wanted[k] - y[-1])
+        u.append(0.8 * (wanted[k] - y[-1]) + integral)
+        x += 0.05 * (0.8 * u[k] - x)
+    return Record(np.array(u[dead:]), np.array(y), 0.01)
+
+
+@pytest.mark.parametrize("dead", [0, 4])
+def test_feedback_fakes_no_delay(dead: int) -> None:
+    for seed in range(3):
+        (d,) = LogFacts((controlled(seed, dead),)).delays or ()
+        assert d.low <= dead + 1 <= d.high
+        assert d.high - d.low <= 2
+
+
+def test_each_input_has_its_own_dead_time() -> None:
+    """A valve through 31 samples beside a slow disturbance without any."""
+    rng = np.random.default_rng(5)
+    valve = steps(rng, 4000, 200, 0.0, 90.0)
+    outdoor = 8.0 + 3.0 * np.sin(np.arange(4000) / 700.0) + lag(rng.standard_normal(4000), 300.0)
+    y = 0.33 * lag(valve, 60.0, 31) + 0.5 * lag(outdoor, 90.0) + 0.05 * rng.standard_normal(4000)
+    first, second = LogFacts((Record(np.column_stack([valve, outdoor]), y, 1.0),)).delays or ()
+    assert first.delay == 32
+    assert first.dead_s == pytest.approx(31.0, abs=3.0 * first.error_s)
+    assert second.low <= 1
+
+
+@pytest.mark.parametrize("kind", ["plain", "coloured", "coarse", "dead zone", "saturation"])
+def test_nothing_changes_in_constant_logs(kind: str) -> None:
+    """Of 900 such logs of ten kinds three had a change, and nine a drift."""
+    for seed in range(3):
+        facts = LogFacts((plant(kind, seed),))
+        assert not facts.changes
+        assert not facts.drifts.any()
+
+
+def test_a_step_of_gain_and_time_constant_is_dated(tmp_path: Path, capsys: Capture) -> None:
+    rng = np.random.default_rng(6)
+    u, later = steps(rng, 3000, 60, 2.0, 12.0), np.arange(3000) >= 1700
+    a, y, x = np.exp(-1.0 / np.where(later, 20.0, 13.0)), [], 0.0
+    for k in range(3000):
+        y.append(x)
+        x = a[k] * x + (1.0 - a[k]) * (105.0 if later[k] else 150.0) * u[k]
+    speed = np.array(y) + 3.0 * rng.standard_normal(3000)
+    (change,) = LogFacts((Record(u, speed, 0.02),)).changes
+    gain, time_constant = change.parts
+    assert change.at == pytest.approx(34.0, abs=max(change.error, 0.04))
+    assert gain.change == pytest.approx(-0.3, abs=0.01)
+    assert time_constant.change == pytest.approx(20.0 / 13.0 - 1.0, abs=4.0 * time_constant.error)
+    log = write_log(tmp_path / "brake.csv", ["volts", "speed"], [u, speed])
+    said = " ".join(run(capsys, "inspect", log).out.split())
+    assert "the gain from volts to speed falls by" in said
+
+
+def test_warming_is_a_trend_and_no_step() -> None:
+    rng = np.random.default_rng(7)
+    u = steps(rng, 3000, 25, 0.2, 1.0)
+    y = lag(u * (1.0 - 0.2 * np.arange(3000) / 3000.0), 8.0) + 0.01 * rng.standard_normal(3000)
+    (change,) = LogFacts((Record(u, y, 0.05),)).changes
+    assert not change.is_step
+    assert change.parts[0].change == pytest.approx(-0.2, abs=0.02)
+
+
+def test_a_drift_is_seen_and_taken_out() -> None:
+    rng = np.random.default_rng(8)
+    u = steps(rng, 5000, 240, 10.0, 70.0)
+    room = 20.0 + 2.0 * np.sin(np.arange(5000) / 750.0)
+    y = np.round(1.3 * lag(lag(u, 100.0, 4), 6.0) + room + 0.1 * rng.standard_normal(5000), 1)
+    log = Record(u, y, 5.0)
+    assert LogFacts((log,)).drifts[0] == pytest.approx(4.0, rel=0.1)
+    assert not LogFacts((without_drift(log),)).drifts.any()
+
+
+def test_equal_neighbours_within_the_dead_time_are_no_dropouts() -> None:
+    """A rounded sensor repeats itself before a step shows; of 600 such logs none is accused."""
+    for seed in range(4):
+        rng = np.random.default_rng([9, seed])
+        u = steps(rng, 2000, 12, -1.0, 1.0)
+        y = np.round(50.0 * lag(u, 1.5, 3) + 0.7 * rng.standard_normal(2000))
+        assert not inspect_samples([Record(u, y, 0.01)]).lost
