@@ -103,6 +103,15 @@ def test_an_open_choice_is_asked_for_on_a_terminal(
     assert "in ESC signal [no unit]" in shown.out
 
 
+def test_a_set_point_as_the_input_is_said_to_be_the_loop_s(tmp_path: Path, capsys: Capture) -> None:
+    target = np.repeat(np.random.default_rng(2).uniform(-40.0, 40.0, 30), 10)
+    actual = lfilter([0.0, 0.3], [1.0, -0.7], target)
+    log = write_log(tmp_path / "servo.csv", ["target_deg", "actual_deg"], [target, actual])
+    shown = " ".join(run(capsys, "fit", log, *FIT, "--workspace", tmp_path / "w").out.split())
+    assert "in target_deg [deg → rad], a set point: the model is the closed loop's" in shown
+    assert "the model is of the closed loop that follows it, not of the plant alone" in shown
+
+
 def test_part_of_a_name_selects_a_column(tmp_path: Path, capsys: Capture) -> None:
     log = stand(tmp_path)
     said = run(capsys, "inspect", log, "--input", "esc", "--output", "motor", "--json").document

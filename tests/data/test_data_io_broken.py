@@ -51,19 +51,30 @@ BAD_FILES: dict[str, tuple[str | bytes, str]] = {
     "endless text": ("t,u,y\n0,1," + "x" * 5000 + "\n1,2,3\n", "line 2, column y: 'xxx"),
     "many columns": (
         ",".join(f"c{i}" for i in range(300)) + "\n" + ",".join("1" * 300) + "\n",
-        "c14 and 285 more",
+        "c7 and 292 more",
     ),
     "absurd value": ("t,u,y\n0,1,2\n1,1e300,3\n", "line 3, column u: 1e.300 is not a valid number"),
     "absurd time step": ("t,u,y\n0,1,2\n1e-30,2,3\n2e-30,2,3\n", "not credible"),
     "mixed decimals": ("t;u;y\n0;1,5;2.5\n1;2;3\n", "'1,5' is not a number.*decimal comma"),
     "strange names": (
         "a,b,c\n0,1,2\n1,2,3\n",
-        "the input and the output can be a, b or c .or none.*`inputs='a', outputs='b'`",
+        "the input and the output can be a, b or c;.*`inputs='a', outputs='b'`",
     ),
     "two columns without names": ("left,right\n0,1\n1,2\n", "can be left or right"),
     "no output": ("t,u1,u2\n0,1,2\n1,2,3\n", "no column left for the output"),
     "time backward": ("t,u,y\n2,1,2\n1,2,3\n0,2,3\n", "time decreases throughout"),
     "time not increasing": (GOOD + "2.5,1,1\n3.0,1,2\n", "line 32: time does not increase"),
+    "rows in disorder": (
+        table("t,u,y", [(f"{0.02 * (k * 271 % 600):.2f}", k % 7, k % 5) for k in range(600)]),
+        "does not increase.*sort the rows",
+    ),
+    "two rows exchanged": (
+        table(
+            "t,u,y",
+            [(f"{0.02 * (k + (k % 50 == 9) - (k % 50 == 10)):.2f}", 1, k) for k in range(600)],
+        ),
+        "does not increase.*sort the rows",
+    ),
     "time twice": (GOOD + "2.9,1,1\n3.0,1,2\n", "line 32: time 2.9 appears twice"),
     "time still": ("t,u,y\n" + "0,1,2\n" * 30, "time stays at"),
     "time missing": ("t,u,y\n0,1,2\n,2,3\n2,2,3\n", "line 3, column t: the time is missing"),
