@@ -151,7 +151,7 @@ def test_an_export_waits_for_the_workspace(here: Path) -> None:
             stdout=subprocess.PIPE,
         )
         with pytest.raises(subprocess.TimeoutExpired):
-            export.wait(3.0)
+            export.wait(2.0)
     assert export.wait(60.0) == 0
     assert export.stdout is not None
     assert b"plant" in export.communicate()[0]
