@@ -234,6 +234,7 @@ def stopping(wanted: bool) -> Iterator[list[int]]:
 
     # outside the main thread whoever runs this ends it otherwise
     if wanted and threading.current_thread() is threading.main_thread():
+        watched = signal.set_wakeup_fd(-1)  # nobody ends the process for a signal that was noted
         for which in (signal.SIGINT, signal.SIGTERM):
             before[which] = signal.signal(which, note)
     try:
@@ -241,3 +242,5 @@ def stopping(wanted: bool) -> Iterator[list[int]]:
     finally:
         for which, old in before.items():
             signal.signal(which, old)
+        if before:
+            signal.set_wakeup_fd(watched)

@@ -7,6 +7,7 @@ a command passes all of them, and a copy of the folder is kept of each.
 import os
 import shlex
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -141,3 +142,16 @@ def test_whenever_it_is_killed_the_next_command_finds_the_old_or_the_new(
             load_plant("plant.zip")
             assert run(capsys, "models", "--json").document["models"]
     assert len(seen) > 1
+
+
+def test_an_export_waits_for_the_workspace(here: Path) -> None:
+    with Workspace(Path(".sysid")).locked():
+        export = subprocess.Popen(
+            [sys.executable, "-c", "from sysid_cli.app import main; main(['export', '--json'])"],
+            stdout=subprocess.PIPE,
+        )
+        with pytest.raises(subprocess.TimeoutExpired):
+            export.wait(2.0)
+    assert export.wait(60.0) == 0
+    assert export.stdout is not None
+    assert b"plant" in export.communicate()[0]

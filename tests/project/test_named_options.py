@@ -22,6 +22,7 @@ from sysid.data.io import read_file
 from sysid.data.preparation import Preparation
 from sysid.errors import SysidError, argument
 from sysid.estimation.assessment.findings import Policy
+from sysid.export.verification.verify import verify
 
 ROOT = Path(__file__).resolve().parents[2]
 GROUP: Any = typer.main.get_command(app)
@@ -100,7 +101,7 @@ def arguments_of_scripts() -> set[str]:
     """Every argument of the façade's functions and classes of options."""
     verbs = (sysid.fit, sysid.identify, sysid.compare, sysid.diagnose, sysid.tune, sysid.load_plant,
              sysid.inertia_of_logs, sysid.inertia_of_period, sysid.Hanging,
-             sysid.fit_vehicle, sysid.bench_power, sysid.LiveFit)  # fmt: skip
+             sysid.fit_vehicle, sysid.bench_power, sysid.LiveFit, verify)  # fmt: skip
     options = (sysid.ReadOptions, sysid.FitOptions, Policy, Preparation, sysid.MotorOptions)
     return {p for verb in verbs for p in signature(verb).parameters} | {
         f.name for cls in options for f in fields(cls)
