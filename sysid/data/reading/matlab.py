@@ -27,10 +27,10 @@ _STORED = {
 }
 _OF_LEVEL_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
 
-Named = tuple[str, Any]
+Variable = tuple[str, Any]
 
 
-def matlab_arrays(data: bytes, where: str) -> list[Named]:
+def matlab_arrays(data: bytes, where: str) -> list[Variable]:
     """Names and arrays (2-D) of all numeric variables; ``outer.inner`` of those in structures.
 
     Raises:
@@ -53,7 +53,7 @@ def matlab_arrays(data: bytes, where: str) -> list[Named]:
     return arrays
 
 
-def _level_4(data: bytes) -> Iterator[Named]:
+def _level_4(data: bytes) -> Iterator[Variable]:
     at = 0
     while at < len(data):
         kind, rows, columns, imaginary, length = struct.unpack_from("<5i", data, at)
@@ -83,7 +83,7 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
         at = end
 
 
-def _level_5(data: bytes, order: str) -> Iterator[Named]:
+def _level_5(data: bytes, order: str) -> Iterator[Variable]:
     for kind, content in _elements(data, order):
         if kind == _COMPRESSED:
             content = zlib.decompressobj().decompress(content, LARGEST)
@@ -92,7 +92,7 @@ def _level_5(data: bytes, order: str) -> Iterator[Named]:
             yield from _matrix(content, order, "", 0)
 
 
-def _matrix(content: bytes, order: str, called: str, depth: int) -> Iterator[Named]:
+def _matrix(content: bytes, order: str, called: str, depth: int) -> Iterator[Variable]:
     """The arrays of one variable; None for an object whose content is not stated."""
     parts = _elements(content, order)
     (_, flags), (_, dims) = next(parts, (0, b"")), next(parts, (0, b""))
