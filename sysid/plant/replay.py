@@ -70,6 +70,7 @@ def read_for(plant: Plant, path: str | Path, options: "ReadOptions | None" = Non
         options,
         inputs=options.inputs or tuple(c.name for c in plant.inputs),
         outputs=options.outputs or tuple(c.name for c in plant.outputs),
+        strict=True,  # what is left out would not be said here
     )
     log = read_file(path, options)
     if options.ts is None and any(f.code == "sample-time" for f in log.findings):

@@ -43,7 +43,8 @@ class Blocks:
 
     def stretches(self, count: int = STRETCHES, rows: int = STRETCH_ROWS) -> Iterator[Table]:
         """Tables of ``rows`` rows each, spread evenly over the log."""
-        firsts = [k * (self.rows - rows) // max(count - 1, 1) for k in range(count)]
+        room = max(self.rows - rows, 0)
+        firsts = [k * room // max(count - 1, 1) for k in range(count)]
         if not self.line:
             yield from self._frames(rows, firsts)
             return

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.reading.matlab import matlab_arrays
 from sysid.data.record import Array
 from sysid.errors import DataError
 
@@ -105,37 +106,7 @@ def _of_one_length(vectors: Mapping[str, Sequence[Any]]) -> Columns:
 
 
 def _matlab(data: bytes, where: str) -> Columns:
-    from scipy.io import loadmat
-
-    try:
-        file: Any = io.BytesIO(data)  # the stubs know of paths alone
-        content = loadmat(file, squeeze_me=True, struct_as_record=False)
-    except Exception:  # scipy's readers raise whatever a damaged byte leads them to
-        raise DataError(f"{where} is a damaged MATLAB file; save it again") from None
-    arrays = {n: v for n, v in content.items() if not n.startswith("__")}
-    columns = _of_arrays(_fields(arrays.items()))
-    if not columns and any(
-        "MatlabOpaque" in type(v).__name__ or n == "None" for n, v in content.items()
-    ):
-        raise DataError(
-            f"{where} holds MATLAB objects (a timetable or timeseries); write their numbers with "
-            "writetimetable, or save the vectors"
-        )
-    return columns
-
-
-def _fields(values: Iterable[tuple[str, Any]], depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """The arrays of variables and of structures inside them, as ``outer.inner``."""
-    for name, value in values:
-        inner = getattr(value, "_fieldnames", None)
-        if inner is not None and depth < MAX_DEPTH:
-            pairs = ((f"{name}.{field}", getattr(value, field)) for field in inner)
-            yield from _fields(pairs, depth + 1)
-        elif isinstance(value, np.ndarray) and value.dtype == object and value.size <= 100:
-            pairs = ((f"{name}_{k + 1}", item) for k, item in enumerate(value.flat))
-            yield from _fields(pairs, depth + 1) if depth < MAX_DEPTH else ()
-        else:
-            yield name, value
+    return _of_arrays((name, np.squeeze(value)) for name, value in matlab_arrays(data, where))
 
 
 def _of_arrays(arrays: Iterable[tuple[str, Any]]) -> Columns:

@@ -164,7 +164,8 @@ def zero_order_hold_means(at: Array, u: Array, edges: Array) -> Array:
     knots = np.append(at, max(edges[-1], at[-1] + 1.0))
     width = np.diff(knots)[:, None]
     integral = np.vstack([np.zeros(u.shape[1]), np.cumsum(u * width, axis=0)])
-    return np.column_stack([np.diff(np.interp(edges, knots, column)) for column in integral.T])
+    means = [np.diff(np.interp(edges, knots, column)) for column in integral.T]
+    return np.column_stack(means) if means else np.empty((len(edges) - 1, 0))
 
 
 def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> tuple[int, ...]:

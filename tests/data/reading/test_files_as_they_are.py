@@ -1,5 +1,6 @@
 """One motor in the files that people have: every one reads as the same record."""
 
+import contextlib
 import io
 import json
 from collections.abc import Callable
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from sysid.data.io import LogFile, ReadOptions, read_file, read_files
-from sysid.errors import DataError
+from sysid.errors import DataError, SysidError
 
 N, DT = 600, 0.02
 
@@ -163,6 +164,29 @@ def test_a_comma_is_read_by_its_company(
     if "give `decimal" in said:  # the advice works
         advised = read_file(log.path, ReadOptions(decimal="."))
         assert advised.records[0].u[0, 0] == 1591.0
+
+
+@pytest.mark.parametrize("level", ["4", "5"])
+def test_a_damaged_matlab_file_is_read_or_refused(level: str, tmp_path: Path) -> None:
+    """A compiled reader ended the process here."""
+    from scipy.io import savemat
+
+    out = io.BytesIO()
+    run = {"run": {"t": T, "u": U, "y": Y}} if level == "5" else {"t": T, "u": U, "y": Y}
+    savemat(out, run, format=level)
+    whole, draw = out.getvalue(), np.random.default_rng(1)
+    for _ in range(80):
+        data = bytearray(whole[: draw.integers(100, len(whole))])
+        for at in draw.integers(0, min(len(data), 600), 3):
+            data[at] = draw.integers(256)
+        with contextlib.suppress(SysidError):
+            read_file(put(tmp_path, bytes(data), "l.mat"))
+
+
+def test_jitter_without_inputs(tmp_path: Path) -> None:
+    late = T + 0.003 * (np.arange(N) % 3 == 1)
+    rows = [f"{t:.4f},{y:.3f}" for t, y in zip(late, Y, strict=True)]
+    assert read_file(put(tmp_path, text(rows, "t,y"))).records[0].u.shape == (N, 0)
 
 
 # ------------------ rates of their own
