@@ -46,6 +46,8 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     for name, text in FILES.items():
         (root / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     pd.DataFrame({"u": ["a", "b"] * 20, "y": np.arange(40.0)}).to_parquet(root / "text.parquet")
+    few = pd.DataFrame({"t": [0.0, 0.1, 0.2], "u": [0.0, 1.0, 0.0], "y": [0.0, 0.0, 1.0]})
+    few.set_index(pd.Index([5, 6, 7], name="y")).to_parquet(root / "index_named.parquet")
     good = root / "good"
     fit = ["fit", str(root / "robot.csv"), "--workspace", str(good), "--structure"]
     assert main([*fit, "arx", "--orders", "na=1 nb=1"]) == 0
@@ -166,6 +168,11 @@ CASES = (
     Case("inspect {text.csv}", 1, "line 7, column u: 'oops'"),
     # options of fit; those of reading stand in test_cli_base, malformed orders in test_structures
     _fit("--structure arxx", "'arxx'"),
+    _fit("--structure arx --orders 'na=1:99999999999 nb=1'", "up to 200"),
+    _fit("--pwm-max 1e-300", "--pwm-max must be a positive number"),
+    Case(f"fit {'n' * 300}.csv", 1, "File name too long"),
+    Case(f"models --workspace {'n' * 300}", 1, "File name too long"),
+    _log("index_named.parquet", "samples"),
     _fit("--structure arx --orders na=x", "'na=x'"),
     _fit("--structure arx --orders 'na=1 na=1:2 nb=1'", "na is given twice"),
     _fit("--structure arx --orders ''", "--orders is empty"),
