@@ -108,6 +108,9 @@ FILES: dict[str, str | bytes] = {
     "constant_input.csv": HEAD + "".join(f"{k},5,{k % 7}\n" for k in range(40)),
     "constant_output.csv": HEAD + "".join(f"{k},{k % 5},3\n" for k in range(40)),
     "short.csv": HEAD + ROWS[:40].rsplit("\n", 1)[0] + "\n",
+    "far_date.csv": "time,u,y\n"
+    + "".join(f"2024-01-01 00:00:{k:02d},{k % 3},{k % 5}\n" for k in range(40))
+    + "9999-12-31 23:59:59,1,2\n",
     "zeros.csv": b"t,u,y\n0,1\x00,2\n",
     "old.xls": b"\xd0\xcf\x11\xe0" + bytes(60),
     "goal_missing.yaml": "start: [0, 0, 0]\n",
@@ -173,6 +176,7 @@ CASES = (
     Case(f"fit {'n' * 300}.csv", 1, "File name too long"),
     Case(f"models --workspace {'n' * 300}", 1, "File name too long"),
     _log("index_named.parquet", "samples"),
+    Case("fit {far_date.csv} --resample fill", 1, "split it at the gaps"),
     _fit("--structure arx --orders na=x", "'na=x'"),
     _fit("--structure arx --orders 'na=1 na=1:2 nb=1'", "na is given twice"),
     _fit("--structure arx --orders ''", "--orders is empty"),

@@ -27,6 +27,10 @@ SHORT_GAP = 3
 """Up to this many missing samples in a row are interpolated without being asked."""
 SHORTEST = 10
 """Pieces between gaps with fewer samples than this are left out."""
+MOST_FILLED = 20
+"""Samples for each row beyond which a log is not filled: what was measured would be lost in it."""
+LEAST_FILLED = 1_000_000
+"""Samples that are filled in any case: they cost no memory to speak of."""
 
 Place = Callable[[int], str]
 
@@ -121,6 +125,12 @@ def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Gri
             many = "1 sample" if b - a == 1 else f"{b - a} samples"
             text = f"{where}: a piece of {many} between gaps was left out."
             findings.append(Finding("gaps", Severity.NOTE, text, record=where))
+    filled = sum((t[s.stop - 1] - t[s.start]) / dt for s in segments if not s.even)
+    if filled > max(MOST_FILLED * len(t), LEAST_FILLED):
+        raise DataError(
+            f"{where}: its {len(t)} rows would be filled up to {filled:.3g} samples; split it at "
+            "the gaps with `resample='split'`"
+        )
     if not segments:
         raise DataError(f"{where}: no piece between its gaps has {SHORTEST} samples; record again")
     return Grid(dt, tuple(segments), tuple(findings))
