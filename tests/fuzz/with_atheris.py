@@ -1,4 +1,4 @@
-"""Search guided by coverage, where atheris is installed: ``python with_atheris.py PARSER [-runs=N]``.
+"""Search guided by coverage where atheris is installed: ``with_atheris.py PARSER [-runs=N]``.
 
 The bytes that it makes are the file itself, or the seed of a drawn fault where they are eight.
 """
@@ -7,7 +7,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import atheris  # type: ignore[import-not-found]
 from trials import drawn, fault, valid
