@@ -9,6 +9,8 @@ _HIDDEN = re.compile(
 """What steers a terminal or turns the order of others instead of being seen: controls, marks and
 overrides of direction, invisible spaces and tags, separators of lines, lone surrogates."""
 
+_BREAKS = re.compile(r"[\t\n\v\f\r]+")
+
 
 def visible(text: str, keep: str = "\n\t") -> str:
     r"""The text with escapes such as ``\x1b`` and ``\u202e`` for what would act instead of show.
@@ -23,7 +25,7 @@ def visible(text: str, keep: str = "\n\t") -> str:
 
 def name_of(text: str) -> str:
     """A name from a file as the workbench calls it: one line, everything in it visible."""
-    return visible(text, keep="")
+    return visible(_BREAKS.sub(" ", text), keep="")
 
 
 def csv_text(text: str) -> str:

@@ -180,6 +180,18 @@ def _vector(name: str, value: object, rows: int) -> tuple[int, ...]:
     return tuple(_checked(name, cell) for cell in flat)
 
 
+def require_orders(orders: Mapping[str, Any]) -> None:
+    """Refuse orders that no structure can have, in numbers, rows or matrices.
+
+    Raises:
+        UsageError: there is one.
+    """
+    for name, value in orders.items():
+        for row in value if isinstance(value, list | tuple) else [value]:
+            for cell in row if isinstance(row, list | tuple) else [row]:
+                _checked(name, cell)
+
+
 def _checked(name: str, value: Any) -> int:
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or not 0 <= int(value) <= MAX_ORDER:

@@ -12,7 +12,7 @@ from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, UsageError
 from sysid.extensions import loaded, points, unusable
 from sysid.structures.base import NamedStructure, Structure
-from sysid.structures.orders import MAX_ORDER
+from sysid.structures.orders import require_orders
 
 BUILT_IN = {
     "arx": "linear.arx:ARX",
@@ -74,8 +74,6 @@ def structure_class(name: str) -> type[NamedStructure]:
 MAX_CHANNELS = 256
 """Largest number of inputs or of outputs in a file: beyond it a damaged number asks for memory."""
 
-Order = Annotated[int, Ge(0), Le(MAX_ORDER)]
-
 
 @dataclass(frozen=True)
 class _Described:
@@ -84,7 +82,7 @@ class _Described:
     __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
 
     structure: str
-    orders: Mapping[str, Order | tuple[Order, ...] | tuple[tuple[Order, ...], ...]]
+    orders: Mapping[str, Any]
     nu: Annotated[int, Ge(0), Le(MAX_CHANNELS)]
     ny: Annotated[int, Ge(1), Le(MAX_CHANNELS)]
     settings: Mapping[str, Any] | None = None
@@ -100,6 +98,7 @@ def structure_from_json(raw: Mapping[str, Any]) -> Structure:
     """
     try:
         described = checked(_Described, raw, others=True)
+        require_orders(described.orders)
         name = described.structure
         cls = _load(MADE[name]) if name in MADE else structure_class(name)
         raw = cls.upgraded(raw)

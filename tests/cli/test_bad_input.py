@@ -46,6 +46,8 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     for name, text in FILES.items():
         (root / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     pd.DataFrame({"u": ["a", "b"] * 20, "y": np.arange(40.0)}).to_parquet(root / "text.parquet")
+    few = pd.DataFrame({"t": [0.0, 0.1, 0.2], "u": [0.0, 1.0, 0.0], "y": [0.0, 0.0, 1.0]})
+    few.set_index(pd.Index([5, 6, 7], name="y")).to_parquet(root / "index_named.parquet")
     good = root / "good"
     fit = ["fit", str(root / "robot.csv"), "--workspace", str(good), "--structure"]
     assert main([*fit, "arx", "--orders", "na=1 nb=1"]) == 0
@@ -112,6 +114,9 @@ FILES: dict[str, str | bytes] = {
     "constant_input.csv": HEAD + "".join(f"{k},5,{k % 7}\n" for k in range(40)),
     "constant_output.csv": HEAD + "".join(f"{k},{k % 5},3\n" for k in range(40)),
     "short.csv": HEAD + ROWS[:40].rsplit("\n", 1)[0] + "\n",
+    "far_date.csv": "time,u,y\n"
+    + "".join(f"2024-01-01 00:00:{k:02d},{k % 3},{k % 5}\n" for k in range(40))
+    + "9999-12-31 23:59:59,1,2\n",
     "zeros.csv": b"t,u,y\n0,1\x00,2\n",
     "old.xls": b"\xd0\xcf\x11\xe0" + bytes(60),
     "goal_missing.yaml": "start: [0, 0, 0]\n",
@@ -171,6 +176,12 @@ CASES = (
     Case("inspect {text.csv} --strict", 1, "line 7, column u: 'oops'"),
     # options of fit; those of reading stand in test_cli_base, malformed orders in test_structures
     _fit("--structure arxx", "'arxx'"),
+    _fit("--structure arx --orders 'na=1:99999999999 nb=1'", "up to 200"),
+    _fit("--pwm-max 1e-300", "--pwm-max must be a positive number"),
+    Case(f"fit {'n' * 300}.csv", 1, "File name too long"),
+    Case(f"models --workspace {'n' * 300}", 1, "File name too long"),
+    _log("index_named.parquet", "samples"),
+    Case("fit {far_date.csv} --resample fill", 1, "split it at the gaps"),
     _fit("--structure arx --orders na=x", "'na=x'"),
     _fit("--structure arx --orders 'na=1 na=1:2 nb=1'", "na is given twice"),
     _fit("--structure arx --orders ''", "--orders is empty"),

@@ -114,6 +114,7 @@ def test_a_structure_without_transfer_matrix_is_refused() -> None:
 
     class Strange:
         name = "strange"
+        nu = ny = 1
 
     strange: Structure = Strange()  # type: ignore[assignment]
     model = replace(bench_model("arx"), structure=strange)

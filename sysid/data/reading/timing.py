@@ -28,6 +28,10 @@ SHORT_GAP = 3
 """Up to this many missing samples in a row are interpolated without being asked."""
 SHORTEST = 10
 """Pieces between gaps with fewer samples than this are left out."""
+MOST_FILLED = 20
+"""Samples for each row beyond which a log is not filled: what was measured would be lost in it."""
+LEAST_FILLED = 1_000_000
+"""Samples that are filled in any case: they cost no memory to speak of."""
 
 Place = Callable[[int], str]
 
@@ -127,6 +131,12 @@ def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Gri
         text += f"{'were' if n > 1 else 'was'} left out as too short."
         findings.append(Finding("gaps", Severity.NOTE, text, record=where))
     segments = [Segment(a, b, even=not (uneven or gaps[a : b - 1].any())) for a, b in kept]
+    filled = sum((t[s.stop - 1] - t[s.start]) / dt for s in segments if not s.even)
+    if filled > max(MOST_FILLED * len(t), LEAST_FILLED):
+        raise DataError(
+            f"{where}: its {len(t)} rows would be filled up to {filled:.3g} samples; split it at "
+            "the gaps with `resample='auto'`"
+        )
     return Grid(dt, tuple(segments), tuple(findings))
 
 
