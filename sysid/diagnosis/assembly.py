@@ -149,10 +149,16 @@ def _confirmed(
     """The accepted effects, the rejected ones, and both models on all samples of long logs."""
     session = result.session
     selection, rejected = session.confirmed(result.selection)
-    whole = judged(session, selection) if judged else None
-    if judged and whole and selection.effects and whole.gap.closed_percent <= 0.0:
-        rejected += tuple(RejectedEffect(n.id, ONLY_IN_PIECES) for n in selection.effects)
-        selection = replace(session.nothing, candidates=selection.candidates)
+    if judged is None:
+        return selection, rejected, None
+    whole = judged(session, selection)
+    while selection.effects:
+        rests = {n.id: judged(session, replace(selection, final=n.rest)) for n in selection.effects}
+        least = min(rests, key=lambda id: rests[id].gap.after)
+        if rests[least].gap.after > whole.gap.after:
+            break
+        rejected += (RejectedEffect(least, ONLY_IN_PIECES),)
+        selection = session.measured(session.base.search.without_effect(selection, least))
         whole = judged(session, selection)
     return selection, rejected, whole
 

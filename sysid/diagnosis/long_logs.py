@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 
 import numpy as np
 
@@ -79,12 +79,10 @@ def searched_on(
         pieces, judging = tuple(estimation), tuple(holdout or ())
     else:
         pieces, judging = pieces_of(estimation), pieces_of(holdout or ())
-    whole = tuple(holdout or estimation)
-    judged = partial(judged_in_full, whole=whole, apart=bool(holdout))
+    whole = WholeLogs(tuple(holdout or estimation), pieces, bool(holdout))
     cut = (*pieces, *judging) != (*estimation, *(holdout or ()))
-    return Searched(
-        LogFacts(pieces), LogFacts(judging) if judging else None, judged if cut else None
-    )
+    judging_facts = LogFacts(judging) if judging else None
+    return Searched(LogFacts(pieces), judging_facts, whole.judged if cut else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,44 +100,53 @@ class InFull:
     sentence: str
 
 
-def judged_in_full(
-    session: DiagnosisSession, selection: Selection, whole: Sequence[Record], apart: bool
-) -> InFull:
-    """Free runs of the original and the augmented model over whole logs.
+@dataclass(frozen=True, eq=False)
+class WholeLogs:
+    """The logs that pieces were taken from, or the validation logs.
 
-    Args:
-        session: of the pieces.
-        selection: the accepted effects.
-        whole: the logs that the pieces were taken from, or the validation logs.
+    Attributes:
+        records: the logs.
+        pieces: what effects are searched on.
         apart: whether these are validation logs, of which every sample counts.
     """
-    origin, pieces = session.origin.base, session.base.parts.estimation
-    weights = [
-        w if apart else w * _outside(r, pieces)[:, None]
-        for r, w in zip(whole, inspect_samples(LogFacts(tuple(whole))).weights, strict=True)
-    ]
-    before = _runs(origin, origin.model, whole)
-    after = _runs(session.base, selection.final, whole) if selection.selected else before
-    old, new = (
-        [np.where(w > 0.0, r.y - y, np.nan) for r, y, w in zip(whole, runs, weights, strict=True)]
-        for runs in (before, after)
-    )
-    traces = tuple(
-        Trace(r, a, b, "held-out", np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
-        for r, a, b, w in zip(whole, before, after, weights, strict=True)
-    )
-    searched, counted = sum(map(len, pieces)), int(sum(t.counted.sum() for t in traces))
-    return InFull(
-        session.gap_of(old, new),
-        traces,
-        f"Effects were searched on {searched} samples in {len(pieces)} pieces; "
-        f"held-out errors are of {'all' if apart else 'the other'} {counted} samples.",
-    )
+
+    records: tuple[Record, ...]
+    pieces: tuple[Record, ...]
+    apart: bool
+
+    @cached_property
+    def weights(self) -> tuple[Array, ...]:
+        """0 where a measurement was lost, repeated or searched on, (N, ny) a record."""
+        read = inspect_samples(LogFacts(self.records)).weights
+        pieces = () if self.apart else self.pieces
+        return tuple(w * _outside(r, pieces) for r, w in zip(self.records, read, strict=True))
+
+    def judged(self, session: DiagnosisSession, selection: Selection) -> InFull:
+        """Free runs of the original and the augmented model over whole logs."""
+        origin = session.origin.base
+        before = _runs(origin, origin.model, self.records)
+        after = before
+        if selection.selected:
+            after = _runs(session.base, selection.final, self.records)
+        each = tuple(zip(self.records, before, after, self.weights, strict=True))
+        traces = tuple(
+            Trace(r, a, b, "held-out", np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
+            for r, a, b, w in each
+        )
+        old = [np.where(w > 0.0, r.y - a, np.nan) for r, a, _, w in each]
+        new = [np.where(w > 0.0, r.y - b, np.nan) for r, _, b, w in each]
+        searched, counted = sum(map(len, self.pieces)), int(sum(t.counted.sum() for t in traces))
+        return InFull(
+            session.gap_of(old, new),
+            traces,
+            f"Effects were searched on {searched} samples in {len(self.pieces)} pieces; held-out "
+            f"errors are of {'all' if self.apart else 'the other'} {counted} samples.",
+        )
 
 
 def _outside(record: Record, pieces: Sequence[Record]) -> Array:
-    """1 for samples of a record in none of its pieces, (N,)."""
-    outside = np.ones(len(record))
+    """1 for samples of a record in none of its pieces, (N, 1)."""
+    outside = np.ones((len(record), 1))
     for p in pieces:
         k = round((p.t0 - record.t0) / record.dt)
         if p.sha256 == record.sha256 and 0 <= k < len(record):
