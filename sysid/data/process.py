@@ -151,7 +151,7 @@ def _searched(problem: _Problem, p: Array) -> "tuple[Array, Whitened]":
     """Parameters and noise from a start: Levenberg–Marquardt between estimates of the noise."""
     n = len(p)
     longest = np.repeat([0.7, 1.5, 4.0], n // 3)
-    white = Whitened(problem, p, np.zeros(0)).again(p)
+    white = Whitened(problem, p, np.zeros(0)).reestimated(p)
     for _ in range(ROUNDS):
         error, damping = white.error(p), 1e-3
         for _ in range(STEPS):
@@ -173,7 +173,7 @@ def _searched(problem: _Problem, p: Array) -> "tuple[Array, Whitened]":
             p, error, damping = tried, better, damping / 10.0
             if done:
                 break
-        white = white.again(p)
+        white = white.reestimated(p)
     return p, white
 
 
@@ -217,7 +217,7 @@ class Whitened:
         J = self.beside(slopes * np.tile(gain, 3))
         return np.hstack([J, X]), self.target - X @ gain
 
-    def again(self, p: Array) -> "Whitened":
+    def reestimated(self, p: Array) -> "Whitened":
         """The same with the noise of what the process p leaves."""
         X = np.hstack([self.base, _values(self.problem, p)])
         rest = self.problem.y - X @ _solved(X, self.problem.y)

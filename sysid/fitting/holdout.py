@@ -115,11 +115,6 @@ def longest_of(nk: int | Sequence[Sequence[int]]) -> int:
     return nk if isinstance(nk, int) else max(max(row) for row in nk)
 
 
-def allowing(data: HoldOut, nk: int | Sequence[Sequence[int]]) -> HoldOut:
-    """The same data, cut less often where delays ``nk`` are long."""
-    return hold_out(data.whole, longest_of(nk))
-
-
 def _cut(samples: int, dead_time: int) -> tuple[tuple[float, float], ...]:
     """The way to cut a record: the most blocks that its length and the delay allow."""
     for least, cut in CUTS:

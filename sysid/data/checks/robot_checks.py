@@ -70,7 +70,8 @@ def _pwm_scale(record: Record, u: Array) -> list[Finding]:
             "pwm-scale",
             Severity.WARNING,
             f"The PWM {why}.",
-            f"If full drive is {guess:g} there, give {argument(pwm_max=float(f'{guess:g}'))}.",
+            f"If full drive is {guess:g} there, give {argument(pwm_max=float(f'{guess:g}'))}"
+            + (f"; on a board of ±255 {argument(pwm_max=255.0)}." if guess == 100.0 else "."),
             ", ".join(record.input_names),
         )
     ]
