@@ -6,6 +6,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from sysid.data.files import open_regular
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.table import Table, frame_table, read_table
 from sysid.data.reading.text_layout import Layout
@@ -49,7 +50,7 @@ class Blocks:
             yield from self._frames(rows, firsts)
             return
         for first in firsts:
-            with self.path.open("rb") as file:
+            with open_regular(self.path) as file:
                 file.seek(len(self.head) + int(first * self.line))
                 if first:
                     file.readline()  # the rest of a row
@@ -62,7 +63,7 @@ class Blocks:
             yield from self._frames(rows, range(0, self.rows, rows))
             return
         rest = b""
-        with self.path.open("rb") as file:
+        with open_regular(self.path) as file:
             file.seek(len(self.head))
             while data := file.read(int(rows * self.line)):
                 data = rest + data
@@ -76,7 +77,7 @@ class Blocks:
     def digest(self) -> str:
         """The checksum of the file."""
         total = sha256()
-        with self.path.open("rb") as file:
+        with open_regular(self.path) as file:
             while data := file.read(1 << 24):
                 total.update(data)
         return total.hexdigest()
@@ -107,7 +108,7 @@ def large_log(path: Path, options: ReadOptions, most: int = ROWS_IN_MEMORY) -> B
     """A log of more than ``most`` rows; None for a smaller one and for other formats."""
     if options.join or options.map or not path.is_file() or path.stat().st_size < 4 * most:
         return None
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         head = file.read(HEAD_BYTES)
     if b"\0" in head[4:] and not head.startswith(b"PAR1"):
         return None  # two bytes a sign: its lines are not found by their ends
@@ -142,7 +143,7 @@ def large_log(path: Path, options: ReadOptions, most: int = ROWS_IN_MEMORY) -> B
 def _mean_line(path: Path, above: int, size: int) -> float:
     """The mean length of a line in samples from all of a text [bytes]."""
     read = lines = 0
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         for k in range(STRETCHES):
             file.seek(above + k * (size - above) // STRETCHES)
             file.readline()
