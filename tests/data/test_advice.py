@@ -30,14 +30,21 @@ T = 0.02 * np.arange(N)
 Logs = Callable[[Path], list[Path]]
 
 
-def log(head: str, *columns: Sequence[Any], name: str = "log.csv", before: str = "") -> Logs:
+def decimal_commas(values: Any) -> list[str]:
+    """Three decimals behind a comma."""
+    return [f"{v:.3f}".replace(".", ",") for v in values]
+
+
+def log(
+    head: str, *columns: Sequence[Any], name: str = "log.csv", before: str = "", sep: str = ","
+) -> Logs:
     """Writes one log; numbers with six decimals, None as an empty cell."""
 
     def cell(value: Any) -> str:
         return "" if value is None else value if isinstance(value, str) else f"{value:.6f}"
 
     def write(folder: Path) -> list[Path]:
-        rows = [",".join(map(cell, row)) for row in zip(*columns, strict=True)]
+        rows = [sep.join(map(cell, row)) for row in zip(*columns, strict=True)]
         (folder / name).write_text("\n".join([*([before] * bool(before)), head, *rows]) + "\n")
         return [folder / name]
 
@@ -48,8 +55,17 @@ def both(*logs: Logs) -> Logs:
     return lambda folder: [path for write in logs for path in write(folder)]
 
 
+def every(rows: int, values: Any) -> list[Any]:
+    """Cells that are filled in every so many rows only."""
+    return [v if k % rows == 0 else None for k, v in enumerate(values)]
+
+
 HOLES = [None if k % 29 == 7 else v for k, v in enumerate(Y)]
 LATE = np.delete(np.arange(N), range(200, 230))
+TORN = np.flatnonzero(np.arange(N) % 30 < 9)
+MILLIS = [f"{20 * k}" for k in range(N)]
+RATES = {"inputs": "u", "outputs": ("y", "y2")}
+SIDES = "t,pwm_l,pwm_r,omega_l,omega_r"
 UNEVEN = np.cumsum(RNG.uniform(0.005, 0.06, N))
 TURNING = np.cumsum(0.02 * (1.0 + 0.5 * Y))
 WAY = np.cumsum(0.02 * np.cos(TURNING)), np.cumsum(0.02 * np.sin(TURNING))
@@ -59,7 +75,7 @@ SLOW_U = np.repeat(RNG.uniform(-1.0, 1.0, 12), SLOW // 12)
 SLOW_Y = lfilter([0.0, 0.0025], [1.0, -0.9975], SLOW_U) + 0.01 * RNG.standard_normal(SLOW)
 
 ADVICE: dict[str, tuple[Logs, dict[str, Any], dict[str, Any]]] = {
-    "correct it, or allow": (log("t,u,y", T, U, HOLES), {}, {}),
+    "correct it, or allow": (log("t,u,y", T, U, HOLES), {"resample": "refuse"}, {}),
     "If that is wrong, give `units": (log("clock,u,y", 1e3 * T, U, Y), {}, {}),
     "if it is not the time": (log("tick,u,y", 1e3 * T, U, Y), {}, {"SECONDS": 0.02}),
     "for example `inputs": (log("t,alpha,beta", T, U, Y), {}, {}),
@@ -85,11 +101,30 @@ ADVICE: dict[str, tuple[Logs, dict[str, Any], dict[str, Any]]] = {
     "reads every row as it was logged": (log("t,u,y", T, U, np.repeat(Y[::4], 4)), {}, {}),
     "the sampling is irregular": (log("t,u,y", UNEVEN**1.3, U, Y), {}, {}),
     "time stays at": (log("t,u,y", np.floor(T), U, Y), {}, {"ts": 0.02}),
-    "the file holds several logs": (log("t,u,y", np.r_[T[:300], T[:300]], U, Y), {}, {}),
+    "the file holds several logs": (
+        log("t,u,y", np.r_[T[:300], T[:300]], U, Y), {"resample": "refuse"}, {},
+    ),
     "record at a fixed rate, or allow": (
         log("t,u,y", T + 0.002 * RNG.uniform(size=N), U, Y), {"resample": "refuse"}, {},
     ),
-    "makes several experiments of it": (log("t,u,y", T[LATE], U[LATE], Y[LATE]), {}, {}),
+    "cuts it there": (log("t,u,y", T[LATE], U[LATE], Y[LATE]), {"resample": "refuse"}, {}),
+    "interpolates instead": (log("t,u,y", T[LATE], U[LATE], Y[LATE]), {}, {}),
+    "no piece between its gaps": (log("t,u,y", T[TORN], U[TORN], Y[TORN]), {}, {}),
+    "would be filled": (
+        log("t,u,y", np.r_[T[:300], T[300:] + 1e6], U, Y), {"resample": "fill"}, {},
+    ),
+    "if it separates thousands": (
+        log("t [ms];u;y", MILLIS, *map(decimal_commas, (2 + U, 3 + Y)), sep=";"),
+        {}, {},
+    ),
+    "takes it out": (log("t,u,y", T, U, Y + 0.6 * np.sin(np.pi * T / T[-1])), {}, {}),
+    "Until then give": (log(SIDES, T, 2e4 * U, 2e4 * U[::-1], 8.0 * Y[::-1], 8.0 * Y), {}, {}),
+    "change the sign of the": (
+        log(SIDES, T, 2e4 * U, 2e4 * U[::-1], -8.0 * Y, 8.0 * Y[::-1]), {}, {},
+    ),
+    "the rows are finer": (
+        log("t,u,y,y2", T, U, every(2, Y), every(10, Y)), RATES, {},
+    ),
     "same columns with": (
         both(log("t,u,y", T, U, Y), log("t,u,y,y2", T, U, Y, Y, name="b.csv")), {},
         {"inputs": "u", "outputs": "y"},
@@ -117,8 +152,12 @@ TO_AN_OPTION = (
 )
 """Parts of messages that refuse what an option gave, whose remedy is another value of it."""
 
-ELSEWHERE = ("If that is wrong, give the sample time in seconds", "Omit `ts` if")
-"""Parts of messages on a title that states the interval, and of one that has a row."""
+ELSEWHERE = (
+    *("If that is wrong, give the sample time in seconds", "Omit `ts` if", "; on a board of"),
+    *("`strict=True` refuses such a log", "cut the log there (`trim`)"),
+)
+"""Parts of messages on a title that states the interval, of those that have a row, of one whose
+option refuses, and of one that leaves the parts to the reader."""
 
 
 def judged(paths: list[Path], options: dict[str, Any]) -> tuple[list[str], LogFacts | None]:
@@ -169,6 +208,7 @@ def test_every_message_that_names_an_option_is_followed() -> None:
         ROOT / "sysid/data/io.py",
         ROOT / "sysid/data/same_kind.py",
         ROOT / "sysid/data/units.py",
+        ROOT / "sysid/data/usable_rows.py",
     ]
     for folder in ("reading", "checks"):
         modules += sorted((ROOT / "sysid/data" / folder).glob("*.py"))

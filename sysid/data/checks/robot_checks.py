@@ -147,7 +147,7 @@ def _signs(records: Sequence[Record]) -> list[Finding]:
                 Severity.WARNING,
                 "The left ω follows the right PWM and the right ω the left PWM.",
                 "Swap two columns or two plugs: left and right are mixed up. Until then give "
-                f"{argument(inputs=','.join(names))}.",
+                f"{argument(inputs=list(names))}.",
             )
         )
     return findings + [
