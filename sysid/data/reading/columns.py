@@ -220,14 +220,12 @@ def _unclear(names: Sequence[str], families: Roles, where: str, given_u: bool) -
     sides = {"input": families.inputs, "output": families.outputs}
     missing = [side for side, of_side in sides.items() if not of_side]
     used = {n for of_side in sides.values() for f in of_side for n in f}
-    signals = {n for n in names if not (is_time(n) or is_counter(n))}
-    if len(missing) == 1 and used >= signals:
+    if len(missing) == 1 and used >= {n for n in names if not (is_time(n) or is_counter(n))}:
         return (
             f"{where} has no column left for the {missing[0]}: its columns are {_listed(names)}; "
             "a log needs at least one input and one output"
         )
-    few = len(families.outputs) == 1 or len(signals) < 3  # a signal on its own
-    alone = " (or none: `inputs='none'`)" if few and not given_u else ""
+    alone = "" if given_u or len(families.outputs) != 1 else " (or none: `inputs='none'`)"
     asked = {
         f"the {side}": [" with ".join(f) for f in of_side] or [*names]
         for side, of_side in sides.items()
