@@ -227,7 +227,7 @@ def _unclear(names: Sequence[str], families: Roles, where: str, given_u: bool) -
         )
     alone = "" if given_u or len(families.outputs) != 1 else " (or none: `inputs='none'`)"
     asked = {
-        f"the {side}": [" with ".join(f) for f in of_side] or [*names]
+        f"the {side}": [_listed(f, MOST_IN_AN_EXAMPLE, " with ") for f in of_side] or [*names]
         for side, of_side in sides.items()
         if len(of_side) != 1
     }
