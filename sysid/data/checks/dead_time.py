@@ -51,7 +51,11 @@ def refined_delays(
     refined: list[Delay] = []
     for k, d in enumerate(delays):
         fit = processes[k // inputs]
-        refined.append(d if fit is None else _refined(d, fit, k % inputs, dt, shortest))
+        if fit is not None:
+            refined.append(_refined(d, fit, k % inputs, dt, shortest))
+        else:
+            unsure = d.delay is not None and d.low <= PLAIN < d.delay
+            refined.append(replace(d, delay=PLAIN) if unsure else d)
     return tuple(refined)
 
 
@@ -95,7 +99,7 @@ def _refined(d: Delay, fit: ProcessFit, i: int, dt: float, shortest: int) -> Del
         max(int(np.ceil(dead + side * WIDTH * error - 0.5)), shortest) for side in (-1.0, 1.0)
     )
     delay = max(int(np.ceil(dead - 0.5)), shortest)
-    if delay < PLAIN <= high:
-        delay = PLAIN
+    if low <= PLAIN <= high:
+        delay = PLAIN  # no dead time where none is shown
     seconds = max(dead - PLAIN, 0.0) * dt
     return replace(d, delay=delay, low=low, high=high, dead_s=seconds, error_s=error * dt)
