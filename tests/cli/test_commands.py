@@ -157,7 +157,10 @@ def test_the_winner_follows_the_plant_with_few_parameters(tmp_path: Path, capsys
     found = run(capsys, "fit", log, "--json").document
     assert found["structure"] in ("oe", "armax")
     assert len(found["parameters"]) <= 8
-    assert found == {**found["models"][0], **{k: found[k] for k in ("reason", "failed", "models")}}
+    assert found == {
+        **found["models"][0],
+        **{k: found[k] for k in ("reason", "failed", "models", "read_as")},
+    }
 
 
 def test_orders_are_read_back_as_they_are_printed(tmp_path: Path, capsys: Capture) -> None:

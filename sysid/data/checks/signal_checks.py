@@ -48,7 +48,8 @@ def check_constant(records: Sequence[Record]) -> list[Finding]:
         what, same = ("input", range(nu)) if i < nu else ("output", range(nu, len(moves)))
         if not moves[i]:
             every = (*records[0].input_names, *records[0].output_names)
-            others = argument(**{f"{what}s": [every[k] for k in same if moves[k]]})
+            rest = [every[k] for k in same if moves[k]]
+            others = argument(inputs=rest) if i < nu else argument(outputs=rest)
             leave = (
                 f"Leave it out with {others}, or record"
                 if any(moves[k] for k in same)
