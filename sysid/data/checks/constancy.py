@@ -49,11 +49,8 @@ DRIFT_ALARM = 1e-6
 MIN_SLOW = 5
 """Slow curves that a log must have room for: forty lags."""
 
-TRACE = 0.02
-"""Range of a drift over that of the output from which on it matters."""
-
 MATTERS = 0.03
-"""Change of a gain or lag, relative, that matters."""
+"""Change of a gain or lag, relative, that matters, and range of a drift over that of the output."""
 
 CLEAR = 4.0
 """Standard errors from which on it is said."""
@@ -166,7 +163,7 @@ def level_drifts(records: Sequence[Record], j: int, fit: ProcessFit) -> float:
     slow = int(np.sum(fit.white.drifting)) // len(records)
     y = r.y[:, j]
     moved = float(np.ptp(fit.drift[: len(r)]))
-    if slow < MIN_SLOW or len(r) < 8 * slow or moved < TRACE * float(np.ptp(y)):
+    if slow < MIN_SLOW or len(r) < 8 * slow or moved < MATTERS * float(np.ptp(y)):
         return 0.0
     still = base[:, ~fit.white.drifting]  # levels and decays
     X = np.hstack([still, fit.slopes, _curves(records, fit), base[:, fit.white.drifting]])[: len(r)]
