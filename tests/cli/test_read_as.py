@@ -114,8 +114,9 @@ def test_a_set_point_as_the_input_is_said_to_be_the_loop_s(tmp_path: Path, capsy
 
 def test_part_of_a_name_selects_a_column(tmp_path: Path, capsys: Capture) -> None:
     log = stand(tmp_path)
-    said = run(capsys, "inspect", log, "--input", "esc", "--output", "motor", "--json").document
-    assert [c["name"] for c in said["records"][0]["channels"]] == ["ESC signal", "Motor speed"]
+    for name in ("esc", "ESC signal (µs)"):
+        said = run(capsys, "inspect", log, "--input", name, "--output", "motor", "--json").document
+        assert [c["name"] for c in said["records"][0]["channels"]] == ["ESC signal", "Motor speed"]
     refused = run(capsys, "inspect", log, "--input", "esc", "--output", "not")
     assert refused.code == 2
     assert "not a column" in refused.err

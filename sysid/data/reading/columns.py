@@ -1,5 +1,6 @@
 """Roles of a log's columns: time, inputs, outputs and pose, by option or by name."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -186,16 +187,19 @@ def _find(name: str, names: Sequence[str], which: str, where: str) -> str:
 def matching(name: str, names: Sequence[str]) -> list[str]:
     """The columns that a name can mean: itself, else in any case, else those that contain it.
 
-    A part is one or more whole words of a column's name, or at least three of its letters.
+    A part is one or more whole words of a column's name, or at least three of its letters; a unit
+    in brackets behind it, as the header may have it, does no harm.
     """
     wanted = name.strip()
     if wanted in names or not wanted:
         return [wanted] * bool(wanted)
     low, parts = wanted.lower(), " ".join(words(wanted))
+    bare = re.sub(r"\s*[\[(][^\[\]()]*[\])]$", "", wanted)
     return (
         [n for n in names if n.lower() == low]
         or [n for n in names if parts and f" {parts} " in f" {' '.join(words(n))} "]
         or [n for n in names if len(low) >= 3 and low in n.lower()]
+        or (matching(bare, names) if bare != wanted else [])
     )
 
 
