@@ -64,6 +64,7 @@ def test_an_error_shows_what_it_repeats_and_no_more_than_a_page() -> None:
     assert said.endswith("; remove them")
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(names=st.lists(st.sampled_from(HOSTILE), min_size=2, max_size=2, unique=True))
 def test_no_file_of_a_package_holds_more_than_the_name(names: list[str]) -> None:
