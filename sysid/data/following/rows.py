@@ -11,7 +11,7 @@ from sysid.data.reading.columns import Choice, choose_columns
 from sysid.data.reading.data_lines import DataLines
 from sysid.data.reading.pose_reading import usable_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
+from sysid.data.reading.row_times import ColumnReader, numbered_clock, row_times
 from sysid.data.reading.table import Table, read_table
 from sysid.data.reading.text_layout import Layout, split_line
 from sysid.data.reading.timing import GAP, plan_grid
@@ -239,12 +239,13 @@ class _Format:
     @staticmethod
     def of(data: bytes, where: str, options: ReadOptions) -> "_Format":
         table = read_table(data, where, options.delimiter, options.decimal)
+        table = replace(table, date_order=options.date_order)
         if not isinstance(table.source, Layout):
             raise UsageError(f"{where} is not text; only a CSV log can be followed")
         timed = options.ts is not None
         choice = choose_columns(
             table.names, options.inputs, options.outputs, options.time, where,
-            column_reader(table), timed,
+            ColumnReader(table), timed,
         )  # fmt: skip
         bracketed = dict(zip(table.names, table.units, strict=True))
         choice, _ = usable_pose(choice, bracketed, options.units, where)
@@ -266,6 +267,8 @@ class _Format:
             tuple(c.channel(n, dt) for n, c in group.items()) for group in conversions
         )
         began = None if dates is None else dates[1]
+        if dates is not None and dates.order:  # a later row by itself shows none
+            table = replace(table, date_order=dates.order)
         zero = raw[0] if stamps else np.zeros(0)
         return _Format(table, choice, inputs, outputs, dt, stamps, zero, unit, began)
 
