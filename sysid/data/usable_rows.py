@@ -25,7 +25,7 @@ from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import ColumnReader, numbered_clock
 from sysid.data.reading.table import Rows, Table
 from sysid.data.reading.time_column import TimeColumn
-from sysid.data.reading.timing import SHORTEST, Place
+from sysid.data.reading.timing import Place, set_back
 from sysid.data.record import Array
 from sysid.errors import DataError, argument
 
@@ -177,8 +177,8 @@ def _references(table: Table, choice: Choice) -> dict[str, Array]:
 def _out_of_order(t: Array) -> Mask:
     """Rows outside the longest rising sequence of stamps, where they are very few.
 
-    Half a line may still be a row of numbers, whose time has lost its first or last digits. Many
-    rows one after another are no damaged lines.
+    Half a line may still be a row of numbers, whose time has lost its first or last digits. Those
+    where a clock was set back are whole.
     """
     none = np.zeros(len(t), dtype=bool)
     back = np.count_nonzero(np.diff(t) <= 0.0)
@@ -197,8 +197,9 @@ def _out_of_order(t: Array) -> Mask:
         rising[k] = True
         k = int(before[k])
     edges = np.flatnonzero(np.diff(rising, prepend=True, append=True))
+    jumps = set_back(t)
     for start, stop in edges.reshape(-1, 2):
-        if stop - start >= SHORTEST:  # whole lines of a clock that was set back
+        if np.any((jumps >= start - 1) & (jumps < stop)):  # whole lines of a clock that was set
             rising[start:stop] = True
     return ~rising if np.count_nonzero(~rising) <= OUT_OF_ORDER * len(t) else none
 

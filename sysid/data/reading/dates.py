@@ -20,6 +20,7 @@ FORMATS: dict[str, re.Pattern[str]] = {
         rf"(?P<y>\d{{4}})[-/.](?P<mo>\d{{1,2}})[-/.](?P<d>\d{{1,2}})(?:{_GAP}{_TIME})?"
     ),
     "compact": re.compile(rf"(?P<y>\d{{4}})(?P<mo>\d{{2}})(?P<d>\d{{2}})[T_ -]{_COMPACT}"),
+    "eight digits": re.compile(rf"(?P<y>\d{{4}})(?P<mo>\d{{2}})(?P<d>\d{{2}}){_GAP}{_TIME}"),
     "day first": re.compile(
         rf"(?P<d>\d{{1,2}})\.(?P<mo>\d{{1,2}})\.(?P<y>\d{{4}}|\d{{2}})(?:{_GAP}{_TIME})?"
     ),
@@ -31,7 +32,7 @@ FORMATS: dict[str, re.Pattern[str]] = {
 }
 """Ways to write an instant."""
 
-ORDERS = {"mdy": "month/day/year", "dmy": "day/month/year"}
+ORDERS = {"mdy": "month/day/year", "dmy": "day/month/year", "ymd": "year/month/day"}
 """What the numbers of a date with slashes can be; the first is taken where all agree."""
 
 NANO = 1_000_000_000
@@ -60,10 +61,9 @@ def date_format(cell: str) -> re.Pattern[str] | None:
 
 
 def only_day(cell: str) -> bool:
-    """Whether the cell holds a date without a time of day."""
-    pattern = date_format(cell)
-    match = None if pattern is None else pattern.fullmatch(cell.strip())
-    return match is not None and match.groupdict().get("y") is not None and match["h"] is None
+    """Whether the cell holds a date without a time of day, which may stand in another column."""
+    pattern = date_format(f"{cell.strip()} 00:00")
+    return pattern is not None and "y" in pattern.groupindex
 
 
 def only_time(cell: str) -> bool:
@@ -74,8 +74,8 @@ def only_time(cell: str) -> bool:
 def seconds_of(cells: Sequence[str], order: str | None = None) -> Dates | int | None:
     """The instants of a column of dates.
 
-    Which of two numbers with slashes is the day is decided over all cells: a number beyond 12 is
-    no month, and of two orders in which every cell is a date the one is taken in which the clock
+    Which number of a date with slashes is the day is decided over all cells: one beyond 12 is no
+    month, and of the orders in which every cell is a date the one is taken in which the clock
     travels least, Σ|t_k+1 − t_k|. Days that follow each other would else be months apart.
 
     Args:
@@ -97,11 +97,11 @@ def seconds_of(cells: Sequence[str], order: str | None = None) -> Dates | int | 
         if match is None or clock is None:
             return k
         part = match.groupdict()
-        days.append((part["y"], part["mo"], part["d"]) if part.get("y") else None)
+        days.append((part["mo"], part["d"], part["y"]) if part.get("y") else None)
         clocks.append(clock)
-    orders = [order or "mdy"] if pattern is FORMATS["slashes"] else ["mdy"]
-    if pattern is FORMATS["slashes"] and order is None:
-        orders = [*ORDERS]
+    orders = ["mdy"]
+    if pattern is FORMATS["slashes"]:
+        orders = [*ORDERS] if order is None else [order]
     read = {o: _instants(days, clocks, o) for o in orders}
     whole = {o: found for o, found in read.items() if isinstance(found, Dates)}
     if not whole:
@@ -118,8 +118,8 @@ def _instants(
     numbers: dict[tuple[str, str, str] | None, int | None] = {None: 0}
     for key in {*days} - {None}:
         assert key is not None
-        year, first, second = key
-        numbers[key] = _day_number(year, *((first, second) if order == "mdy" else (second, first)))
+        part = dict(zip(order, key, strict=True))
+        numbers[key] = _day_number(part["y"], part["m"], part["d"])
     nanoseconds = []
     for k, (key, clock) in enumerate(zip(days, clocks, strict=True)):
         day = numbers[key]

@@ -44,10 +44,12 @@ class ColumnReader:
 
 
 def moving_clocks(table: Table, column: TimeColumn | None) -> tuple[str, ...]:
-    """The other columns that rise as steadily as a clock does, for a log whose clock stands."""
+    """The other columns that rise in every row as a clock does, for a log whose clock stands."""
     read = ColumnReader(table)
-    others = (n for n in table.names if column is not None and n != column.name)
-    return tuple(n for n in others if is_steady(read(n)))
+    columns = {n: read(n) for n in table.names if column is not None and n != column.name}
+    return tuple(
+        n for n, c in columns.items() if c is not None and is_steady(c) and np.all(np.diff(c) > 0)
+    )
 
 
 def numbered_clock(table: Table, column: TimeColumn | None) -> tuple[str, ...]:

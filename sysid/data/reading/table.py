@@ -171,8 +171,8 @@ class Table:
         return self._dates[name]
 
     def is_date(self, name: str) -> bool:
-        """Whether a column begins with a date or a time of day."""
-        return date_format(self._first(name)) is not None
+        """Whether a column begins with a date or a time of day, or holds one for the other."""
+        return date_format(self._first(name)) is not None or len(self.date_and_clock(name)) > 1
 
     def date_and_clock(self, name: str) -> tuple[str, ...]:
         """The columns of one clock: a date and the time of day nearest to it, else the column."""

@@ -280,9 +280,9 @@ def _rises(column: Array | None) -> bool:
     return float(np.mean(np.diff(column) > 0)) >= RISING
 
 
-def is_steady(column: Array | None) -> bool:
+def is_steady(column: Array) -> bool:
     """Whether a column rises in steps that are mostly alike."""
-    if column is None or len(column) < MIN_ROWS or not _rises(column):
+    if len(column) < MIN_ROWS or not _rises(column):
         return False
     d = np.diff(column)
     usual = float(np.median(d))

@@ -28,8 +28,8 @@ SHORT_GAP = 3
 """Up to this many missing samples in a row are interpolated without being asked."""
 SHORTEST = 10
 """Pieces between gaps with fewer samples than this are left out."""
-LONG_PIECE = 50
-"""Rows of a piece that a clock set back begins or ends; pieces of rows in disorder are shorter."""
+MOST_SET_BACK = 0.01
+"""Share of rows up to which a clock that goes back was set; rows in disorder go back more often."""
 MOST_FILLED = 20
 """Samples for each row beyond which a log is not filled: what was measured would be lost in it."""
 LEAST_FILLED = 1_000_000
@@ -228,15 +228,20 @@ def _increasing(
 def set_back(t: Array) -> NDArray[np.intp]:
     """Intervals where a clock is set back, as at the end of summer time.
 
-    It goes back by ``SHORTEST`` usual steps or more, between pieces of ``LONG_PIECE`` rows or more:
-    rows exchanged go back less, a damaged stamp is a piece of one row, rows in disorder are short
-    pieces. What was logged is in the order of the rows: sorting them would mix two experiments.
+    Few of them, each between pieces of ``SHORTEST`` rows or more, after which the clock stays
+    behind: t rises by less than the rows around the interval say. Where stamps are damaged or rows
+    exchanged it rises by as much; rows in disorder make many short pieces. What was logged is in
+    the order of the rows: sorting them would mix two experiments.
     """
     d = np.diff(t)
     back = np.flatnonzero(d < 0)
-    if not len(back) or np.diff([-1, *back, len(t) - 1]).min() < LONG_PIECE:
+    if not 0 < len(back) <= MOST_SET_BACK * len(t):
         return back[:0]
-    return back[d[back] <= -SHORTEST * float(np.median(d))]
+    rows = np.diff([-1, *back, len(t) - 1])
+    back = back[np.minimum(rows[:-1], rows[1:]) >= SHORTEST]
+    around, usual = SHORTEST // 2, float(np.median(d[d > 0]))
+    rise = t[back + around] - t[back + 1 - around]
+    return back[(2 * around - 1) * usual - rise >= GAP * usual]
 
 
 def _gaps(ratio: Array) -> NDArray[np.bool_]:
