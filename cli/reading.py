@@ -49,7 +49,7 @@ Outputs = Annotated[
 ]
 Time = Annotated[
     str | None,
-    _reading("--time", "NAME", "Time column."),
+    _reading("--time", "NAME", "Time column, or either of a date and a time of day."),
 ]
 SampleTime = Annotated[
     float | None,

@@ -139,16 +139,15 @@ def _clock(
         return TimeColumn(name, counts=is_counter(name))
     by_itself = find_time(names, read, (), not timed)
     for name in given:
-        dated = is_clock(read, name)
-        named = dated or is_time(name) or is_counter(name)
+        named = is_time(name) or is_counter(name)
         if (
-            dated
+            is_clock(read, name)
             or (named and tells_time(read, name))
             or (by_itself is not None and by_itself.name == name and not named)
         ):
             side = "input" if name in given_u else "output"
-            others = [n for n in names if n not in given and not (is_time(n) or is_counter(n))]
-            others = [n for n in others if not is_clock(read, n)]
+            others = [n for n in names if n not in given and not is_clock(read, n)]
+            others = [n for n in others if not (is_time(n) or is_counter(n))]
             able = roles(others, (), (), (), read)
             likely = able.inputs if side == "input" else able.outputs
             others = [n for f in likely for n in f] or others

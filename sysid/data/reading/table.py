@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sysid.data.finding import Finding
 from sysid.data.reading.containers import container
 from sysid.data.reading.data_lines import DataLines
-from sysid.data.reading.dates import Dates, date_format, only_day, only_time, seconds_of
+from sysid.data.reading.dates import ORDERS, Dates, date_format, only_day, only_time, seconds_of
 from sysid.data.reading.header import MISSING, STATES, is_unit
 from sysid.data.reading.text_layout import Layout, lay_out, split_line
 from sysid.data.record import Array
@@ -202,9 +202,12 @@ class Table:
         cells = [" ".join(parts) for parts in zip(*columns, strict=True)]
         parsed = seconds_of(cells, self.date_order)
         if isinstance(parsed, int):
+            how = f"written like the first one, {cells[0]}"
+            if self.date_order is not None:
+                how = f"in the order {ORDERS[self.date_order]}"
             raise DataError(
-                f"{self.place(parsed)}, column {name}: {cells[parsed]!r} is not a date written "
-                f"like the first one, {cells[0]}; correct or delete that line"
+                f"{self.place(parsed)}, column {name}: {cells[parsed]!r} is not a date {how}; "
+                "correct or delete that line"
             )
         return parsed
 

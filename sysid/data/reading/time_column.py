@@ -188,7 +188,10 @@ def find_time(
     free = [n for n in names if n not in skip]
     named = [n for n in free if is_time(n)]
     if read is not None:
-        named += [n for n in free if n not in named and read.is_date(n) and _rises(read(n))]
+        dates = {n: read(n) for n in free if n not in named and read.is_date(n)}
+        named += [
+            n for n, c in dates.items() if c is None or _rises(c)
+        ]  # None: is said as it is read
     order = list(TIME_COLUMNS)
     named.sort(key=lambda n: order.index(n.lower()) if n.lower() in order else len(order))
     if read is not None and (len(named) > 1 or named == ["T"]):

@@ -59,7 +59,7 @@ def test_a_date_and_a_time_of_day_are_one_clock(
 def test_a_date_is_no_signal(tmp_path: Path) -> None:
     at = [f"{t:%H:%M:%S}" for t in instants(1.0, 60)]
     k, _, _ = motor(60)
-    with pytest.raises(UsageError, match=r"column UTC of log\.csv is the time"):
+    with pytest.raises(UsageError, match=r"column UTC of log\.csv .* cannot be the output"):
         written(tmp_path, "t,UTC", point(0.5 * k), at, options=ReadOptions(outputs=("UTC",)))
 
 
@@ -102,6 +102,8 @@ def test_the_order_is_said_and_can_be_given(tmp_path: Path) -> None:
     asked = ReadOptions(resample="fill", units={"day": "mdy"})
     told = written(tmp_path, "day", at, options=asked)
     assert time_decision(told) == "day [dates, month/day/year]"
+    with pytest.raises(DataError, match="'1/1/2026' is not a date in the order year/month/day"):
+        written(tmp_path, "day", at, options=ReadOptions(units={"day": "ymd"}))
 
 
 def stamps(*pieces: tuple[float, float], step: float = 5.0) -> np.ndarray:
