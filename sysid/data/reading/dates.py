@@ -93,10 +93,10 @@ def seconds_of(cells: Sequence[str], order: str | None = None) -> Dates | int | 
     clocks: list[int] = []  # of Python: those of NumPy end in the year 2262
     for k, cell in enumerate(cells):
         match = pattern.fullmatch(cell.strip())
-        clock = None if match is None else _clock_nanoseconds(match.groupdict())
-        if match is None or clock is None:
+        part = {} if match is None else match.groupdict()
+        clock = _clock_nanoseconds(part) if part else None
+        if clock is None:
             return k
-        part = match.groupdict()
         days.append((part["mo"], part["d"], part["y"]) if part.get("y") else None)
         clocks.append(clock)
     orders = ["mdy"]
