@@ -49,18 +49,19 @@ Outputs = Annotated[
 ]
 Time = Annotated[
     str | None,
-    _reading("--time", "NAME", "Time column."),
+    _reading("--time", "NAME", "Time column, or either of a date and a time of day."),
 ]
 SampleTime = Annotated[
     float | None,
-    _reading("--ts", "SECONDS", "Sample time, for a log without a time column."),
+    _reading("--ts", "SECONDS", "Sample time, where no column of the log is its clock."),
 ]
 Units = Annotated[
     list[str] | None,
     _reading(
         "--unit",
         "NAME=UNIT",
-        "Unit of a column in the file, converted to SI: omega_l=rpm, psi=deg, time=ms.",
+        "Unit of a column in the file, converted to SI: omega_l=rpm, psi=deg, time=ms; for dates "
+        "the order of day and month: date=dmy.",
     ),
 ]
 PwmMax = Annotated[

@@ -15,10 +15,11 @@ from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.blocks import STRETCH_ROWS, STRETCHES, Blocks, large_log
 from sysid.data.reading.columns import Choice, choose_columns, matching
 from sysid.data.reading.counters import as_speeds, continued
+from sysid.data.reading.dates import ORDERS
 from sysid.data.reading.decisions import decisions
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
+from sysid.data.reading.row_times import ColumnReader, moving_clocks, numbered_clock, row_times
 from sysid.data.reading.stale import at_sensor_rate, slow_sensors
 from sysid.data.reading.table import Table
 from sysid.data.reading.timing import (
@@ -196,7 +197,9 @@ def _read(
     clock = row_times(table, choice.clock, options.units, options.ts, raw if stamps else None)
     rows = usable_rows(table, clock.t, values, choice, options)
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
-    grid = plan_grid(rows.t, policy, rows.place, table.where)
+    grid = plan_grid(
+        rows.t, policy, rows.place, table.where, lambda: moving_clocks(table, choice.clock)
+    )
     inputs, outputs = signal_conversions(table, choice, options, rows.values)
     values, of_pose = pose_in_si(rows.values, choice, pose_units, table.where)
     turning = choice.pose[2:]
@@ -257,7 +260,7 @@ def _chosen(
         options.outputs or options.speed_of,
         options.time,
         table.where,
-        column_reader(table),
+        ColumnReader(table),
         options.ts is not None,
     )
     bracketed = dict(zip(table.names, table.units, strict=True))
@@ -307,10 +310,10 @@ def signal_conversions(
 
 
 def _of_signals(units: Mapping[str, str], choice: Choice) -> dict[str, str]:
-    """The units by option without those of the time and the pose, which are read on their own."""
+    """The units by option without those of times and of the pose, which are read on their own."""
     others = {n.lower() for n in (*choice.pose, choice.time or "")}
     signals = {n.lower() for n in (*choice.inputs, *choice.outputs)}
-    return {n: u for n, u in units.items() if n.lower() not in others - signals}
+    return {n: u for n, u in units.items() if n.lower() not in others - signals and u not in ORDERS}
 
 
 def _reading_notes(
@@ -339,7 +342,8 @@ def _reading_notes(
             f"{table.where}: {', '.join(references)} serve{'s' * (len(references) == 1)} only to "
             "detect whether a controller was running."
         )
-    unused = [n for n in choice.ignored if n not in references]
+    clock = () if choice.clock is None else table.date_and_clock(choice.clock.name)
+    unused = [n for n in choice.ignored if n not in (*references, *clock)]
     if unused:
         notes.append(f"{table.where}: not used: {', '.join(unused)}.")
     return tuple(Finding("reading", Severity.NOTE, n, record=table.where) for n in notes)

@@ -22,10 +22,10 @@ from sysid.data.reading.bad_lines import Skipped, few
 from sysid.data.reading.clock import doubled_rows
 from sysid.data.reading.columns import Choice
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import column_reader, numbered_clock
+from sysid.data.reading.row_times import ColumnReader, numbered_clock
 from sysid.data.reading.table import Rows, Table
 from sysid.data.reading.time_column import TimeColumn
-from sysid.data.reading.timing import Place
+from sysid.data.reading.timing import Place, set_back
 from sysid.data.record import Array
 from sysid.errors import DataError, argument
 
@@ -169,7 +169,7 @@ def _rate(stream: Timed) -> str:
 
 def _references(table: Table, choice: Choice) -> dict[str, Array]:
     """The unused columns that are set points, in the file's units, (N,)."""
-    read = column_reader(table)
+    read = ColumnReader(table)
     columns = {n: read(n) for n in choice.ignored if is_set_point(n)}
     return {n: c for n, c in columns.items() if c is not None}
 
@@ -177,7 +177,8 @@ def _references(table: Table, choice: Choice) -> dict[str, Array]:
 def _out_of_order(t: Array) -> Mask:
     """Rows outside the longest rising sequence of stamps, where they are very few.
 
-    Half a line may still be a row of numbers, whose time has lost its first or last digits.
+    Half a line may still be a row of numbers, whose time has lost its first or last digits. Those
+    where a clock was set back are whole.
     """
     none = np.zeros(len(t), dtype=bool)
     back = np.count_nonzero(np.diff(t) <= 0.0)
@@ -195,6 +196,11 @@ def _out_of_order(t: Array) -> Mask:
     while k >= 0:
         rising[k] = True
         k = int(before[k])
+    edges = np.flatnonzero(np.diff(rising, prepend=True, append=True))
+    jumps = set_back(t)
+    for start, stop in edges.reshape(-1, 2):
+        if np.any((jumps >= start - 1) & (jumps < stop)):  # whole lines of a clock that was set
+            rising[start:stop] = True
     return ~rising if np.count_nonzero(~rising) <= OUT_OF_ORDER * len(t) else none
 
 

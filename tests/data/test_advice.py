@@ -101,6 +101,9 @@ ADVICE: dict[str, tuple[Logs, dict[str, Any], dict[str, Any]]] = {
     "reads every row as it was logged": (log("t,u,y", T, U, np.repeat(Y[::4], 4)), {}, {}),
     "the sampling is irregular": (log("t,u,y", UNEVEN**1.3, U, Y), {}, {}),
     "time stays at": (log("t,u,y", np.floor(T), U, Y), {}, {"ts": 0.02}),
+    "time stays at 0 ": (
+        log("t,ticks,u,y", 0.0 * T, T, U, Y), {}, {"ts": 0.02},
+    ),
     "the file holds several logs": (
         log("t,u,y", np.r_[T[:300], T[:300]], U, Y), {"resample": "refuse"}, {},
     ),

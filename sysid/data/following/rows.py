@@ -11,7 +11,7 @@ from sysid.data.reading.columns import Choice, choose_columns
 from sysid.data.reading.data_lines import DataLines
 from sysid.data.reading.pose_reading import usable_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
+from sysid.data.reading.row_times import ColumnReader, numbered_clock, row_times
 from sysid.data.reading.table import Table, read_table
 from sysid.data.reading.text_layout import Layout, split_line
 from sysid.data.reading.timing import GAP, plan_grid
@@ -222,7 +222,7 @@ class _Format:
         stamps: columns of the clock; none where rows are only counted, or it holds dates.
         zero: stamps of the first row.
         unit: seconds in a stamp's unit.
-        began: of a clock of dates, the moment of its first row [s].
+        dated: whether its clock holds dates.
         header: cells of the header row.
     """
 
@@ -234,17 +234,18 @@ class _Format:
     stamps: tuple[str, ...]
     zero: Array
     unit: float
-    began: float | None
+    dated: bool
 
     @staticmethod
     def of(data: bytes, where: str, options: ReadOptions) -> "_Format":
         table = read_table(data, where, options.delimiter, options.decimal)
+        table = replace(table, date_order=options.date_order)
         if not isinstance(table.source, Layout):
             raise UsageError(f"{where} is not text; only a CSV log can be followed")
         timed = options.ts is not None
         choice = choose_columns(
             table.names, options.inputs, options.outputs, options.time, where,
-            column_reader(table), timed,
+            ColumnReader(table), timed,
         )  # fmt: skip
         bracketed = dict(zip(table.names, table.units, strict=True))
         choice, _ = usable_pose(choice, bracketed, options.units, where)
@@ -265,9 +266,10 @@ class _Format:
         inputs, outputs = (
             tuple(c.channel(n, dt) for n, c in group.items()) for group in conversions
         )
-        began = None if dates is None else dates[1]
+        if dates is not None and dates.order:
+            table = replace(table, date_order=dates.order)
         zero = raw[0] if stamps else np.zeros(0)
-        return _Format(table, choice, inputs, outputs, dt, stamps, zero, unit, began)
+        return _Format(table, choice, inputs, outputs, dt, stamps, zero, unit, dates is not None)
 
     @property
     def layout(self) -> Layout:
@@ -315,16 +317,18 @@ class _Format:
         values = block[:, : len(signals)]
         if self.stamps:
             return self.unit * _combined(block[:, len(signals) :], self.zero), values
-        if self.began is not None and self.choice.clock is not None:
-            dates = table.dates(self.choice.clock.name)
-            if dates is None:
-                raise DataError(f"{self.table.where}: a line has no date")
-            return dates[0] + (dates[1] - self.began), values
+        if self.dated and self.choice.clock is not None:
+            # after the first row: one row by itself shows no order of day and month
+            rows = DataLines([self.rows[0], *lines])
+            source = replace(source, rows=rows, lines=range(len(rows)))
+            dates = replace(table, source=source).dates(self.choice.clock.name)
+            assert dates is not None  # as the first row has one
+            return dates.elapsed[1:], values
         return np.zeros(len(lines)), values
 
     def place(self, at: float, last: tuple[float, Array] | None) -> float:
         """The instant of a row; one sample after the previous row where no column states it."""
-        if self.stamps or self.began is not None:
+        if self.stamps or self.dated:
             return at
         return 0.0 if last is None else last[0] + self.dt
 

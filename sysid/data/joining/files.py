@@ -28,7 +28,7 @@ from sysid.data.reading.columns import choose_columns
 from sysid.data.reading.counters import counted
 from sysid.data.reading.pose_columns import angle_unit, find_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import column_reader, median_step, row_times
+from sysid.data.reading.row_times import ColumnReader, median_step, row_times
 from sysid.data.reading.stale import between_measurements, refreshed
 from sysid.data.reading.table import Table, read_table
 from sysid.data.reading.time_column import TimeColumn, find_time
@@ -183,7 +183,7 @@ def _rows(count: int) -> str:
 
 
 def _series(table: Table, time: str | None, ts: float | None, units: Mapping[str, str]) -> Series:
-    read = column_reader(table)
+    read = ColumnReader(table)
     column = find_time(table.names, read, ()) if time is None else TimeColumn(time)
     if column is None and ts is None:
         raise DataError(
@@ -218,7 +218,7 @@ def _new_names(names: Sequence[str], taken: Sequence[str], stem: str) -> dict[st
 
 def _numbers(table: Table, names: Sequence[str]) -> dict[str, Array]:
     """The columns that hold numbers, with NaN in empty cells."""
-    read = column_reader(table)
+    read = ColumnReader(table)
     columns = {name: read(name) for name in names}
     return {n: c for n, c in columns.items() if c is not None and np.isfinite(c).any()}
 
@@ -304,7 +304,7 @@ def _wheels_and_pose(
     pose = find_pose(tuple(known)).names
     if not pose:
         return None
-    read = column_reader(log.table)
+    read = ColumnReader(log.table)
     other_columns = [n for n in log.table.names if n not in log.clock]
     wanted = options.outputs or options.speed_of
     outputs: dict[str, None] = {}

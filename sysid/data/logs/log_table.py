@@ -1,6 +1,6 @@
 """Read the table of a log of any kind: text, Parquet or a bag of ROS."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -53,7 +53,9 @@ def read_log_table(path: Path, options: ReadOptions, *, even: bool = True) -> Lo
     data = read_bytes(path)
     _check_no_bag_options(path, options)
     table = read_table(data, path.name, options.delimiter, options.decimal, options.strict)
-    return LogTable(wide(table), table.findings, sha256(data))
+    return LogTable(
+        replace(wide(table), date_order=options.date_order), table.findings, sha256(data)
+    )
 
 
 def _check_no_bag_options(path: Path, options: ReadOptions) -> None:

@@ -18,7 +18,7 @@ from sysid.data.reading.columns import NO_INPUT, choose_columns
 from sysid.data.reading.decisions import time_words
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
+from sysid.data.reading.row_times import ColumnReader, numbered_clock, row_times
 from sysid.data.reading.table import Table
 from sysid.data.record import Array
 from sysid.data.unit_words import ending
@@ -104,7 +104,7 @@ def read_sensor_log(
         tuple(dict.fromkeys(places.values())),
         options.time,
         table.where,
-        column_reader(table),
+        ColumnReader(table),
         options.ts is not None,
     )
     clock = row_times(table, choice.clock, options.units, options.ts)
@@ -128,7 +128,7 @@ def read_sensor_log(
         for n, c in places.items()
     )
     read_as = (
-        Decision("time", time_words(choice, stamps, clock.t), ("time", "units")),
+        Decision("time", time_words(table, choice, stamps, clock.t), ("time", "units")),
         Decision("sensors", taken, ("sensor", "units")),
     )
     said = (*log.findings, *clock.findings, *findings)

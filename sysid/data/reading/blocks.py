@@ -1,7 +1,7 @@
 """A log larger than memory as tables of some of its rows: stretches of it, or all in order."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -84,9 +84,10 @@ class Blocks:
 
     def _table(self, data: bytes) -> Table:
         options = self.options
-        return read_table(
+        table = read_table(
             self.head + data, self.path.name, options.delimiter, options.decimal, options.strict
         )
+        return replace(table, date_order=options.date_order)
 
     def _frames(self, rows: int, firsts: Iterable[int]) -> Iterator[Table]:
         """Tables of ``rows`` rows from each of these on, in one pass."""
@@ -101,7 +102,8 @@ class Blocks:
                     start += len(kept.pop(0))
                 kept.append(next(batches))
             table = pa.Table.from_batches(kept).slice(first - start, rows)
-            yield frame_table(table.to_pandas(), self.path.name)
+            frame = frame_table(table.to_pandas(), self.path.name)
+            yield replace(frame, date_order=self.options.date_order)
 
 
 def large_log(path: Path, options: ReadOptions, most: int = ROWS_IN_MEMORY) -> Blocks | None:

@@ -124,7 +124,8 @@ def unrolled(raw: Array, name: str, where: str, place: Place) -> tuple[Array, tu
     ahead = d[d > 0]
     if not len(back) or not len(ahead):
         return raw, ()
-    typical, longest = float(np.median(ahead)), float(np.max(ahead))
+    typical = float(np.median(ahead))
+    longest = float(np.max(np.delete(d, back[back > 0] - 1)))  # a damaged stamp leaps, then falls
     for modulus in _moduli():
         mended = d[back] + modulus
         steps = np.where(d < 0, d + modulus, d)

@@ -12,6 +12,7 @@ from sysid.data.reading.time_column import (
     TimeColumn,
     counts_rows,
     find_time,
+    is_clock,
     is_counter,
     is_time,
     tells_time,
@@ -86,7 +87,7 @@ def choose_columns(
     free = [n for n in names if n not in (*given_u, *given_y, *taken)]
     free = [n for n in free if not counts_rows(n, read)]
     pose_columns = find_pose(free)
-    signals = [n for n in free if not (is_time(n) and tells_time(read, n))]
+    signals = [n for n in free if not is_clock(read, n)]
     both = roles(signals, given_u, given_y, (*pose_columns.names, *pose_columns.alike), read)
     if not (both.outputs or inputs) and len(signals) == 1:
         both = Roles((), (tuple(signals),))
@@ -140,11 +141,14 @@ def _clock(
     by_itself = find_time(names, read, (), not timed)
     for name in given:
         named = is_time(name) or is_counter(name)
-        if (named and tells_time(read, name)) or (
-            by_itself is not None and by_itself.name == name and not named
+        if (
+            is_clock(read, name)
+            or (named and tells_time(read, name))
+            or (by_itself is not None and by_itself.name == name and not named)
         ):
             side = "input" if name in given_u else "output"
-            others = [n for n in names if n not in given and not (is_time(n) or is_counter(n))]
+            others = [n for n in names if n not in given and not is_clock(read, n)]
+            others = [n for n in others if not (is_time(n) or is_counter(n))]
             able = roles(others, (), (), (), read)
             likely = able.inputs if side == "input" else able.outputs
             others = [n for f in likely for n in f] or others

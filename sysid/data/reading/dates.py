@@ -3,6 +3,7 @@
 import datetime
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ FORMATS: dict[str, re.Pattern[str]] = {
         rf"(?P<y>\d{{4}})[-/.](?P<mo>\d{{1,2}})[-/.](?P<d>\d{{1,2}})(?:{_GAP}{_TIME})?"
     ),
     "compact": re.compile(rf"(?P<y>\d{{4}})(?P<mo>\d{{2}})(?P<d>\d{{2}})[T_ -]{_COMPACT}"),
+    "eight digits": re.compile(rf"(?P<y>\d{{4}})(?P<mo>\d{{2}})(?P<d>\d{{2}}){_GAP}{_TIME}"),
     "day first": re.compile(
         rf"(?P<d>\d{{1,2}})\.(?P<mo>\d{{1,2}})\.(?P<y>\d{{4}}|\d{{2}})(?:{_GAP}{_TIME})?"
     ),
@@ -28,10 +30,26 @@ FORMATS: dict[str, re.Pattern[str]] = {
     "time of day": re.compile(_TIME),
     "minutes": re.compile(r"(?P<m>\d{1,3}):(?P<s>\d{2})[.,](?P<f>\d{1,9})"),
 }
-"""Ways to write an instant. With slashes the month is taken for the first number unless one is
-beyond 12; only a log over midnight would show the difference."""
+"""Ways to write an instant."""
+
+ORDERS = {"mdy": "month/day/year", "dmy": "day/month/year", "ymd": "year/month/day"}
+"""What the numbers of a date with slashes can be; the first is taken where all agree."""
 
 NANO = 1_000_000_000
+
+
+class Dates(NamedTuple):
+    """A column of dates.
+
+    Attributes:
+        elapsed: instants [s] since the first cell, (N,).
+        first: the first cell's own time [s] since 1970.
+        order: of ``ORDERS``, where another one would give other instants; else empty.
+    """
+
+    elapsed: Array
+    first: float
+    order: str = ""
 
 
 def date_format(cell: str) -> re.Pattern[str] | None:
@@ -42,8 +60,27 @@ def date_format(cell: str) -> re.Pattern[str] | None:
     return next((f for f in FORMATS.values() if f.fullmatch(text)), None)
 
 
-def seconds_of(cells: Sequence[str]) -> tuple[Array, float] | int | None:
-    """Instants [s] since the first cell, and the first cell's own time [s] since 1970.
+def only_day(cell: str) -> bool:
+    """Whether the cell holds a date without a time of day, which may stand in another column."""
+    pattern = date_format(f"{cell.strip()} 00:00")
+    return pattern is not None and "y" in pattern.groupindex
+
+
+def only_time(cell: str) -> bool:
+    """Whether the cell holds a time of day without a date."""
+    return date_format(cell) is FORMATS["time of day"]
+
+
+def seconds_of(cells: Sequence[str], order: str | None = None) -> Dates | int | None:
+    """The instants of a column of dates.
+
+    Which number of a date with slashes is the day is decided over all cells: one beyond 12 is no
+    month, and of the orders in which every cell is a date the one is taken in which the clock
+    travels least, Σ|t_k+1 − t_k|. Days that follow each other would else be months apart.
+
+    Args:
+        cells: the column.
+        order: one of ``ORDERS`` by option, None to decide.
 
     Returns:
         None where the first cell is no date; the number of the first cell that is none while the
@@ -52,32 +89,48 @@ def seconds_of(cells: Sequence[str]) -> tuple[Array, float] | int | None:
     pattern = date_format(cells[0]) if len(cells) else None
     if pattern is None:
         return None
-    swapped = pattern is FORMATS["slashes"] and _day_before_month(cells, pattern)
-    nanoseconds: list[int] = []  # of Python: those of NumPy end in the year 2262
-    days: dict[tuple[str, ...], int] = {}
+    days: list[tuple[str, str, str] | None] = []
+    clocks: list[int] = []  # of Python: those of NumPy end in the year 2262
     for k, cell in enumerate(cells):
         match = pattern.fullmatch(cell.strip())
-        instant = None if match is None else _nanoseconds(match.groupdict(), swapped, days)
-        if instant is None:
+        part = {} if match is None else match.groupdict()
+        clock = _clock_nanoseconds(part) if part else None
+        if clock is None:
             return k
-        nanoseconds.append(instant)
+        days.append((part["mo"], part["d"], part["y"]) if part.get("y") else None)
+        clocks.append(clock)
+    orders = ["mdy"]
+    if pattern is FORMATS["slashes"]:
+        orders = [*ORDERS] if order is None else [order]
+    read = {o: _instants(days, clocks, o) for o in orders}
+    whole = {o: found for o, found in read.items() if isinstance(found, Dates)}
+    if not whole:
+        return max(found for found in read.values() if isinstance(found, int))
+    best = min(whole, key=lambda o: float(np.abs(np.diff(whole[o].elapsed)).sum()))
+    doubtful = any(not np.array_equal(d.elapsed, whole[best].elapsed) for d in whole.values())
+    return whole[best]._replace(order=best if doubtful or order else "")
+
+
+def _instants(
+    days: Sequence[tuple[str, str, str] | None], clocks: Sequence[int], order: str
+) -> Dates | int:
+    """The instants with the numbers of each day in this order; the first cell that is no day."""
+    numbers: dict[tuple[str, str, str] | None, int | None] = {None: 0}
+    for key in {*days} - {None}:
+        assert key is not None
+        part = dict(zip(order, key, strict=True))
+        numbers[key] = _day_number(part["y"], part["m"], part["d"])
+    nanoseconds = []
+    for k, (key, clock) in enumerate(zip(days, clocks, strict=True)):
+        day = numbers[key]
+        if day is None:
+            return k
+        nanoseconds.append(day * 86400 * NANO + clock)
     elapsed = np.array([n - nanoseconds[0] for n in nanoseconds], dtype=np.float64) / NANO
-    return elapsed, float(nanoseconds[0]) / NANO
+    return Dates(elapsed, float(nanoseconds[0]) / NANO)
 
 
-def _nanoseconds(
-    part: dict[str, str | None], swapped: bool, days: dict[tuple[str, ...], int]
-) -> int | None:
-    day = 0
-    year, month, of_month = part.get("y"), part.get("mo"), part.get("d")
-    if year and month and of_month:
-        key = (year, month, of_month)
-        if key not in days:
-            number = _day_number(*(key if not swapped else (year, of_month, month)))
-            if number is None:
-                return None
-            days[key] = number
-        day = days[key]
+def _clock_nanoseconds(part: dict[str, str | None]) -> int | None:
     hour, minute, second = (int(part.get(k) or 0) for k in ("h", "m", "s"))
     half = (part.get("half") or "").lower()[:1]
     if half:
@@ -86,7 +139,7 @@ def _nanoseconds(
         hour = hour % 12 + (12 if half == "p" else 0)
     if "h" in part and (hour > 24 or minute > 59 or second > 60):
         return None
-    whole = ((day * 24 + hour) * 60 + minute) * 60 + second - _zone(part.get("zone"))
+    whole = (hour * 60 + minute) * 60 + second - _zone(part.get("zone"))
     return whole * NANO + int((part.get("f") or "").ljust(9, "0"))
 
 
@@ -105,8 +158,3 @@ def _zone(text: str | None) -> int:
         return 0
     digits = text[1:].replace(":", "")
     return (1 if text[0] == "+" else -1) * (int(digits[:2]) * 3600 + int(digits[2:]) * 60)
-
-
-def _day_before_month(cells: Sequence[str], pattern: re.Pattern[str]) -> bool:
-    matches = (pattern.fullmatch(c.strip()) for c in cells)
-    return any(m is not None and int(m["mo"]) > 12 for m in matches)

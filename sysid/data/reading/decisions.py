@@ -9,6 +9,7 @@ from sysid.data.decision import Decision, listed
 from sysid.data.finding import Finding
 from sysid.data.reading.clock import UNIT_NAMES
 from sysid.data.reading.columns import Choice
+from sysid.data.reading.dates import ORDERS
 from sysid.data.reading.table import Table
 from sysid.data.reading.text_layout import Layout
 from sysid.data.record import Array, Channel, Record
@@ -42,7 +43,7 @@ def decisions(
     inputs = _channels(first.inputs) + ", a set point: the model is the closed loop's" * loop
     scaled = any(c.file_unit.startswith("±") for c in first.inputs)
     found = [
-        Decision("time", time_words(choice, stamps, t), ("time", "units")),
+        Decision("time", time_words(table, choice, stamps, t), ("time", "units")),
         Decision("dt", f"{first.dt:.6g} s", ("ts",)),
         Decision("in", inputs, ("inputs", "pwm_max" if scaled else "units")),
         Decision("out", _channels(first.outputs), ("outputs", "units")),
@@ -65,15 +66,17 @@ def decisions(
     return tuple(found)
 
 
-def time_words(choice: Choice, stamps: Array, t: Array) -> str:
+def time_words(table: Table, choice: Choice, stamps: Array, t: Array) -> str:
     """The time column and its unit, which the instants ``t`` [s] of its stamps show, (N,)."""
     clock = choice.clock
     if clock is None:
         return "by the number of the row"
     if clock.counts:
         return f"counted by {clock.name}"
-    if not len(stamps):
-        return f"{clock.name} [dates]"
+    dates = table.dates(clock.name)
+    if dates is not None:
+        columns = " + ".join(table.date_and_clock(clock.name))
+        return f"{columns} [dates{', ' * bool(dates.order)}{ORDERS.get(dates.order, '')}]"
     d, seconds = np.diff(stamps), np.diff(t)
     ahead = d > 0
     ratio = float(np.median(seconds[ahead] / d[ahead])) if ahead.any() else 1.0

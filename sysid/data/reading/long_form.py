@@ -3,7 +3,7 @@
 import numpy as np
 
 from sysid.data.column_words import words
-from sysid.data.reading.row_times import column_reader
+from sysid.data.reading.row_times import ColumnReader
 from sysid.data.reading.table import Rows, Table
 from sysid.data.reading.time_column import find_time
 
@@ -33,7 +33,7 @@ def wide(table: Table) -> Table:
     numbers = table.columns((values,))[:, 0]
     others = [n for n in table.names if n not in (names, values)]
     time = find_time(others, None)
-    t = column_reader(table)(time.name) if time is not None else None
+    t = ColumnReader(table)(time.name) if time is not None else None
     if time is None or t is None:
         return table
     _, first, row = np.unique(t, return_index=True, return_inverse=True)

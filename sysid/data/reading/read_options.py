@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.reading.dates import ORDERS
 from sysid.data.reading.stale import check_held
 from sysid.data.reading.time_column import unit_of
 from sysid.data.reading.timing import ResamplePolicy, check_policy
@@ -25,7 +26,8 @@ class ReadOptions:
         time: name of the time column; None to go by name.
         ts: sample time [s], where the file has no time column or only counts its samples.
         delimiter, decimal: None to find them.
-        units: channel name → unit of its numbers in the file (see ``units.UNITS``).
+        units: channel name → unit of its numbers in the file (see ``units.UNITS``); for a column of
+            dates the order of day and month (see ``dates.ORDERS``).
         pwm_max: the command value of full drive, where it is not 20000; None otherwise.
         resample: what to do about jitter, gaps and missing cells (see ``timing``).
         unwrap: output → number after which its counter starts over, None to leave its jumps alone;
@@ -86,8 +88,14 @@ class ReadOptions:
         if self.pwm_max is not None:
             pwm_conversion(self.pwm_max)
         for channel, unit in self.units.items():
-            if unit_of(unit) is None:  # a unit of time may be that of the time column
+            # a unit of time, or an order of day and month, may be that of the time column
+            if unit_of(unit) is None and unit not in ORDERS:
                 conversion(unit, channel)
+
+    @property
+    def date_order(self) -> str | None:
+        """The order of day and month that the dates are written in, None to see it from them."""
+        return next((unit for unit in self.units.values() if unit in ORDERS), None)
 
     @property
     def periods(self) -> dict[str, float]:

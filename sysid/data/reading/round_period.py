@@ -38,8 +38,8 @@ def round_period(t: Array, dt: float) -> float:
     period = float(f"{dt:.2g}")
     if len(t) < MIN_STAMPS or period == dt or not period > 0.0:
         return dt
-    if abs(period - dt) > COARSEST * dt:
-        return dt
+    if abs(period - dt) > COARSEST * dt or np.ptp(np.diff(t)) <= 1e-9 * dt:
+        return dt  # steps that are all alike, such as those of whole days, leave nothing to find
     digit = last_digit(t, dt)
     if digit == 0.0 or abs(period - dt) > 1.001 * digit:
         return dt

@@ -1,7 +1,7 @@
 """Instant of each row of a log, from its time column, a counter of rows, or ``ts`` alone."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from sysid.data.reading.clock import (
     unrolled,
 )
 from sysid.data.reading.table import Table
-from sysid.data.reading.time_column import Read, TimeColumn
+from sysid.data.reading.time_column import TimeColumn, is_steady
 from sysid.data.record import Array
 from sysid.errors import DataError, argument
 
@@ -22,20 +22,34 @@ SAME_STEP = 0.01
 """Relative difference within which the sample times of option and time column agree."""
 
 
-def column_reader(table: Table) -> Read:
+@dataclass(frozen=True)
+class ColumnReader:
     """Reads a column as numbers, or as seconds where it holds dates; None for other text."""
-    kept: dict[str, Array | None] = {}
 
-    def read(name: str) -> Array | None:
-        if name not in kept:
+    table: Table
+    _read: dict[str, Array | None] = field(default_factory=dict, compare=False, repr=False)
+
+    def __call__(self, name: str, /) -> Array | None:
+        if name not in self._read:
             try:
-                dates = table.dates(name)
-                kept[name] = dates[0] if dates else table.columns((name,))[:, 0]
+                dates = self.table.dates(name)
+                column = dates.elapsed if dates else self.table.columns((name,))[:, 0]
+                self._read[name] = column
             except DataError:
-                kept[name] = None
-        return kept[name]
+                self._read[name] = None
+        return self._read[name]
 
-    return read
+    def is_date(self, name: str, /) -> bool:
+        return self.table.is_date(name)
+
+
+def moving_clocks(table: Table, column: TimeColumn | None) -> tuple[str, ...]:
+    """The other columns that rise in every row as a clock does, for a log whose clock stands."""
+    read = ColumnReader(table)
+    columns = {n: read(n) for n in table.names if column is not None and n != column.name}
+    return tuple(
+        n for n, c in columns.items() if c is not None and is_steady(c) and np.all(np.diff(c) > 0)
+    )
 
 
 def numbered_clock(table: Table, column: TimeColumn | None) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sysid.data.finding import Finding
 from sysid.data.reading.containers import container
 from sysid.data.reading.data_lines import DataLines
-from sysid.data.reading.dates import date_format, seconds_of
+from sysid.data.reading.dates import ORDERS, Dates, date_format, only_day, only_time, seconds_of
 from sysid.data.reading.header import MISSING, STATES, is_unit
 from sysid.data.reading.text_layout import Layout, lay_out, split_line
 from sysid.data.record import Array
@@ -54,6 +54,7 @@ class Table:
         notes: what a person should know about the reading.
         source: the text's layout, the pandas frame of a Parquet file, or the rows of a bag.
         extra: columns that another file brought, by name.
+        date_order: of ``dates.ORDERS``, how its dates are written; None to decide by the dates.
     """
 
     where: str
@@ -62,7 +63,8 @@ class Table:
     notes: tuple[str, ...]
     source: "Layout | Rows | pd.DataFrame"
     extra: Mapping[str, Array] = field(default_factory=dict, hash=False)
-    _dates: dict[str, tuple[Array, float] | None] = field(
+    date_order: str | None = None
+    _dates: dict[str, Dates | None] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )  # what ``dates`` has read: half a second for 10⁵ rows, asked for by the choice and the clock
 
@@ -156,8 +158,8 @@ class Table:
             return []
         return [str(c) for c in self.source.iloc[:, column]]
 
-    def dates(self, name: str) -> tuple[Array, float] | None:
-        """A column of dates or times of day: seconds since its first cell, and that cell's own.
+    def dates(self, name: str) -> Dates | None:
+        """A column of dates or times of day, with the other one of the two where there are both.
 
         None when it holds numbers.
 
@@ -168,30 +170,44 @@ class Table:
             self._dates[name] = self._read_dates(name)
         return self._dates[name]
 
-    def _read_dates(self, name: str) -> tuple[Array, float] | None:
-        if name in self.extra:
-            return None
+    def is_date(self, name: str) -> bool:
+        """Whether a column begins with a date or a time of day, or holds one for the other."""
+        return date_format(self._first(name)) is not None or len(self.date_and_clock(name)) > 1
+
+    def date_and_clock(self, name: str) -> tuple[str, ...]:
+        """The columns of one clock: a date and the time of day nearest to it, else the column."""
+        halves = {test: test(self._first(name)) for test in (only_day, only_time)}
+        if not any(halves.values()):
+            return (name,)
+        wanted = only_time if halves[only_day] else only_day
+        at = self.names.index(name)
+        others = [n for n in self.names if n != name and wanted(self._first(n))]
+        other = min(others, key=lambda n: abs(self.names.index(n) - at), default=None)
+        if other is None:
+            return (name,)
+        return (name, other) if halves[only_day] else (other, name)
+
+    def _first(self, name: str) -> str:
+        if name in self.extra or isinstance(self.source, Rows):
+            return ""
         column = self.names.index(name)
         if isinstance(self.source, Layout):
-            sep = self.source.delimiter
-            if date_format(split_line(self.source.rows[0], sep)[column]) is None:
-                return None
-            cells = [split_line(r, sep)[column] for r in self.source.rows]
-        elif isinstance(self.source, Rows):
-            return None
-        else:
-            import pandas as pd
+            return split_line(self.source.rows[0], self.source.delimiter)[column].strip('"')
+        return str(self.source.iloc[0, column])
 
-            frame = self.source.iloc[:, column]
-            if pd.api.types.is_numeric_dtype(frame):
-                return None
-            stamp = pd.api.types.is_datetime64_any_dtype(frame)
-            cells = [c.isoformat() if stamp else str(c) for c in frame]
-        parsed = seconds_of(cells)
+    def _read_dates(self, name: str) -> Dates | None:
+        if not self.is_date(name):
+            return None
+        columns = [self.texts(n) for n in self.date_and_clock(name)]
+        cells = [" ".join(parts) for parts in zip(*columns, strict=True)]
+        parsed = seconds_of(cells, self.date_order)
         if isinstance(parsed, int):
+            how = f"written like the first one, {cells[0]}"
+            if self.date_order is not None:
+                how = f"in the order {ORDERS[self.date_order]}"
             raise DataError(
-                f"{self.place(parsed)}, column {name}: {cells[parsed]!r} is not a date written "
-                f"like the first one, {cells[0]}; correct or delete that line"
+                f"{self.place(parsed)}, column {name}: {cells[parsed]!r} is not a date {how}; "
+                "correct or delete that line"
             )
         return parsed
 

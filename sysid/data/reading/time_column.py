@@ -1,8 +1,9 @@
 """Find the time column of a log: by name, else a first column that increases steadily."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -113,8 +114,13 @@ class TimeColumn:
     over: str | None = None
 
 
-Read = Callable[[str], Array | None]
-"""Column name -> its numbers or dates as numbers, None where it holds neither."""
+class Read(Protocol):
+    """Column name -> its numbers or dates as numbers, None where it holds neither."""
+
+    def __call__(self, name: str, /) -> Array | None: ...
+
+    def is_date(self, name: str, /) -> bool:
+        """Whether a column holds dates or times of day: it is a clock, whatever its name."""
 
 
 def unit_of(text: str) -> float | None:
@@ -181,6 +187,11 @@ def find_time(
     """
     free = [n for n in names if n not in skip]
     named = [n for n in free if is_time(n)]
+    if read is not None:
+        dates = {n: read(n) for n in free if n not in named and read.is_date(n)}
+        named += [
+            n for n, c in dates.items() if c is None or _rises(c)
+        ]  # None: is said as it is read
     order = list(TIME_COLUMNS)
     named.sort(key=lambda n: order.index(n.lower()) if n.lower() in order else len(order))
     if read is not None and (len(named) > 1 or named == ["T"]):
@@ -202,7 +213,7 @@ def find_time(
         column = (
             read(first) if meaning(first).quantity == "other" and not _position(first) else None
         )
-        if column is not None and _steady(column):
+        if column is not None and is_steady(column):
             whole = bool(np.all(np.diff(column) == 1.0))
             return TimeColumn(first, counts=whole, by_name=False)
     return TimeColumn(counters[0], counts=True) if counters else None
@@ -211,6 +222,13 @@ def find_time(
 def tells_time(read: Read | None, name: str) -> bool:
     """Whether a column rises as a time or a counter does; by its name alone without ``read``."""
     return read is None or _rises(read(name))
+
+
+def is_clock(read: Read | None, name: str) -> bool:
+    """Whether a column is the time of the rows by its name, or a date, and so is no signal."""
+    if read is not None and read.is_date(name):
+        return True
+    return is_time(name) and tells_time(read, name)
 
 
 def _first(names: Sequence[str], counters: Sequence[str]) -> str | None:
@@ -265,8 +283,9 @@ def _rises(column: Array | None) -> bool:
     return float(np.mean(np.diff(column) > 0)) >= RISING
 
 
-def _steady(column: Array) -> bool:
-    if len(column) < MIN_ROWS or not np.all(np.isfinite(column)) or not _rises(column):
+def is_steady(column: Array) -> bool:
+    """Whether a column rises in steps that are mostly alike."""
+    if len(column) < MIN_ROWS or not _rises(column):
         return False
     d = np.diff(column)
     usual = float(np.median(d))

@@ -1,6 +1,6 @@
 """Uniform grids: check that the instants form one, and resample where they do not."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, get_args
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sysid.data.finding import Finding, Severity
 from sysid.data.reading.round_period import last_digit, round_period
 from sysid.data.record import Array
-from sysid.errors import DataError, UsageError
+from sysid.errors import DataError, UsageError, argument
 
 ResamplePolicy = Literal["auto", "hold", "refuse", "fill", "split"]
 """auto: even out jitter and gaps of a few samples, cut at longer ones into several experiments;
@@ -28,6 +28,8 @@ SHORT_GAP = 3
 """Up to this many missing samples in a row are interpolated without being asked."""
 SHORTEST = 10
 """Pieces between gaps with fewer samples than this are left out."""
+MOST_SET_BACK = 0.01
+"""Share of rows up to which a clock that goes back was set; rows in disorder go back more often."""
 MOST_FILLED = 20
 """Samples for each row beyond which a log is not filled: what was measured would be lost in it."""
 LEAST_FILLED = 1_000_000
@@ -71,7 +73,13 @@ def check_policy(policy: str) -> ResamplePolicy:
     return policy  # type: ignore[return-value]
 
 
-def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Grid:
+def plan_grid(
+    t: Array,
+    policy: ResamplePolicy,
+    place: Place,
+    where: str,
+    moving: Callable[[], Sequence[str]] = tuple,
+) -> Grid:
     """Judge the instants ``t`` (N,) and say how to bring the samples onto a uniform grid.
 
     With d the intervals and T their median: |d/T − 1| ≤ 1 %, or deviations no larger than the
@@ -82,11 +90,12 @@ def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Gri
         policy: what may be done about jitter and gaps.
         place: row → "file, line n" for messages.
         where: name of the file.
+        moving: the columns that may be the clock instead, for a message.
 
     Raises:
         DataError: time does not increase, or the policy forbids what would be needed.
     """
-    breaks = _increasing(t, policy, place, where)
+    breaks = _increasing(t, policy, place, where, moving)
     bounds = [0, *(i + 1 for i in breaks), len(t)]
     inside = np.ones(len(t) - 1, dtype=bool)
     inside[list(breaks)] = False
@@ -111,7 +120,7 @@ def plan_grid(t: Array, policy: ResamplePolicy, place: Place, where: str) -> Gri
             f"{d[inside].max():.3g} s; record at a fixed rate, or interpolate with "
             "`resample='fill'`"
         )
-    findings: list[Finding] = []
+    findings = _set_back_findings(t, breaks, place, where)
     if uneven:
         findings.append(_jitter(d[inside & ~gaps], dt, policy, where))
     long = gaps & (missing > SHORT_GAP)
@@ -178,8 +187,10 @@ def zero_order_hold_means(at: Array, u: Array, edges: Array) -> Array:
     return np.column_stack(means) if means else np.empty((len(edges) - 1, 0))
 
 
-def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> tuple[int, ...]:
-    """Intervals where the clock starts again (policy split); refuses any other non-increase."""
+def _increasing(
+    t: Array, policy: ResamplePolicy, place: Place, where: str, moving: Callable[[], Sequence[str]]
+) -> tuple[int, ...]:
+    """Intervals where the clock starts again or is set back; refuses any other non-increase."""
     d = np.diff(t)
     bad = np.flatnonzero(d <= 0)
     if not len(bad):
@@ -188,9 +199,11 @@ def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> t
     if np.all(d < 0):
         raise DataError(f"{where}: time decreases throughout; sort the rows by time")
     if not np.any(d > 0) or np.count_nonzero(d == 0) > len(d) // 3:
+        clocks = " or ".join(argument(time=n) for n in moving()[:3])
+        named = f"name the clock with {clocks}" if clocks else "log it with more digits"
         raise DataError(
             f"{place(i + 1)}: time stays at {t[i]:.9g} (as {np.count_nonzero(d == 0)} rows "
-            "do); log it with more digits, or give the sample time with `ts`"
+            f"do); {named}, or count the rows, without their gaps, at `ts` seconds each"
         )
     if d[i] == 0:
         raise DataError(
@@ -199,16 +212,36 @@ def _increasing(t: Array, policy: ResamplePolicy, place: Place, where: str) -> t
     back = np.flatnonzero(d < 0)
     usual = float(np.median(np.diff(np.unique(t))))  # of rows in disorder, the steps are not
     restarts = np.abs(t[back + 1] - t[0]) <= 3.0 * usual
-    if (policy == "split" or (policy == "auto" and restarts.all())) and not np.any(d == 0):
+    apart = restarts.all() or set_back(t).size == len(back)
+    if (policy == "split" or (policy == "auto" and apart)) and not np.any(d == 0):
         return tuple(int(j) for j in back)
     hint = (
         "the file holds several logs; `resample='auto'` makes an experiment of each"
-        if restarts.all()
+        if apart
         else "sort the rows by time or delete that line"
     )
     raise DataError(
         f"{place(i + 1)}: time does not increase; it goes from {t[i]:.9g} to {t[i + 1]:.9g}; {hint}"
     )
+
+
+def set_back(t: Array) -> NDArray[np.intp]:
+    """Intervals where a clock is set back, as at the end of summer time.
+
+    Few of them, each between pieces of ``SHORTEST`` rows or more, after which the clock stays
+    behind: t rises by less than the rows around the interval say. Where stamps are damaged or rows
+    exchanged it rises by as much; rows in disorder make many short pieces. What was logged is in
+    the order of the rows: sorting them would mix two experiments.
+    """
+    d = np.diff(t)
+    back = np.flatnonzero(d < 0)
+    if not 0 < len(back) <= MOST_SET_BACK * len(t):
+        return back[:0]
+    rows = np.diff([-1, *back, len(t) - 1])
+    back = back[np.minimum(rows[:-1], rows[1:]) >= SHORTEST]
+    around, usual = SHORTEST // 2, float(np.median(d[d > 0]))
+    rise = t[back + around] - t[back + 1 - around]
+    return back[(2 * around - 1) * usual - rise >= GAP * usual]
 
 
 def _gaps(ratio: Array) -> NDArray[np.bool_]:
@@ -239,6 +272,22 @@ def _jitter(d: Array, dt: float, policy: ResamplePolicy, where: str) -> Finding:
         "Log at a fixed rate if possible: interpolation smooths the fastest part of the signals.",
         record=where,
     )
+
+
+def _set_back_findings(t: Array, breaks: Sequence[int], place: Place, where: str) -> list[Finding]:
+    """What is said of a clock that was set back; one that starts again at its start was not."""
+    usual = float(np.median(np.diff(t)))
+    back = [i for i in breaks if abs(t[i + 1] - t[0]) > 3.0 * usual]
+    if not back:
+        return []
+    by = t[back[0]] + usual - t[back[0] + 1]
+    amount = f"{by / 3600:.4g} h" if by >= 3600 else f"{by:.4g} s"
+    more = "" if len(back) == 1 else f" (the first of {len(back)} times)"
+    text = (
+        f"{place(back[0] + 1)}: the clock goes back by {amount}{more}; another experiment begins "
+        "there, in the order of the rows."
+    )
+    return [Finding("clock-set-back", Severity.WARNING, text, record=where)]
 
 
 def _gap_findings(

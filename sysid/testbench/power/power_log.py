@@ -16,7 +16,7 @@ from sysid.data.finding import Finding, Severity
 from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.columns import NO_INPUT, choose_columns
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import column_reader, row_times
+from sysid.data.reading.row_times import ColumnReader, row_times
 from sysid.data.reading.table import Table
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.data.unit_words import ending
@@ -236,7 +236,7 @@ def _times(
     if not names:
         return None, ()
     choice = choose_columns(
-        table.names, (NO_INPUT,), tuple(names), None, table.where, column_reader(table)
+        table.names, (NO_INPUT,), tuple(names), None, table.where, ColumnReader(table)
     )
     if choice.clock is None:
         return None, ()

@@ -188,3 +188,14 @@ def test_few_rows_must_do_where_no_more_come() -> None:
 def test_what_needs_the_whole_log_is_refused(options: dict[str, object]) -> None:
     with pytest.raises(UsageError, match="needs the whole log"):
         RowReader("run.csv", ReadOptions(**options))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rows", [20, 60])
+def test_a_clock_in_two_columns_goes_on_in_its_order_of_day_and_month(rows: int) -> None:
+    """One row alone, and a head of one day, do not show the order."""
+    reader = RowReader("run.csv", ReadOptions())
+    at = [f"{4 + k // 24:02}/03/2026,{k % 24:02}:00:00" for k in range(rows)]
+    head = ["day,hms,u,y", *(f"{t},{k % 5},{k % 7}" for k, t in enumerate(at))]
+    assert len(rows_of(reader, head).t) == rows
+    more = rows_of(reader, ["07/03/2026,00:00:00,1,2"])
+    np.testing.assert_allclose(more.t, [72 * 3600.0])
