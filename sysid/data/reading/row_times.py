@@ -91,6 +91,11 @@ def _row_times(
     given = next((u for n, u in units.items() if n.lower() == column.name.lower()), None)
     dates = table.dates(column.name)
     if dates is not None:
+        for row in np.flatnonzero(np.isnan(dates[0]))[:1]:
+            raise DataError(
+                f"{table.place(int(row))}, column {column.name}: the date is missing; correct or "
+                "delete that line"
+            )
         elapsed, notes = unrolled(dates[0], column.name, where, table.place)
         return _checked(Clock(elapsed, dates[1], notes), column, ts, where)
     block = table.columns(numbered_clock(table, column)) if numbers is None else numbers

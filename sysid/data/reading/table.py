@@ -159,7 +159,7 @@ class Table:
     def dates(self, name: str) -> tuple[Array, float] | None:
         """A column of dates or times of day: seconds since its first cell, and that cell's own.
 
-        None when it holds numbers.
+        None when it holds numbers; an empty cell is NaN.
 
         Raises:
             DataError: the first cell reads as a date but another one does not.
@@ -174,7 +174,8 @@ class Table:
         column = self.names.index(name)
         if isinstance(self.source, Layout):
             sep = self.source.delimiter
-            if date_format(split_line(self.source.rows[0], sep)[column]) is None:
+            head = split_line(self.source.rows[0], sep)[column]
+            if date_format(head) is None and head.lower() not in MISSING:
                 return None
             cells = [split_line(r, sep)[column] for r in self.source.rows]
         elif isinstance(self.source, Rows):
@@ -187,13 +188,18 @@ class Table:
                 return None
             stamp = pd.api.types.is_datetime64_any_dtype(frame)
             cells = [c.isoformat() if stamp else str(c) for c in frame]
-        parsed = seconds_of(cells)
+        filled = [k for k, c in enumerate(cells) if c.lower() not in MISSING]
+        parsed = seconds_of([cells[k] for k in filled])
         if isinstance(parsed, int):
             raise DataError(
-                f"{self.place(parsed)}, column {name}: {cells[parsed]!r} is not a date written "
-                f"like the first one, {cells[0]}; correct or delete that line"
+                f"{self.place(filled[parsed])}, column {name}: {cells[filled[parsed]]!r} is not a "
+                f"date written like the first one, {cells[filled[0]]}; correct or delete that line"
             )
-        return parsed
+        if parsed is None:
+            return None
+        elapsed = np.full(len(cells), np.nan)
+        elapsed[filled] = parsed[0]
+        return elapsed, parsed[1]
 
     def _text(self, index: list[int]) -> Array:
         layout = self.source

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from sysid.data.reading.bad_lines import NONE_SKIPPED, Skipped, ragged, unreadable
+from sysid.data.reading.bad_lines import NONE_SKIPPED, Skipped, ragged, without_words
 from sysid.data.reading.data_lines import DataLines, cut_tail
 from sysid.data.reading.decoding import decode
 from sysid.data.reading.header import (
@@ -142,7 +142,7 @@ def _named(parts: Header, sep: str, decimal: str | None) -> tuple[str, list[str]
 
 
 def _cleaned(lines: _Lines, sep: str, where: str, strict: bool, complete: bool) -> _Lines:
-    """The rows alone: lines with other cells, or with words for numbers, are left out."""
+    """The rows alone: lines with other cells are left out, words for numbers are empty cells."""
     skipped = NONE_SKIPPED
     rows, numbers = lines.rows, lines.numbers
     if not strict:
@@ -154,13 +154,13 @@ def _cleaned(lines: _Lines, sep: str, where: str, strict: bool, complete: bool) 
         rows, numbers, skipped = _left_out(rows, numbers, bad)
     names, rows, numbers, notes = _even_out(lines.names, rows, numbers, sep, where, complete)
     if not strict:
-        bad, without = unreadable(rows, sep)
+        without, first = without_words(rows, sep)
+        said = ", ".join(
+            f"{names[i]} ({split_line(rows[k], sep)[i]!r} in line {numbers[k]})"
+            for i, k in first.items()
+        )
+        notes += (f"words in columns of numbers are empty cells: {said}",) * bool(said)
         rows = [without.get(k, row) for k, row in enumerate(rows)]
-        if without:
-            some = next(iter(without))
-            notes += (f"words in columns of numbers, as in line {numbers[some]}, are empty cells",)
-        rows, numbers, words = _left_out(rows, numbers, bad)
-        skipped += words
     return _Lines(names, rows, numbers, skipped, (*lines.notes, *notes))
 
 
