@@ -18,7 +18,7 @@ from sysid.data.reading.counters import as_speeds, continued
 from sysid.data.reading.decisions import decisions
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
+from sysid.data.reading.row_times import column_reader, numbered_clock, row_times, signal_reader
 from sysid.data.reading.stale import at_sensor_rate, slow_sensors
 from sysid.data.reading.table import Table
 from sysid.data.reading.timing import (
@@ -259,6 +259,7 @@ def _chosen(
         table.where,
         column_reader(table),
         options.ts is not None,
+        signal_reader(table),
     )
     bracketed = dict(zip(table.names, table.units, strict=True))
     choice, pose_units = usable_pose(choice, bracketed, options.units, table.where)

@@ -11,7 +11,7 @@ from sysid.data.reading.columns import Choice, choose_columns
 from sysid.data.reading.data_lines import DataLines
 from sysid.data.reading.pose_reading import usable_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
+from sysid.data.reading.row_times import column_reader, numbered_clock, row_times, signal_reader
 from sysid.data.reading.table import Table, read_table
 from sysid.data.reading.text_layout import Layout, split_line
 from sysid.data.reading.timing import GAP, plan_grid
@@ -244,7 +244,7 @@ class _Format:
         timed = options.ts is not None
         choice = choose_columns(
             table.names, options.inputs, options.outputs, options.time, where,
-            column_reader(table), timed,
+            column_reader(table), timed, signal_reader(table),
         )  # fmt: skip
         bracketed = dict(zip(table.names, table.units, strict=True))
         choice, _ = usable_pose(choice, bracketed, options.units, where)

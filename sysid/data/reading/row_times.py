@@ -13,7 +13,7 @@ from sysid.data.reading.clock import (
     stated_unit,
     unrolled,
 )
-from sysid.data.reading.table import Table
+from sysid.data.reading.table import Table, number_of
 from sysid.data.reading.time_column import Read, TimeColumn
 from sysid.data.record import Array
 from sysid.errors import DataError, argument
@@ -36,6 +36,23 @@ def column_reader(table: Table) -> Read:
         return kept[name]
 
     return read
+
+
+def signal_reader(table: Table) -> Read:
+    """Reads a column that can be a signal as ``column_reader`` does; None for dates and text.
+
+    Numbers that a few bad cells spoil can be one: what is chosen is refused with the first of them.
+    """
+    read = column_reader(table)
+
+    def numbers(name: str) -> Array | None:
+        values = read(name)
+        if values is not None:
+            return None if table.dates(name) is not None else values
+        cells = [number_of(text) for text in table.texts(name)]
+        return np.array(cells) if 2 * np.count_nonzero(np.isfinite(cells)) > len(cells) else None
+
+    return numbers
 
 
 def numbered_clock(table: Table, column: TimeColumn | None) -> tuple[str, ...]:

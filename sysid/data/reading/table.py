@@ -1,6 +1,7 @@
 """A log file as named columns of numbers: plain CSV by NumPy, other text and Parquet by pandas."""
 
 import io
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -452,6 +453,14 @@ def _states(texts: Sequence[str]) -> Array | None:
     if not set(lower) <= set(values):
         return None
     return np.array([values[t] for t in lower], dtype=np.float64)
+
+
+def number_of(text: str) -> float:
+    """The number in a cell; NaN where it is none."""
+    try:
+        return float("nan" if "_" in text else text.replace(",", "."))
+    except ValueError:
+        return math.nan
 
 
 def _is_number(text: str) -> bool:

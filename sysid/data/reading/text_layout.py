@@ -294,6 +294,8 @@ def _even_out(
         rows, numbers, counts = rows[:-1], numbers[:-1], counts[:-1]
     for line, count in zip(numbers, counts, strict=True):
         if count != wanted:
+            if not any(map(is_data, rows)):
+                raise no_table(where)
             hint = (
                 " (a decimal comma? then use ; as delimiter)"
                 if sep == "," and count > wanted
@@ -304,6 +306,14 @@ def _even_out(
                 f"{hint}; correct or delete that line"
             )
     return names, rows, numbers, notes
+
+
+def no_table(where: str) -> DataError:
+    """What is said of a text whose lines are no rows of numbers."""
+    return DataError(
+        f"{where} is no table: its lines hold no columns of numbers. Write its measurements as "
+        "CSV, one column each, below a header such as time,u,y."
+    )
 
 
 def _n(count: int, noun: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sysid.data.io import LogFile, ReadOptions, read_file
-from sysid.errors import DataError
+from sysid.errors import DataError, UnclearColumnsError
 
 N = 300
 DRAW = np.random.default_rng(7)
@@ -67,3 +67,60 @@ def test_strict_refuses_a_word_only_where_it_is_used(tmp_path: Path) -> None:
     for column in (0, 1, 2):
         with pytest.raises(DataError, match=r"line 11, column .*'Bad'"):
             read(tmp_path, {9: {column: "Bad"}}, strict=True)
+
+
+COLUMNS = {
+    "UTC": lambda k: f"08:{k // 60:02}:{k % 60:02}",
+    "Order": lambda k: f"{U[k]}",
+    "Sway": lambda k: f"{k * 7 % 31}",
+    "Load": lambda k: f"{k * 5 % 17}",
+    "Set": lambda k: "3.5",
+    "Remarks": lambda k: "run" if k % 50 == 3 else "",
+    "Place": lambda k: f"N{k}x",
+    "Spoiled": lambda k: "?" if k % 3 == 0 else f"{k % 9}",
+}
+
+
+@pytest.mark.parametrize(
+    ("columns", "asked"),
+    [
+        ("UTC Remarks Order Sway Load Place Set", ["Order", "Sway", "Load"]),
+        ("Remarks Place Order Sway", ["Order", "Sway"]),
+        ("UTC Spoiled Order Sway", ["Spoiled", "Order", "Sway"]),
+    ],
+)
+def test_only_columns_of_numbers_are_asked_for(
+    columns: str, asked: list[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "l.csv"
+    names = columns.split()
+    rows = [",".join(COLUMNS[n](k) for n in names) for k in range(N)]
+    path.write_text("\n".join([",".join(names), *rows, ""]))
+    with pytest.raises(UnclearColumnsError) as error:
+        read_file(path)
+    assert {n for f in (*error.value.inputs, *error.value.outputs) for n in f} == set(asked)
+    if "Spoiled" not in asked:
+        u, y = error.value.inputs[0], error.value.outputs[-1]
+        assert len(read_file(path, ReadOptions(inputs=u, outputs=y)).records[0]) == N
+
+
+CHAT = [f"2026-01-02 03:04:{k % 60:02},{k:03} - sent: M{k} S1" for k in range(N)]
+STATES = [
+    f"{k},pump {'on' if k % 7 else 'off'} again,{'calm' if k % 3 else 'loud'}" for k in range(N)
+]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        CHAT,
+        [c.replace(" S1", ", echo" * (k % 4)) for k, c in enumerate(CHAT)],
+        ["k,what,how", *STATES],
+        [f"note {k}: all quiet, no wind" for k in range(N)],
+    ],
+)
+def test_a_text_without_columns_of_numbers_is_no_table(lines: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "l.log"
+    path.write_text("\n".join([*lines, ""]))
+    with pytest.raises(DataError, match="is no table: its lines hold no columns of numbers"):
+        read_file(path)
