@@ -379,9 +379,6 @@ def _table(source: "Layout | pd.DataFrame", where: str) -> Table:
     notes: tuple[str, ...] = source.notes if isinstance(source, Layout) else ()
     raw = source.names if isinstance(source, Layout) else [str(c).strip() for c in source.columns]
     raw = tuple(map(name_of, raw))
-    twice = [n for n in raw if n and raw.count(n) > 1]
-    if twice:
-        raise DataError(f"{where} has two columns named {twice[0]}; rename one")
     if "" in raw:
         at = raw.index("") + 1
         if at == 1 and len(raw) > 2:  # pandas' unnamed index column
@@ -394,6 +391,11 @@ def _table(source: "Layout | pd.DataFrame", where: str) -> Table:
             " (if it has them, give the delimiter)"
         )
     names, units = _names_and_units(raw)
+    apart = _told_apart(names)
+    if apart != names:
+        said = ", ".join(n for n, was in zip(apart, names, strict=True) if n != was)
+        notes += (f"{where}: columns share a name; the later ones are called {said}.",)
+        names = apart
     if isinstance(source, Layout) and any(source.units):
         units = tuple(u or below for u, below in zip(units, source.units, strict=True))
         stated = ", ".join(f"{n} in {u}" for n, u in zip(names, source.units, strict=True) if u)
@@ -431,9 +433,18 @@ def _names_and_units(raw: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ..
     split = [_BRACKETS.fullmatch(n) for n in raw]
     split = [m if m and (m["word"] is None or is_unit(m["word"])) else None for m in split]
     bases = [m["base"] if m else n for m, n in zip(split, raw, strict=True)]
-    if len(set(bases)) != len(bases):
+    if len(set(bases)) != len(set(raw)):
         return tuple(raw), ("",) * len(raw)
     return tuple(bases), tuple((m["unit"] or m["word"] or "").strip() if m else "" for m in split)
+
+
+def _told_apart(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The names, with ``(2)`` behind the second of one name and so on."""
+    out: list[str] = []
+    for name in names:
+        numbered = (name, *(f"{name} ({k})" for k in range(2, len(names) + 2)))
+        out.append(next(n for n in numbered if n not in out and (n == name or n not in names)))
+    return tuple(out)
 
 
 def _is_text(column: "pd.Series[Any]") -> bool:
