@@ -24,7 +24,7 @@ HEAD = 20
 MIN_DATA_LINES = 3
 """Data lines needed: two intervals define a sample time."""
 
-WHOLE_LOG_ONLY = ("join", "join_offset", "speed_of", "unwrap")
+WHOLE_LOG_ONLY = ("join", "join_offset", "speed_of", "unwrap", "encoding")
 """Options that need the whole log."""
 
 BAGS_ONLY = ("stamps", "latency")
@@ -238,7 +238,9 @@ class _Format:
 
     @staticmethod
     def of(data: bytes, where: str, options: ReadOptions) -> "_Format":
-        table = read_table(data, where, options.delimiter, options.decimal)
+        table = read_table(
+            data, where, options.delimiter, options.decimal, encoding=options.encoding
+        )
         if not isinstance(table.source, Layout):
             raise UsageError(f"{where} is not text; only a CSV log can be followed")
         timed = options.ts is not None

@@ -335,6 +335,7 @@ def read_table(
     delimiter: str | None = None,
     decimal: str | None = None,
     strict: bool = True,
+    encoding: str | None = None,
 ) -> Table:
     """The table in the bytes of a CSV or Parquet file.
 
@@ -343,6 +344,7 @@ def read_table(
         where: its name, for messages and to recognise Parquet by ``.parquet`` or ``.pq``.
         delimiter, decimal: None to find them.
         strict: whether lines that are no rows are refused rather than left out.
+        encoding: of a text; None to find it.
 
     Raises:
         DataError: the file is no table of named columns.
@@ -353,7 +355,7 @@ def read_table(
     frame = _frame_of(data, where)
     if frame is not None:
         return frame_table(frame, where)
-    return _table(lay_out(data, where, delimiter, decimal, strict), where)
+    return _table(lay_out(data, where, delimiter, decimal, strict, encoding), where)
 
 
 def frame_table(frame: "pd.DataFrame", where: str) -> Table:

@@ -41,6 +41,7 @@ class Layout:
         interval: time between two rows [s] that a title states, None without.
         in_cells: the unit behind every number of a column, as many as names; empty without.
         skipped: lines that are no rows.
+        encoding: that of the text where it is a guess, else empty.
     """
 
     names: tuple[str, ...]
@@ -53,10 +54,16 @@ class Layout:
     interval: float | None = None
     in_cells: tuple[str, ...] = ()
     skipped: Skipped = NONE_SKIPPED
+    encoding: str = ""
 
 
 def lay_out(
-    data: bytes, where: str, delimiter: str | None, decimal: str | None, strict: bool = False
+    data: bytes,
+    where: str,
+    delimiter: str | None,
+    decimal: str | None,
+    strict: bool = False,
+    encoding: str | None = None,
 ) -> Layout:
     """Find header, delimiter, decimal sign and data lines in the bytes of a text log.
 
@@ -70,19 +77,24 @@ def lay_out(
     if cut is not None:
         head, tail = cut
         with suppress(DataError):  # where the first lines are no log, all of them may be one
-            layout = _lay_out(head, where, delimiter, decimal, strict)
+            layout = _lay_out(head, where, delimiter, decimal, strict, encoding)
             alike = (layout.delimiter, len(layout.names)) == (tail.separator, tail.cells)
             if alike and not any(layout.in_cells):
                 rows = DataLines(layout.rows.head, tail)
                 return replace(layout, rows=rows, lines=[*layout.lines, *tail.numbers])
-    return _lay_out(data, where, delimiter, decimal, strict)
+    return _lay_out(data, where, delimiter, decimal, strict, encoding)
 
 
 def _lay_out(
-    data: bytes, where: str, delimiter: str | None, decimal: str | None, strict: bool
+    data: bytes,
+    where: str,
+    delimiter: str | None,
+    decimal: str | None,
+    strict: bool,
+    encoding: str | None,
 ) -> Layout:
     """``lay_out`` where every line is looked at."""
-    text, notes = decode(data, where)
+    text, notes, guess = decode(data, where, encoding)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line and not line.isspace()]
     if not numbered:
@@ -112,6 +124,7 @@ def _lay_out(
         interval=parts.interval,
         in_cells=tuple(of_cells.get(i, "") for i in range(n)),
         skipped=kept.skipped,
+        encoding=guess,
     )
 
 
