@@ -76,6 +76,10 @@ Decimal = Annotated[
     str | None,
     _reading("--decimal", "SIGN", "'.' or ',' [detected]."),
 ]
+Encoding = Annotated[
+    str | None,
+    _reading("--encoding", "NAME", "Encoding of a text, such as cp1252 or shift_jis [detected]."),
+]
 Strict = Annotated[
     bool,
     _reading("--strict", None, "Refuse lines that are no rows of the table, instead of skipping."),
@@ -193,6 +197,7 @@ def read_options(
     pwm_max: PwmMax = None,
     delimiter: Delimiter = None,
     decimal: Decimal = None,
+    encoding: Encoding = None,
     resample: Resample = "auto",
     unwrap: Unwrap = None,
     speed_of: SpeedOf = None,
@@ -219,6 +224,7 @@ def read_options(
         ts=ts,
         delimiter=delimiter,
         decimal=decimal,
+        encoding=encoding,
         units=units_of(units or []),
         pwm_max=pwm_max,
         resample=check_policy(resample),

@@ -19,7 +19,13 @@ from sysid.data.reading.dates import ORDERS
 from sysid.data.reading.decisions import decisions
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import ColumnReader, moving_clocks, numbered_clock, row_times
+from sysid.data.reading.row_times import (
+    ColumnReader,
+    moving_clocks,
+    numbered_clock,
+    row_times,
+    signal_reader,
+)
 from sysid.data.reading.stale import at_sensor_rate, slow_sensors
 from sysid.data.reading.table import Table
 from sysid.data.reading.timing import (
@@ -262,6 +268,7 @@ def _chosen(
         table.where,
         ColumnReader(table),
         options.ts is not None,
+        signal_reader(table),
     )
     bracketed = dict(zip(table.names, table.units, strict=True))
     choice, pose_units = usable_pose(choice, bracketed, options.units, table.where)

@@ -62,10 +62,11 @@ def with_times(
     table: Table, column: TimeColumn | None, strict: bool
 ) -> tuple[Table, tuple[Finding, ...]]:
     """The table without the few rows that have no time."""
-    stamps = numbered_clock(table, column)
-    if strict or not stamps:
+    if strict or column is None:
         return table, ()
-    missing = np.asarray(np.isnan(table.columns(stamps)).any(axis=1))
+    dates, stamps = table.dates(column.name), numbered_clock(table, column)
+    times = table.columns(stamps) if dates is None else dates[0][:, None]
+    missing = np.asarray(np.isnan(times).any(axis=1))
     if not few(int(np.count_nonzero(missing)), len(table)):
         return table, ()
     return table.at(np.flatnonzero(~missing)), _skipped(table, missing)

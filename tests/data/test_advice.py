@@ -149,6 +149,8 @@ TO_AN_OPTION = (
         "which is not an output of",
         "unknown `resample`",
         "unknown `stamps`",
+        "unknown `encoding`",
+        "is not a text in",
     ),
     *("`ts` must be", "`held` is auto", "`pwm_max` must be", "which is not a channel of"),
     *("converts PWM inputs", "cannot be joined to a log", "`inputs`", "`outputs`", "`time`"),

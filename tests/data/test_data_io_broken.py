@@ -20,7 +20,6 @@ BAD_FILES: dict[str, tuple[str | bytes, str]] = {
     "only a mark": (b"\xef\xbb\xbf", "is empty"),
     "header only": ("t,u,y\n", "header but no rows"),
     "no header": ("0,1,2\n0.1,2,3\n", "the input and the output can be column_1, column_2"),
-    "duplicate names": ("t,u,u\n0,1,2\n", "two columns named u"),
     "nameless column": ("t,u,,y\n0,1,2,3\n", "column 3 has no name"),
     "one column": ("y\n1\n2\n", "only the column y"),
     "text cell": ("t,u,y\n0,1,2\n0.1,fast,3\n", "line 3, column u: 'fast' is not a number"),

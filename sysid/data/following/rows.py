@@ -11,7 +11,7 @@ from sysid.data.reading.columns import Choice, choose_columns
 from sysid.data.reading.data_lines import DataLines
 from sysid.data.reading.pose_reading import usable_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import ColumnReader, numbered_clock, row_times
+from sysid.data.reading.row_times import ColumnReader, numbered_clock, row_times, signal_reader
 from sysid.data.reading.table import Table, read_table
 from sysid.data.reading.text_layout import Layout, split_line
 from sysid.data.reading.timing import GAP, plan_grid
@@ -24,7 +24,7 @@ HEAD = 20
 MIN_DATA_LINES = 3
 """Data lines needed: two intervals define a sample time."""
 
-WHOLE_LOG_ONLY = ("join", "join_offset", "speed_of", "unwrap")
+WHOLE_LOG_ONLY = ("join", "join_offset", "speed_of", "unwrap", "encoding")
 """Options that need the whole log."""
 
 BAGS_ONLY = ("stamps", "latency")
@@ -238,14 +238,16 @@ class _Format:
 
     @staticmethod
     def of(data: bytes, where: str, options: ReadOptions) -> "_Format":
-        table = read_table(data, where, options.delimiter, options.decimal)
+        table = read_table(
+            data, where, options.delimiter, options.decimal, encoding=options.encoding
+        )
         table = replace(table, date_order=options.date_order)
         if not isinstance(table.source, Layout):
             raise UsageError(f"{where} is not text; only a CSV log can be followed")
         timed = options.ts is not None
         choice = choose_columns(
             table.names, options.inputs, options.outputs, options.time, where,
-            ColumnReader(table), timed,
+            ColumnReader(table), timed, signal_reader(table),
         )  # fmt: skip
         bracketed = dict(zip(table.names, table.units, strict=True))
         choice, _ = usable_pose(choice, bracketed, options.units, where)

@@ -52,7 +52,7 @@ def read_log_table(path: Path, options: ReadOptions, *, even: bool = True) -> Lo
         return LogTable(table, said, digest(path))
     data = read_bytes(path)
     _check_no_bag_options(path, options)
-    table = read_table(data, path.name, options.delimiter, options.decimal, options.strict)
+    table = read_table(data, path.name, *options.of_text)
     return LogTable(
         replace(wide(table), date_order=options.date_order), table.findings, sha256(data)
     )

@@ -23,6 +23,7 @@ from sysid.data.reading.table import Table
 from sysid.data.record import Array
 from sysid.data.unit_words import ending
 from sysid.data.units import Conversion, conversion
+from sysid.data.usable_rows import with_times
 from sysid.errors import DataError, UsageError
 
 
@@ -95,9 +96,6 @@ def read_sensor_log(
             f"gyro_z={table.names[-1]}"
         )
     known = {w.name: w for w in wanted}
-    measurements = {
-        n: signs.get(n, 1.0) * _in_si(table, known[n], c, options.units) for n, c in places.items()
-    }
     choice = choose_columns(
         table.names,
         (NO_INPUT,),
@@ -107,6 +105,10 @@ def read_sensor_log(
         ColumnReader(table),
         options.ts is not None,
     )
+    table, without_time = with_times(table, choice.clock, options.strict)
+    measurements = {
+        n: signs.get(n, 1.0) * _in_si(table, known[n], c, options.units) for n, c in places.items()
+    }
     clock = row_times(table, choice.clock, options.units, options.ts)
     t = clock.t - clock.t[0]
     falls = np.flatnonzero(np.diff(t) <= 0)
@@ -131,7 +133,7 @@ def read_sensor_log(
         Decision("time", time_words(table, choice, stamps, clock.t), ("time", "units")),
         Decision("sensors", taken, ("sensor", "units")),
     )
-    said = (*log.findings, *clock.findings, *findings)
+    said = (*log.findings, *without_time, *clock.findings, *findings)
     return SensorLog(path.name, t, measurements, pose, said, read_as)
 
 

@@ -15,8 +15,6 @@ QUOTED = 3
 """Lines that are quoted."""
 SAMPLED = 1000
 """Rows looked at to see whether a column is filled."""
-SIGN = 3
-"""A word that stands so often in a column of numbers is the logger's sign for a missing number."""
 
 _GROUP = "[.,'\u2019\u00a0\u202f]"
 _NUMBER = re.compile(
@@ -66,35 +64,31 @@ def ragged(counts: Sequence[int], allowed: set[int]) -> list[int]:
     return rows if few(len(rows), len(counts)) else []
 
 
-def unreadable(rows: Sequence[str], sep: str) -> tuple[list[int], dict[int, str]]:
-    """Rows with a word in a column of numbers, where they are few.
+def without_words(rows: Sequence[str], sep: str) -> tuple[dict[int, str], dict[int, int]]:
+    """Rows with a word in a column of numbers or dates, where such words are few.
+
+    A word makes a cell empty, and no row bad: that depends on the columns that are used.
 
     Returns:
-        the rows; and rows in which such a word is the logger's sign for a missing number, as they
-        read without it.
+        row number → the row with empty cells for its words; column → its first row with a word.
     """
-    usual = _usual_row(rows, sep)
+    usual, texts = _usual_row(rows, sep)
     odd = [k for k, row in enumerate(rows) if not usual.fullmatch(row)]
-    if not odd:
-        return [], {}
     cells = {k: [c.strip() for c in cells_of(rows[k], sep)] for k in odd}
-    words = {k: [i for i, c in enumerate(row) if _is_word(c)] for k, row in cells.items()}
-    per_column = Counter(i for of_row in words.values() for i in of_row)
+    words = [(i, k) for k in odd for i, c in enumerate(cells[k]) if i not in texts and _is_word(c)]
+    per_column = Counter(i for i, _ in words)
     numbers = {i for i, n in per_column.items() if few(n, _filled(rows, i, sep))}
-    signs = Counter((i, cells[k][i]) for k in odd for i in words[k] if i in numbers)
-    bad, without = [], {}
-    for k in odd:
-        wrong = [i for i in words[k] if i in numbers]
-        if any(signs[i, cells[k][i]] < SIGN for i in wrong):
-            bad.append(k)
-        elif wrong:
-            row = ["nan" if i in wrong else c for i, c in enumerate(cells[k])]
-            without[k] = sep.join(f'"{c}"' if sep in c else c for c in row)
-    return bad, without
+    first: dict[int, int] = {}
+    without = {}
+    for i, k in ((i, k) for i, k in words if i in numbers):
+        first.setdefault(i, k)
+        cells[k][i] = "nan"
+        without[k] = sep.join(f'"{c}"' if sep in c else c for c in cells[k])
+    return without, first
 
 
-def _usual_row(rows: Sequence[str], sep: str) -> re.Pattern[str]:
-    """What a row without anything odd looks like: plain numbers, and any text where others have it.
+def _usual_row(rows: Sequence[str], sep: str) -> tuple[re.Pattern[str], set[int]]:
+    """What a row without anything odd looks like, and which columns hold text in many rows.
 
     A number has one decimal sign, and that is no delimiter, so that a row is matched in one way.
     """
@@ -109,7 +103,8 @@ def _usual_row(rows: Sequence[str], sep: str) -> re.Pattern[str]:
         dates = sum(date_format(c) is not None for c in column)
         words = sum(map(_is_word, column))
         kinds.append(text if words > least else _DATE if dates > least else number)
-    return re.compile(rf" *{between.join(kinds)}\s*")
+    texts = {i for i, kind in enumerate(kinds) if kind == text}
+    return re.compile(rf" *{between.join(kinds)}\s*"), texts
 
 
 def _some(rows: Sequence[str]) -> Sequence[str]:

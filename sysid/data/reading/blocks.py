@@ -83,11 +83,8 @@ class Blocks:
         return total.hexdigest()
 
     def _table(self, data: bytes) -> Table:
-        options = self.options
-        table = read_table(
-            self.head + data, self.path.name, options.delimiter, options.decimal, options.strict
-        )
-        return replace(table, date_order=options.date_order)
+        table = read_table(self.head + data, self.path.name, *self.options.of_text)
+        return replace(table, date_order=self.options.date_order)
 
     def _frames(self, rows: int, firsts: Iterable[int]) -> Iterator[Table]:
         """Tables of ``rows`` rows from each of these on, in one pass."""
@@ -123,13 +120,8 @@ def large_log(path: Path, options: ReadOptions, most: int = ROWS_IN_MEMORY) -> B
             return None
         return Blocks(path, rows, options) if rows > most else None
     try:
-        layout: Any = read_table(
-            head[: head.rfind(b"\n") + 1],
-            path.name,
-            options.delimiter,
-            options.decimal,
-            options.strict,
-        ).source
+        whole = head[: head.rfind(b"\n") + 1]
+        layout: Any = read_table(whole, path.name, *options.of_text).source
     except SysidError:
         return None
     if not isinstance(layout, Layout) or len(layout.lines) < 2:

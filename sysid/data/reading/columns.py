@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from sysid.data.column_words import meaning, words
 from sysid.data.reading.pose_columns import PoseColumns, find_pose
 from sysid.data.reading.roles import Roles, roles
+from sysid.data.reading.text_layout import no_table
 from sysid.data.reading.time_column import (
+    Numbers,
     Read,
     TimeColumn,
     counts_rows,
@@ -58,6 +60,7 @@ def choose_columns(
     where: str = "log",
     read: Read | None = None,
     timed: bool = False,
+    signal: Numbers | None = None,
 ) -> Choice:
     """Say which column is what.
 
@@ -72,8 +75,10 @@ def choose_columns(
         read: reads a column as numbers, to see which one rises as a time does; None to go by
             names alone.
         timed: whether the sample time is known from elsewhere, so that no column need state it.
+        signal: reads a column that can be a signal, None for dates and text; ``read`` without.
 
     Raises:
+        DataError: no columns hold numbers.
         UsageError: a name asked for is not there, is asked for twice, is both input and output,
             or is the time.
         UnclearColumnsError: several columns can be an input or output by their names, or none can.
@@ -88,14 +93,20 @@ def choose_columns(
     free = [n for n in free if not counts_rows(n, read)]
     pose_columns = find_pose(free)
     signals = [n for n in free if not is_clock(read, n)]
-    both = roles(signals, given_u, given_y, (*pose_columns.names, *pose_columns.alike), read)
+    both = roles(
+        signals, given_u, given_y, (*pose_columns.names, *pose_columns.alike), signal or read
+    )
     if not (both.outputs or inputs) and len(signals) == 1:
         both = Roles((), (tuple(signals),))
     by_itself = len(both.outputs) == 1 and {*signals} <= {*both.outputs[0]} and not inputs
     if not has_inputs or by_itself:  # a time series
         both = Roles(((),), both.outputs)
+    able = both.clear and not by_itself  # what is clear by its name need not be read
+    numbers = [n for n in free if able or signal is None or signal(n) is not None]
+    if not (numbers or given_u or given_y):
+        raise no_table(where)
     if not both.clear:
-        sentence = _unclear(names, both, where, bool(inputs))
+        sentence = _unclear(names, numbers, both, where, bool(inputs))
         raise UnclearColumnsError(sentence, both.inputs, both.outputs)
     (input_names,), (output_names,) = both.inputs, both.outputs
     silent = [
@@ -223,19 +234,21 @@ MOST_IN_AN_EXAMPLE = 4
 """Inputs and outputs each: a reader needs the form, not every column of a wide file."""
 
 
-def _unclear(names: Sequence[str], families: Roles, where: str, given_u: bool) -> str:
+def _unclear(
+    names: Sequence[str], numbers: Sequence[str], families: Roles, where: str, given_u: bool
+) -> str:
     """What can be the input and what the output, and the options with one choice of them."""
     sides = {"input": families.inputs, "output": families.outputs}
     missing = [side for side, of_side in sides.items() if not of_side]
     used = {n for of_side in sides.values() for f in of_side for n in f}
-    if len(missing) == 1 and used >= {n for n in names if not (is_time(n) or is_counter(n))}:
+    if len(missing) == 1 and used >= {n for n in numbers if not (is_time(n) or is_counter(n))}:
         return (
             f"{where} has no column left for the {missing[0]}: its columns are {_listed(names)}; "
             "a log needs at least one input and one output"
         )
     alone = "" if given_u or len(families.outputs) != 1 else " (or none: `inputs='none'`)"
     asked = {
-        f"the {side}": [_listed(f, MOST_IN_AN_EXAMPLE, " with ") for f in of_side] or [*names]
+        f"the {side}": [_listed(f, MOST_IN_AN_EXAMPLE, " with ") for f in of_side] or [*numbers]
         for side, of_side in sides.items()
         if len(of_side) != 1
     }

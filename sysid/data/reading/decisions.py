@@ -50,6 +50,8 @@ def decisions(
     ]
     if isinstance(table.source, Layout) and table.source.decimal == ",":
         found.insert(0, Decision("numbers", "with a decimal comma", ("decimal",)))
+    if isinstance(table.source, Layout) and table.source.encoding:
+        found.insert(0, Decision("text", f"in {table.source.encoding}", ("encoding",)))
     if first.pose is not None:
         found.append(Decision("pose", _pose(choice.pose, pose_units, findings), ("units",)))
     parts = _rows(len(table) - rows, records, codes)

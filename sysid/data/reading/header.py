@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from sysid.data.reading.dates import date_format
 from sysid.data.reading.line_keys import Line, interval_of, without_keys
-from sysid.data.reading.time_column import UNIT_WORDS
+from sysid.data.reading.time_column import UNIT_WORDS, is_time
 from sysid.data.unit_words import ENDINGS, SYNONYMS, looks_like_unit
 from sysid.data.units import UNITS
 
@@ -66,7 +66,7 @@ class Header:
 
 
 def find_header(numbered: Sequence[Line]) -> Header:
-    """The header is the last line of words above the table, or above the units over it.
+    """The header is the line of words above the table that has a name in each cell.
 
     What a title block says in numbers (``Samples  2400  2400``) is no row of the table below it,
     see ``_first_row``.
@@ -98,16 +98,12 @@ def find_header(numbered: Sequence[Line]) -> Header:
         summed = len(above) > 2 and _is_processing(above[-1][1])
         if summed:
             notes += (f"line {above.pop()[0]}, a row of processing labels, was left out",)
-        if _is_units(above[-1][1], above[-2][1], rest[0][1]):
-            units = above.pop()[1]
-        full = [i for i in _ending(above) if _is_full(above[i][1], rest[0][1])]
-        if full and full[0] == 0 and len(full) > 1 and units is None:
+        place, with_units = _names_and_units(above, rest[0][1])
+        if place is None:
             return Header(above[0], None, [*above[1:], *rest], notes)
-        titles, head = above[:-1], above[-1]
-        if titles:
-            many = len(titles) > 1
-            which = f"lines {titles[0][0]} to {titles[-1][0]}" if many else f"line {titles[0][0]}"
-            notes += (f"{which} above the header {'were' if many else 'was'} left out",)
+        units = above.pop()[1] if with_units else None
+        titles, head = above[:place], above[place]
+        notes += (*_left_out(titles, "above"), *_left_out(above[place + 1 :], "below"))
         if units is None and rest:
             units = _stated_units([text for _, text in titles], head[1], rest[0][1])
     remarks = [text for _, text in numbered[:_TITLES] if _comment(text)]
@@ -318,6 +314,47 @@ def _is_full(line: str, data: str) -> bool:
     sep = _sign_of(data)
     wanted = len([c for c in cells_of(data, sep) if c.strip()])
     return wanted > 2 and len([c for c in cells_of(line, sep) if c.strip()]) == wanted
+
+
+def _names_and_units(above: Sequence[Line], data: str) -> tuple[int | None, bool]:
+    """Which of the lines above the data has the names, and whether the last one has units.
+
+    Tags, descriptions and units may stand above each other, with as many cells as the data: names
+    fill each cell, and none returns; units are units, or return. Two lines that could both be
+    names without units below them are not chosen between: None where the first line is one.
+    """
+    sep = _sign_of(data)
+    wanted = len(cells_of(data, sep))
+    near = _ending(above)
+    odd = [i for i in near if abs(len(cells_of(above[i][1], sep)) - wanted) > 1]
+    near = [i for i in near if i > max(odd, default=-1)]
+    able = [i for i in near if _is_full(above[i][1], data) and _is_distinct(above[i][1])]
+    able = [i for i in able if not _has_number(above[i][1])]
+    last = len(above) - 1
+    again = bool(able) and last not in able and not _is_distinct(above[last][1])
+    if again or _is_units(above[last][1], above[last - 1][1], data):
+        able = [i for i in able if i != last] or [last - 1]
+        timed = (i for i in able if is_time(_tokens(above[i][1])[0]))
+        return next(timed, able[0]), True
+    if able and last not in able:
+        return able[0], False
+    full = [i for i in _ending(above) if _is_full(above[i][1], data)]
+    return (None if full and full[0] == 0 and len(full) > 1 else last), False
+
+
+def _left_out(lines: Sequence[Line], where: str) -> tuple[str, ...]:
+    """What is said of lines above or below the header."""
+    if not lines:
+        return ()
+    many = len(lines) > 1
+    which = f"lines {lines[0][0]} to {lines[-1][0]}" if many else f"line {lines[0][0]}"
+    return (f"{which} {where} the header {_was(len(lines))} left out",)
+
+
+def _is_distinct(line: str) -> bool:
+    """Whether no filled cell of a line returns."""
+    cells = _tokens(line)
+    return len({*cells}) == len(cells)
 
 
 def _is_units(line: str, header: str, data: str) -> bool:

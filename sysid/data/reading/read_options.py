@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.reading.dates import ORDERS
+from sysid.data.reading.decoding import check_encoding
 from sysid.data.reading.stale import check_held
 from sysid.data.reading.time_column import unit_of
 from sysid.data.reading.timing import ResamplePolicy, check_policy
@@ -25,7 +26,7 @@ class ReadOptions:
         inputs, outputs: column names; empty to go by convention.
         time: name of the time column; None to go by name.
         ts: sample time [s], where the file has no time column or only counts its samples.
-        delimiter, decimal: None to find them.
+        delimiter, decimal, encoding: of a text; None to find them.
         units: channel name → unit of its numbers in the file (see ``units.UNITS``); for a column of
             dates the order of day and month (see ``dates.ORDERS``).
         pwm_max: the command value of full drive, where it is not 20000; None otherwise.
@@ -56,6 +57,7 @@ class ReadOptions:
     ts: float | None = None
     delimiter: str | None = None
     decimal: str | None = None
+    encoding: str | None = None
     units: Mapping[str, str] = field(default_factory=dict, hash=False)
     pwm_max: float | None = None
     resample: ResamplePolicy = "auto"
@@ -85,6 +87,8 @@ class ReadOptions:
             raise UsageError(f"`ts` must be a positive sample time in seconds, got {self.ts:g}")
         if self.decimal not in (None, ".", ","):
             raise UsageError(f"the decimal sign must be '.' or ',', got {self.decimal!r}")
+        if self.encoding is not None:
+            check_encoding(self.encoding)
         if self.pwm_max is not None:
             pwm_conversion(self.pwm_max)
         for channel, unit in self.units.items():
@@ -96,6 +100,11 @@ class ReadOptions:
     def date_order(self) -> str | None:
         """The order of day and month that the dates are written in, None to see it from them."""
         return next((unit for unit in self.units.values() if unit in ORDERS), None)
+
+    @property
+    def of_text(self) -> tuple[str | None, str | None, bool, str | None]:
+        """What ``read_table`` asks for besides a file and its name."""
+        return self.delimiter, self.decimal, self.strict, self.encoding
 
     @property
     def periods(self) -> dict[str, float]:

@@ -20,7 +20,7 @@ from sysid.data.column_words import (
     may_drive,
     meaning,
 )
-from sysid.data.reading.time_column import Read
+from sysid.data.reading.time_column import Numbers
 from sysid.data.record import Array
 from sysid.errors import Columns
 
@@ -46,7 +46,7 @@ def roles(
     given_u: Columns,
     given_y: Columns,
     pose: Collection[str],
-    read: Read | None,
+    read: Numbers | None,
 ) -> Roles:
     """The families that can be the inputs and the outputs of a log.
 
@@ -60,26 +60,28 @@ def roles(
         free: the columns that can be a signal, in the order of the file.
         given_u, given_y: what a person named; empty for nothing.
         pose: columns that are part of a pose, outputs only where nothing else is one.
-        read: reads a column; one that never changes is no choice where there are others.
+        read: reads a column, None for what is no signal: text. A column that never changes is no
+            choice where there are others.
     """
     names = [n for n in free if n not in pose and n not in (*given_u, *given_y)]
-    meant = {n: meaning(n) for n in names}
-    found = _roles(meant, given_u, given_y)
-    if not found.outputs:
-        found = _roles({n: meaning(n) for n in free}, given_u, given_y)
+    found = _of(names, free, names, given_u, given_y)
     if found.clear or read is None:
         return found
-    columns = {n: read(n) for n in names}
-    for kept in (
-        [n for n, c in columns.items() if c is None or _moves(c)],  # a constant is no signal
-        [n for n, c in columns.items() if c is not None and _moves(c)],
-    ):
-        narrower = _roles({n: meant[n] for n in kept}, given_u, given_y)
-        if narrower.clear and any(columns[n] is None for n in names if n not in kept):
-            break  # text, or numbers that a bad cell spoils: that settles nothing
-        if narrower.inputs and narrower.outputs:
-            found = narrower
-    return found
+    columns = {n: c for n in names if (c := read(n)) is not None}
+    found = _of([*columns], free, names, given_u, given_y)
+    moving = [n for n, c in columns.items() if _moves(c)]
+    narrower = _of(moving, free, names, given_u, given_y)
+    return narrower if narrower.inputs and narrower.outputs else found
+
+
+def _of(
+    kept: Sequence[str], free: Sequence[str], names: Sequence[str], u: Columns, y: Columns
+) -> Roles:
+    """The families among the kept ``names``, with a pose where nothing else is an output."""
+    found = _roles({n: meaning(n) for n in kept}, u, y)
+    if found.outputs:
+        return found
+    return _roles({n: meaning(n) for n in free if n in kept or n not in names}, u, y)
 
 
 def _roles(meant: dict[str, Meaning], given_u: Columns, given_y: Columns) -> Roles:

@@ -13,8 +13,8 @@ from sysid.data.reading.clock import (
     stated_unit,
     unrolled,
 )
-from sysid.data.reading.table import Table
-from sysid.data.reading.time_column import TimeColumn, is_steady
+from sysid.data.reading.table import Table, number_of
+from sysid.data.reading.time_column import Numbers, TimeColumn, is_steady
 from sysid.data.record import Array
 from sysid.errors import DataError, argument
 
@@ -50,6 +50,23 @@ def moving_clocks(table: Table, column: TimeColumn | None) -> tuple[str, ...]:
     return tuple(
         n for n, c in columns.items() if c is not None and is_steady(c) and np.all(np.diff(c) > 0)
     )
+
+
+def signal_reader(table: Table) -> Numbers:
+    """Reads a column that can be a signal as ``ColumnReader`` does; None for dates and text.
+
+    Numbers that a few bad cells spoil can be one: what is chosen is refused with the first of them.
+    """
+    read = ColumnReader(table)
+
+    def numbers(name: str) -> Array | None:
+        values = read(name)
+        if values is not None:
+            return None if table.dates(name) is not None else values
+        cells = [number_of(text) for text in table.texts(name)]
+        return np.array(cells) if 2 * np.count_nonzero(np.isfinite(cells)) > len(cells) else None
+
+    return numbers
 
 
 def numbered_clock(table: Table, column: TimeColumn | None) -> tuple[str, ...]:
@@ -105,6 +122,11 @@ def _row_times(
     given = next((u for n, u in units.items() if n.lower() == column.name.lower()), None)
     dates = table.dates(column.name)
     if dates is not None:
+        for row in np.flatnonzero(np.isnan(dates[0]))[:1]:
+            raise DataError(
+                f"{table.place(int(row))}, column {column.name}: the date is missing; correct or "
+                "delete that line"
+            )
         elapsed, notes = unrolled(dates[0], column.name, where, table.place)
         return _checked(Clock(elapsed, dates[1], notes), column, ts, where)
     block = table.columns(numbered_clock(table, column)) if numbers is None else numbers

@@ -1,6 +1,7 @@
 """A log file as named columns of numbers: plain CSV by NumPy, other text and Parquet by pandas."""
 
 import io
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -161,7 +162,7 @@ class Table:
     def dates(self, name: str) -> Dates | None:
         """A column of dates or times of day, with the other one of the two where there are both.
 
-        None when it holds numbers.
+        None when it holds numbers; an empty cell is NaN.
 
         Raises:
             DataError: the first cell reads as a date but another one does not.
@@ -188,28 +189,38 @@ class Table:
         return (name, other) if halves[only_day] else (other, name)
 
     def _first(self, name: str) -> str:
+        """The first cell of a column that is filled."""
         if name in self.extra or isinstance(self.source, Rows):
             return ""
         column = self.names.index(name)
         if isinstance(self.source, Layout):
-            return split_line(self.source.rows[0], self.source.delimiter)[column].strip('"')
-        return str(self.source.iloc[0, column])
+            head = split_line(self.source.rows[0], self.source.delimiter)[column].strip('"')
+        else:
+            head = str(self.source.iloc[0, column])
+        if head.lower() not in MISSING:
+            return head
+        return next((c for c in self.texts(name) if c.lower() not in MISSING), "")
 
     def _read_dates(self, name: str) -> Dates | None:
         if not self.is_date(name):
             return None
-        columns = [self.texts(n) for n in self.date_and_clock(name)]
-        cells = [" ".join(parts) for parts in zip(*columns, strict=True)]
+        parts = list(zip(*map(self.texts, self.date_and_clock(name)), strict=True))
+        filled = [k for k, p in enumerate(parts) if not any(c.lower() in MISSING for c in p)]
+        cells = [" ".join(parts[k]) for k in filled]
         parsed = seconds_of(cells, self.date_order)
         if isinstance(parsed, int):
             how = f"written like the first one, {cells[0]}"
             if self.date_order is not None:
                 how = f"in the order {ORDERS[self.date_order]}"
             raise DataError(
-                f"{self.place(parsed)}, column {name}: {cells[parsed]!r} is not a date {how}; "
-                "correct or delete that line"
+                f"{self.place(filled[parsed])}, column {name}: {cells[parsed]!r} is not a date "
+                f"{how}; correct or delete that line"
             )
-        return parsed
+        if parsed is None:
+            return None
+        elapsed = np.full(len(parts), np.nan)
+        elapsed[filled] = parsed.elapsed
+        return parsed._replace(elapsed=elapsed)
 
     def _text(self, index: list[int]) -> Array:
         layout = self.source
@@ -344,6 +355,7 @@ def read_table(
     delimiter: str | None = None,
     decimal: str | None = None,
     strict: bool = True,
+    encoding: str | None = None,
 ) -> Table:
     """The table in the bytes of a CSV or Parquet file.
 
@@ -352,6 +364,7 @@ def read_table(
         where: its name, for messages and to recognise Parquet by ``.parquet`` or ``.pq``.
         delimiter, decimal: None to find them.
         strict: whether lines that are no rows are refused rather than left out.
+        encoding: of a text; None to find it.
 
     Raises:
         DataError: the file is no table of named columns.
@@ -362,7 +375,7 @@ def read_table(
     frame = _frame_of(data, where)
     if frame is not None:
         return frame_table(frame, where)
-    return _table(lay_out(data, where, delimiter, decimal, strict), where)
+    return _table(lay_out(data, where, delimiter, decimal, strict, encoding), where)
 
 
 def frame_table(frame: "pd.DataFrame", where: str) -> Table:
@@ -388,9 +401,6 @@ def _table(source: "Layout | pd.DataFrame", where: str) -> Table:
     notes: tuple[str, ...] = source.notes if isinstance(source, Layout) else ()
     raw = source.names if isinstance(source, Layout) else [str(c).strip() for c in source.columns]
     raw = tuple(map(name_of, raw))
-    twice = [n for n in raw if n and raw.count(n) > 1]
-    if twice:
-        raise DataError(f"{where} has two columns named {twice[0]}; rename one")
     if "" in raw:
         at = raw.index("") + 1
         if at == 1 and len(raw) > 2:  # pandas' unnamed index column
@@ -403,6 +413,11 @@ def _table(source: "Layout | pd.DataFrame", where: str) -> Table:
             " (if it has them, give the delimiter)"
         )
     names, units = _names_and_units(raw)
+    apart = _told_apart(names)
+    if apart != names:
+        said = ", ".join(n for n, was in zip(apart, names, strict=True) if n != was)
+        notes += (f"{where}: columns share a name; the later ones are called {said}.",)
+        names = apart
     if isinstance(source, Layout) and any(source.units):
         units = tuple(u or below for u, below in zip(units, source.units, strict=True))
         stated = ", ".join(f"{n} in {u}" for n, u in zip(names, source.units, strict=True) if u)
@@ -440,9 +455,18 @@ def _names_and_units(raw: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ..
     split = [_BRACKETS.fullmatch(n) for n in raw]
     split = [m if m and (m["word"] is None or is_unit(m["word"])) else None for m in split]
     bases = [m["base"] if m else n for m, n in zip(split, raw, strict=True)]
-    if len(set(bases)) != len(bases):
+    if len(set(bases)) != len(set(raw)):
         return tuple(raw), ("",) * len(raw)
     return tuple(bases), tuple((m["unit"] or m["word"] or "").strip() if m else "" for m in split)
+
+
+def _told_apart(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The names, with ``(2)`` behind the second of one name and so on."""
+    out: list[str] = []
+    for name in names:
+        numbered = (name, *(f"{name} ({k})" for k in range(2, len(names) + 2)))
+        out.append(next(n for n in numbered if n not in out and (n == name or n not in names)))
+    return tuple(out)
 
 
 def _is_text(column: "pd.Series[Any]") -> bool:
@@ -462,6 +486,14 @@ def _states(texts: Sequence[str]) -> Array | None:
     if not set(lower) <= set(values):
         return None
     return np.array([values[t] for t in lower], dtype=np.float64)
+
+
+def number_of(text: str) -> float:
+    """The number in a cell; NaN where it is none."""
+    try:
+        return float("nan" if "_" in text else text.replace(",", "."))
+    except ValueError:
+        return math.nan
 
 
 def _is_number(text: str) -> bool:

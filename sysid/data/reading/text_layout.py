@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from sysid.data.reading.bad_lines import NONE_SKIPPED, Skipped, ragged, unreadable
+from sysid.data.reading.bad_lines import NONE_SKIPPED, Skipped, ragged, without_words
 from sysid.data.reading.data_lines import DataLines, cut_tail
 from sysid.data.reading.decoding import decode
 from sysid.data.reading.header import (
@@ -41,6 +41,7 @@ class Layout:
         interval: time between two rows [s] that a title states, None without.
         in_cells: the unit behind every number of a column, as many as names; empty without.
         skipped: lines that are no rows.
+        encoding: that of the text where it is a guess, else empty.
     """
 
     names: tuple[str, ...]
@@ -53,10 +54,16 @@ class Layout:
     interval: float | None = None
     in_cells: tuple[str, ...] = ()
     skipped: Skipped = NONE_SKIPPED
+    encoding: str = ""
 
 
 def lay_out(
-    data: bytes, where: str, delimiter: str | None, decimal: str | None, strict: bool = False
+    data: bytes,
+    where: str,
+    delimiter: str | None,
+    decimal: str | None,
+    strict: bool = False,
+    encoding: str | None = None,
 ) -> Layout:
     """Find header, delimiter, decimal sign and data lines in the bytes of a text log.
 
@@ -70,19 +77,24 @@ def lay_out(
     if cut is not None:
         head, tail = cut
         with suppress(DataError):  # where the first lines are no log, all of them may be one
-            layout = _lay_out(head, where, delimiter, decimal, strict)
+            layout = _lay_out(head, where, delimiter, decimal, strict, encoding)
             alike = (layout.delimiter, len(layout.names)) == (tail.separator, tail.cells)
             if alike and not any(layout.in_cells):
                 rows = DataLines(layout.rows.head, tail)
                 return replace(layout, rows=rows, lines=[*layout.lines, *tail.numbers])
-    return _lay_out(data, where, delimiter, decimal, strict)
+    return _lay_out(data, where, delimiter, decimal, strict, encoding)
 
 
 def _lay_out(
-    data: bytes, where: str, delimiter: str | None, decimal: str | None, strict: bool
+    data: bytes,
+    where: str,
+    delimiter: str | None,
+    decimal: str | None,
+    strict: bool,
+    encoding: str | None,
 ) -> Layout:
     """``lay_out`` where every line is looked at."""
-    text, notes = decode(data, where)
+    text, notes, guess = decode(data, where, encoding)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     numbered = [(i, line) for i, line in enumerate(lines, 1) if line and not line.isspace()]
     if not numbered:
@@ -112,6 +124,7 @@ def _lay_out(
         interval=parts.interval,
         in_cells=tuple(of_cells.get(i, "") for i in range(n)),
         skipped=kept.skipped,
+        encoding=guess,
     )
 
 
@@ -142,7 +155,7 @@ def _named(parts: Header, sep: str, decimal: str | None) -> tuple[str, list[str]
 
 
 def _cleaned(lines: _Lines, sep: str, where: str, strict: bool, complete: bool) -> _Lines:
-    """The rows alone: lines with other cells, or with words for numbers, are left out."""
+    """The rows alone: lines with other cells are left out, words for numbers are empty cells."""
     skipped = NONE_SKIPPED
     rows, numbers = lines.rows, lines.numbers
     if not strict:
@@ -154,13 +167,13 @@ def _cleaned(lines: _Lines, sep: str, where: str, strict: bool, complete: bool) 
         rows, numbers, skipped = _left_out(rows, numbers, bad)
     names, rows, numbers, notes = _even_out(lines.names, rows, numbers, sep, where, complete)
     if not strict:
-        bad, without = unreadable(rows, sep)
+        without, first = without_words(rows, sep)
+        said = ", ".join(
+            f"{names[i]} ({split_line(rows[k], sep)[i]!r} in line {numbers[k]})"
+            for i, k in first.items()
+        )
+        notes += (f"words in columns of numbers are empty cells: {said}",) * bool(said)
         rows = [without.get(k, row) for k, row in enumerate(rows)]
-        if without:
-            some = next(iter(without))
-            notes += (f"words in columns of numbers, as in line {numbers[some]}, are empty cells",)
-        rows, numbers, words = _left_out(rows, numbers, bad)
-        skipped += words
     return _Lines(names, rows, numbers, skipped, (*lines.notes, *notes))
 
 
@@ -294,6 +307,8 @@ def _even_out(
         rows, numbers, counts = rows[:-1], numbers[:-1], counts[:-1]
     for line, count in zip(numbers, counts, strict=True):
         if count != wanted:
+            if not any(map(is_data, rows)):
+                raise no_table(where)
             hint = (
                 " (a decimal comma? then use ; as delimiter)"
                 if sep == "," and count > wanted
@@ -304,6 +319,14 @@ def _even_out(
                 f"{hint}; correct or delete that line"
             )
     return names, rows, numbers, notes
+
+
+def no_table(where: str) -> DataError:
+    """What is said of a text whose lines are no rows of numbers."""
+    return DataError(
+        f"{where} is no table: its lines hold no columns of numbers. Write its measurements as "
+        "CSV, one column each, below a header such as time,u,y."
+    )
 
 
 def _n(count: int, noun: str) -> str:

@@ -1,7 +1,7 @@
 """Find the time column of a log: by name, else a first column that increases steadily."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -112,6 +112,10 @@ class TimeColumn:
     counts: bool = False
     by_name: bool = True
     over: str | None = None
+
+
+Numbers = Callable[[str], Array | None]
+"""Column name -> its numbers, None where it holds none."""
 
 
 class Read(Protocol):

@@ -108,3 +108,52 @@ FAULTS = {
 def test_rows_of_a_table_are_never_left_out_as_a_title_block(name: str, tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"line|column"):
         read(tmp_path, FAULTS[name])
+
+
+TAGS, WORDS, UNITS = "Time,P1.OP,P1.PV,P2.PV", ",Valve,Flow in,Flow out", ",%,GPM,GPM"
+STACKS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "tags, descriptions, units": (f"Server,A,,\n{TAGS}\n{WORDS}\n{UNITS}\n", ("%", "GPM")),
+    "tags, full descriptions, units": (f"{TAGS}\nClock{WORDS}\n{UNITS}\n", ("%", "GPM")),
+    "tags and descriptions": (f"{TAGS}\n{WORDS}\n", ("", "")),
+    "tags and units that nobody knows": (f"{TAGS}\n,blurb,furlong,furlong\n", ("blurb", "furlong")),
+    "channels, tags, units": (f"Channel,,CH1,CH2\n{TAGS}\n{UNITS}\n", ("%", "GPM")),
+    "a title with as many cells": (f"Plant 4,17,A,B\n{TAGS}\n{UNITS}\n", ("%", "GPM")),
+    "labels of an instrument": (f"Label,a,b,c\n{TAGS}\n{UNITS}\n", ("%", "GPM")),
+    "a processing row": (f"{TAGS}\n{UNITS}\n,Smp,Avg,Avg\n", ("%", "GPM")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", STACKS)
+def test_of_several_rows_of_words_the_first_full_one_has_the_names(
+    name: str, tmp_path: Path
+) -> None:
+    head, units = STACKS[name]
+    k, u, y = motor()
+    rows = [f"{i * 0.02:.2f},{a:g},{b:.2f},{i % 5}\n" for i, a, b in zip(k, u, y, strict=True)]
+    path = tmp_path / "log.csv"
+    path.write_text(head + "".join(rows))
+    (record,) = read_file(path, ReadOptions(inputs="P1.OP", outputs="P1.PV")).records
+    np.testing.assert_allclose(record.u[:, 0], u)
+    channels = (*record.inputs, *record.outputs)
+    assert tuple(c.file_unit or c.unit for c in channels) == units
+
+
+@pytest.mark.parametrize(
+    ("header", "names"),
+    [
+        ("t,u,u", "u, u (2)"),
+        ("t,a [V],a [V]", "a, a (2)"),
+        ("t,a [V],a [A]", "a [V], a [A]"),
+        ("t,a,a,a (2)", "a, a (3), a (2)"),
+    ],
+)
+def test_columns_of_one_name_are_told_apart(header: str, names: str, tmp_path: Path) -> None:
+    from sysid.data.reading.table import read_table
+
+    rows = "".join(
+        f"{k},{k % 3},{k % 5},{k % 7}"[: 2 * header.count(",") + len(f"{k}")] + "\n"
+        for k in range(30)
+    )
+    table = read_table(f"{header}\n{rows}".encode(), "l.csv")
+    assert ", ".join(table.names[1:]) == names
+    assert ("share a name" in " ".join(table.notes)) == ("(" in names)
