@@ -201,7 +201,13 @@ class LogFacts:
 
     @cached_property
     def nonlinearity(self) -> tuple[NonlinearityTest, ...] | None:
-        """Whether products of past inputs and outputs predict what a linear predictor leaves."""
+        """Whether products of past inputs and outputs predict what a linear predictor leaves.
+
+        Empty where an input follows an output by a law: the two have then no predictor to
+        themselves, and what it simulates may grow without end.
+        """
+        if any(t.law for t in self.feedback or ()):
+            return ()
         try:
             return nonlinearity_tests(self.outliers.records, feedback=self.closed_loop)
         except DataError:

@@ -94,8 +94,11 @@ def inspect_records(
         for check in INPUT_CHECKS:
             findings += check(records)
         findings += check_excitation(records, order)
-        findings += check_sampling(records[0].dt, facts.speeds, facts.delays)
-        findings += [*check_delay(facts.delays), *check_feedback(facts.feedback)]
+        by_law = [t.output for t in facts.feedback or () if t.law]  # its speed is the controller's
+        speeds = [s for s in facts.speeds if s.output not in by_law]
+        findings += check_sampling(records[0].dt, speeds, facts.delays)
+        set_points = [f.channel for f in reading if f.code == "set-point" and f.channel]
+        findings += [*check_delay(facts.delays, set_points), *check_feedback(facts.feedback)]
         findings += check_constancy(records, facts.changes, facts.drifts, any(facts.processes))
         if nonlinearity:
             findings += check_nonlinearity(facts.nonlinearity)

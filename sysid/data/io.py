@@ -334,15 +334,26 @@ def _reading_notes(
             f"{table.where}: {', '.join(loops)} is a set point: the model is of the closed loop "
             "that follows it, not of the plant alone."
         )
-    if references:
-        notes.append(
-            f"{table.where}: {', '.join(references)} serve{'s' * (len(references) == 1)} only to "
-            "detect whether a controller was running."
-        )
-    unused = [n for n in choice.ignored if n not in references]
+    set_points = [n for n in choice.ignored if is_set_point(n)]
+    unused = [n for n in choice.ignored if n not in set_points]
     if unused:
         notes.append(f"{table.where}: not used: {', '.join(unused)}.")
-    return tuple(Finding("reading", Severity.NOTE, n, record=table.where) for n in notes)
+    led = [
+        Finding(
+            "set-point",
+            Severity.NOTE,
+            f"{table.where}: {name} "
+            + (
+                "serves only to detect whether a controller was running."
+                if name in references
+                else "is a set point that never moves: a controller may have written the input."
+            ),
+            channel=name,
+            record=table.where,
+        )
+        for name in set_points
+    ]
+    return (*(Finding("reading", Severity.NOTE, n, record=table.where) for n in notes), *led)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from scipy import signal
 
 from sysid.data.checks.delay import estimate_delays
 from sysid.data.checks.feedback import feedback_tests
+from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding, Severity, worst
 from sysid.data.impulse import long_regression
 from sysid.data.inspection import excitation_order, inspect_records, require_usable
@@ -393,11 +394,14 @@ def test_feedback_within_the_sample_is_seen_and_is_no_delay_of_the_plant() -> No
     assert not [f for f in findings if f.code == "nonlinearity" and f.severity > Severity.OK]
 
 
-def test_feedthrough_in_open_loop_is_noted_and_no_feedback() -> None:
-    findings = inspect_records([motor(delay=0)])
-    (note,) = [f for f in findings if f.code == "delay"]
-    assert note.severity is Severity.NOTE
-    assert "a controller responds within the sample" in note.advice
+@pytest.mark.parametrize("set_point", [True, False])
+def test_feedthrough_in_open_loop_is_an_assumption_that_is_seen(set_point: bool) -> None:
+    reading = (Finding("set-point", Severity.NOTE, "y_sp", channel="y_sp"),) * set_point
+    findings = inspect_records(LogFacts((motor(delay=0),), reading))
+    (seen,) = [f for f in findings if f.code == "at-once"]
+    assert seen.severity is Severity.WARNING
+    assert "the model is the controller's inverse" in seen.text
+    assert ("y_sp is a set point: closed loop" in seen.text) == set_point
     assert "feedback" not in alarms(findings)
 
 
