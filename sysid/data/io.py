@@ -16,6 +16,7 @@ from sysid.data.reading.blocks import STRETCH_ROWS, STRETCHES, Blocks, large_log
 from sysid.data.reading.columns import Choice, choose_columns, matching
 from sysid.data.reading.counters import as_speeds, continued
 from sysid.data.reading.decisions import decisions
+from sysid.data.reading.missing_codes import without_codes
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import column_reader, numbered_clock, row_times
@@ -194,6 +195,7 @@ def _read(
     block = table.columns((*signals, *stamps))  # in one go: a long text is slow to read
     values, raw = block[:, : len(signals)], block[:, len(signals) :]
     clock = row_times(table, choice.clock, options.units, options.ts, raw if stamps else None)
+    values, coded = without_codes(values, signals, len(choice.inputs), options.missing, table.where)
     rows = usable_rows(table, clock.t, values, choice, options)
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
     grid = plan_grid(rows.t, policy, rows.place, table.where)
@@ -218,6 +220,7 @@ def _read(
         *of_pose,
         *without_time,
         *clock.findings,
+        *coded,
         *rows.findings,
         *jumps,
         *slow.findings,
