@@ -138,6 +138,7 @@ ADVICE: dict[str, tuple[Logs, dict[str, Any], dict[str, Any]]] = {
     "If it was measured, keep it with": (
         log("t,u,y", T, U, np.where(np.arange(N) % 199 == 7, -999.0, Y)), {}, {},
     ),
+    "Model its speed with": (log("t,u,y", T, U, np.cumsum(U)), {}, {}),
     "Leave it out with": (log("t,u1,u2,y", T, U, 0 * U, Y), {}, {}),
     "Decimate it with": (log("t,u,y", 0.02 * np.arange(SLOW), SLOW_U, SLOW_Y), {}, {}),
 }  # fmt: skip
