@@ -105,6 +105,14 @@ SpeedOf = Annotated[
     list[str] | None,
     _reading("--speed-of", "NAME", "Output that is a position or counter; its speed is modelled."),
 ]
+Missing = Annotated[
+    list[str] | None,
+    _reading(
+        "--missing",
+        "NUMBER",
+        "Number that stands for a missing measurement, e.g. -999; none keeps all [detected].",
+    ),
+]
 Held = Annotated[
     str,
     _reading(
@@ -208,6 +216,7 @@ def read_options(
     stamps: Stamps = "auto",
     latency: Latency = None,
     strict: Strict = False,
+    missing: Missing = None,
 ) -> "ReadOptions":
     """The options above as the library takes them; this signature is their one declaration.
 
@@ -237,6 +246,7 @@ def read_options(
         stamps=stamps,
         latency=_names(latency),
         strict=strict,
+        missing=_names(missing),
     )
 
 

@@ -93,6 +93,7 @@ SET_POINTS = frozenset(
     (
         *("ref", "reference", "setpoint", "sp", "desired", "des", "target", "goal"),
         *("soll", "sollwert", "führungsgröße", "fuehrungsgroesse", "vorgabe", "consigne", "demand"),
+        *("consigna", "alvo", "objetivo", "börvärde", "gewenst", "zadana", "setpunt"),
     )
 )
 """Words of what a controller is to reach."""

@@ -11,6 +11,7 @@ from sysid.data.checks.constancy import Change, change_within, level_drifts, reg
 from sysid.data.checks.dead_time import process_of, refined_delays
 from sysid.data.checks.delay import Delay, estimate_delays
 from sysid.data.checks.feedback import SURE, FeedbackTest, feedback_tests
+from sysid.data.checks.integral import Integral, integrals
 from sysid.data.checks.nonlinearity import (
     NONLINEAR,
     TRACE,
@@ -201,11 +202,22 @@ class LogFacts:
 
     @cached_property
     def nonlinearity(self) -> tuple[NonlinearityTest, ...] | None:
-        """Whether products of past inputs and outputs predict what a linear predictor leaves."""
+        """Whether products of past inputs and outputs predict what a linear predictor leaves.
+
+        Empty where an input follows an output by a law: the two have then no predictor to
+        themselves, and what it simulates may grow without end.
+        """
+        if any(t.law for t in self.feedback or ()):
+            return ()
         try:
             return nonlinearity_tests(self.outliers.records, feedback=self.closed_loop)
         except DataError:
             return None
+
+    @cached_property
+    def integrals(self) -> tuple[Integral, ...]:
+        """The outputs that integrate an input."""
+        return integrals(self.outliers.records)
 
     @cached_property
     def speeds(self) -> tuple[Speed, ...]:

@@ -13,6 +13,7 @@ from sysid.data.checks.dynamics_checks import (
     check_sampling,
     excitation_order,
 )
+from sysid.data.checks.integral import check_integrals
 from sysid.data.checks.level_checks import check_levels
 from sysid.data.checks.robot_checks import check_robot
 from sysid.data.checks.signal_checks import (
@@ -94,8 +95,14 @@ def inspect_records(
         for check in INPUT_CHECKS:
             findings += check(records)
         findings += check_excitation(records, order)
-        findings += check_sampling(records[0].dt, facts.speeds, facts.delays)
-        findings += [*check_delay(facts.delays), *check_feedback(facts.feedback)]
+        findings = _with_stops(findings, check_integrals(facts.integrals))
+        # the controller's speed is none of the plant, and an integrator never settles
+        without = {t.output for t in facts.feedback or () if t.law}
+        without |= {s.output for s in facts.integrals}
+        speeds = [s for s in facts.speeds if s.output not in without]
+        findings += check_sampling(records[0].dt, speeds, facts.delays)
+        set_points = [f.channel for f in reading if f.code == "set-point" and f.channel]
+        findings += [*check_delay(facts.delays, set_points), *check_feedback(facts.feedback)]
         findings += check_constancy(records, facts.changes, facts.drifts, any(facts.processes))
         if nonlinearity:
             findings += check_nonlinearity(facts.nonlinearity)
@@ -114,6 +121,12 @@ def require_usable(records: Sequence[Record]) -> None:
         for finding in check(records):
             if finding.severity is Severity.FATAL:
                 raise DataError(finding.text)
+
+
+def _with_stops(findings: list[Finding], more: list[Finding]) -> list[Finding]:
+    """More findings; where they name end stops it is not said that nothing is clipped."""
+    stops = {f.code for f in more} & {"saturation"}
+    return [f for f in findings if f.severity > Severity.OK or f.code not in stops] + more
 
 
 def _check_length(records: Sequence[Record]) -> list[Finding]:

@@ -17,6 +17,7 @@ from sysid.data.reading.columns import Choice, choose_columns, matching
 from sysid.data.reading.counters import as_speeds, continued
 from sysid.data.reading.dates import ORDERS
 from sysid.data.reading.decisions import decisions
+from sysid.data.reading.missing_codes import without_codes
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import (
@@ -201,6 +202,7 @@ def _read(
     block = table.columns((*signals, *stamps))  # in one go: a long text is slow to read
     values, raw = block[:, : len(signals)], block[:, len(signals) :]
     clock = row_times(table, choice.clock, options.units, options.ts, raw if stamps else None)
+    values, coded = without_codes(values, signals, len(choice.inputs), options.missing, table.where)
     rows = usable_rows(table, clock.t, values, choice, options)
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
     grid = plan_grid(
@@ -227,6 +229,7 @@ def _read(
         *of_pose,
         *without_time,
         *clock.findings,
+        *coded,
         *rows.findings,
         *jumps,
         *slow.findings,
@@ -344,16 +347,27 @@ def _reading_notes(
             f"{table.where}: {', '.join(loops)} is a set point: the model is of the closed loop "
             "that follows it, not of the plant alone."
         )
-    if references:
-        notes.append(
-            f"{table.where}: {', '.join(references)} serve{'s' * (len(references) == 1)} only to "
-            "detect whether a controller was running."
-        )
     clock = () if choice.clock is None else table.date_and_clock(choice.clock.name)
-    unused = [n for n in choice.ignored if n not in (*references, *clock)]
+    set_points = [n for n in choice.ignored if is_set_point(n)]
+    unused = [n for n in choice.ignored if n not in (*set_points, *clock)]
     if unused:
         notes.append(f"{table.where}: not used: {', '.join(unused)}.")
-    return tuple(Finding("reading", Severity.NOTE, n, record=table.where) for n in notes)
+    led = [
+        Finding(
+            "set-point",
+            Severity.NOTE,
+            f"{table.where}: {name} "
+            + (
+                "serves only to detect whether a controller was running."
+                if name in references
+                else "is a set point that never moves: a controller may have written the input."
+            ),
+            channel=name,
+            record=table.where,
+        )
+        for name in set_points
+    ]
+    return (*(Finding("reading", Severity.NOTE, n, record=table.where) for n in notes), *led)
 
 
 @dataclass(frozen=True, eq=False)

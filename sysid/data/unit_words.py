@@ -63,6 +63,11 @@ _CAMEL = {"Deg": "deg", "Rad": "rad", "Rpm": "rpm", "RPM": "rpm", "Mm": "mm", "C
 """Endings without an underline: ``yawDeg``, ``speedRpm``."""
 
 
+_BEARING = re.compile(r"deg[ _-]?(?!(?-i:[cCfFkKrR])$)([a-z]|true|mag|magnetic|rel|relative)", re.I)
+"""An angle and what it is measured from: ``°T`` (true north), ``deg M`` (magnetic); no scale of
+temperature."""
+
+
 def plain(unit: str) -> str:
     """A unit as written in a file, in the signs that the tables use: ``[°/s]`` → ``deg/s``."""
     text = unit.strip().strip("[](){}<>").strip()
@@ -76,7 +81,8 @@ def plain(unit: str) -> str:
 def synonym(unit: str) -> str:
     """The name in ``units.UNITS`` of a unit however it is spelt, or the unit as it is."""
     text = plain(unit)
-    return SYNONYMS.get(text.lower(), text)
+    known = SYNONYMS.get(text.lower(), text)
+    return "deg" if _BEARING.fullmatch(known) else known
 
 
 def ending(name: str) -> tuple[str, str]:

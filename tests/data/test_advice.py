@@ -138,6 +138,10 @@ ADVICE: dict[str, tuple[Logs, dict[str, Any], dict[str, Any]]] = {
     ),
     "If full drive is": (log("t,pwm,omega", T, 200.0 * U, 8.0 * Y), {}, {}),
     "If the log is not in rad/s": (log("t,pwm_l,omega_l", T, 2e4 * U, 190.0 * Y), {}, {}),
+    "If it was measured, keep it with": (
+        log("t,u,y", T, U, np.where(np.arange(N) % 199 == 7, -999.0, Y)), {}, {},
+    ),
+    "Model its speed with": (log("t,u,y", T, U, np.cumsum(U)), {}, {}),
     "Leave it out with": (log("t,u1,u2,y", T, U, 0 * U, Y), {}, {}),
     "Decimate it with": (log("t,u,y", 0.02 * np.arange(SLOW), SLOW_U, SLOW_Y), {}, {}),
 }  # fmt: skip
@@ -147,6 +151,7 @@ TO_AN_OPTION = (
     *(
         "is not a unit of time",
         "which is not an output of",
+        "`missing` takes numbers",
         "unknown `resample`",
         "unknown `stamps`",
         "unknown `encoding`",

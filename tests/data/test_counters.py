@@ -10,6 +10,7 @@ from sysid.data.io import read_file
 from sysid.data.reading.counters import counted, suspected, unwrapped
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array
+from sysid.data.unit_words import synonym
 from sysid.errors import DataError, UsageError
 
 N, DT = 2000, 0.01
@@ -161,3 +162,29 @@ def test_what_cannot_be_undone_is_refused_in_a_sentence(tmp_path: Path) -> None:
 def test_unwrapping_is_undone_by_wrapping() -> None:
     y = driven(both_ways=True)[1]
     np.testing.assert_allclose(unwrapped(np.mod(y, 7.0), 7.0), y, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("unit", "turn", "said"),
+    [
+        ("°T", 360.0, "was unwrapped"),
+        ("deg M", 360.0, "was unwrapped"),
+        ("mil", 6400.0, "was unwrapped"),
+        ("Strich", 360.0, "was unwrapped"),
+        ("V", 360.0, "--unwrap y=360"),
+    ],
+)
+def test_an_angle_wraps_whatever_its_unit_is_called(
+    unit: str, turn: float, said: str, tmp_path: Path, capsys: Capture
+) -> None:
+    u, angle = driven(both_ways=True)
+    y = np.round(np.mod(angle / (2.0 * np.pi), 1.0) * turn, 1)
+    path = write_log(tmp_path / "turn.csv", ["u", f"y [{unit}]"], [u, y], step=DT)
+    text = " ".join(run(capsys, "inspect", path).out.split())
+    assert said in text
+    assert "outliers in y" not in text
+
+
+@pytest.mark.parametrize("unit", ["°C", "degF", "°K", "deg R", "degC"])
+def test_a_temperature_is_no_angle(unit: str) -> None:
+    assert synonym(unit) != "deg"

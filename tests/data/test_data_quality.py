@@ -15,6 +15,8 @@ from scipy import signal
 
 from sysid.data.checks.delay import estimate_delays
 from sysid.data.checks.feedback import feedback_tests
+from sysid.data.checks.integral import integrals
+from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding, Severity, worst
 from sysid.data.impulse import long_regression
 from sysid.data.inspection import excitation_order, inspect_records, require_usable
@@ -365,11 +367,17 @@ def test_clean_measured_logs_raise_no_alarm(name: str) -> None:
         ("cascaded_tanks/est.csv", "saturation"),  # the tank overflows at 10 V
         ("tacho_motor/random_steps_10hz_2000.csv", "saturation"),  # the sensor clips at 5 V
         ("winding/winding.csv", "feedback"),  # speed and current loops were closed
-        ("emps/train.csv", "sampling"),  # 1 kHz for a slide that takes seconds
+        ("emps/train.csv", "feedback"),  # the slide's position is controlled
     ],
 )
 def test_known_faults_of_measured_logs_are_seen(name: str, code: str) -> None:
     assert code in alarms(inspect_records([read_log(MEASURED / name)]))
+
+
+@needs_measured
+@pytest.mark.parametrize("name", ["emps/train.csv", "ballbeam/ballbeam.csv"])
+def test_measured_positions_integrate(name: str) -> None:
+    assert integrals([read_log(MEASURED / name)])
 
 
 def test_feedback_alarms_at_its_level_in_open_loop() -> None:
@@ -393,11 +401,14 @@ def test_feedback_within_the_sample_is_seen_and_is_no_delay_of_the_plant() -> No
     assert not [f for f in findings if f.code == "nonlinearity" and f.severity > Severity.OK]
 
 
-def test_feedthrough_in_open_loop_is_noted_and_no_feedback() -> None:
-    findings = inspect_records([motor(delay=0)])
-    (note,) = [f for f in findings if f.code == "delay"]
-    assert note.severity is Severity.NOTE
-    assert "a controller responds within the sample" in note.advice
+@pytest.mark.parametrize("set_point", [True, False])
+def test_feedthrough_in_open_loop_is_an_assumption_that_is_seen(set_point: bool) -> None:
+    reading = (Finding("set-point", Severity.NOTE, "y_sp", channel="y_sp"),) * set_point
+    findings = inspect_records(LogFacts((motor(delay=0),), reading))
+    (seen,) = [f for f in findings if f.code == "at-once"]
+    assert seen.severity is Severity.WARNING
+    assert "the model is the controller's inverse" in seen.text
+    assert ("y_sp is a set point: closed loop" in seen.text) == set_point
     assert "feedback" not in alarms(findings)
 
 
@@ -439,3 +450,28 @@ def test_indistinguishable_inputs_have_infinite_error() -> None:
     assert np.all(np.isinf(long_regression([same], 2).b_error))
     assert np.all(np.isfinite(long_regression([r], 2).b_error))
     assert excitation_order([same], 5) == (5, 5)
+
+
+def stroke(seed: int, tau: float, samples: int = 1500) -> Record:
+    """A position between two end stops, or one that a spring pulls back with ``tau`` [samples]."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1.0, 1.0, samples // 25), 25)
+    w = signal.lfilter([0.0, 0.4], [1.0, -0.6], np.where(np.abs(u) > 0.1, u, 0.0))
+    y = np.zeros(samples)
+    for k in range(1, samples):
+        y[k] = np.clip(y[k - 1] * (1.0 - 1.0 / tau) + w[k], -60.0, 60.0)
+    return Record(u[:, None], y[:, None] + 0.1 * rng.standard_normal((samples, 1)), 0.02)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_an_output_that_integrates_is_not_read_as_slow(seed: int) -> None:
+    said = {f.code: f.text for f in inspect_records([stroke(seed, np.inf)], nonlinearity=False)}
+    assert "`speed_of='y'`" in said["integrates"]
+    assert "sampling" not in said or "Decimate" not in said["sampling"]
+    assert "end stop" in said["saturation"] or "No signal" in said["saturation"]
+
+
+def test_an_output_that_is_pulled_back_does_not_integrate() -> None:
+    """No alarm in 60 logs with time constants up to a tenth of their length."""
+    taus = np.random.default_rng(1).uniform(3.0, 150.0, 60)
+    assert [tau for seed, tau in enumerate(taus) if integrals([stroke(seed, tau)])] == []

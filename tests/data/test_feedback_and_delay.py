@@ -9,6 +9,7 @@ import pytest
 from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
+from sysid.data.checks.control_law import control_law
 from sysid.data.checks.delay import estimate_delays
 from sysid.data.checks.feedback import feedback_tests
 from sysid.data.facts import LogFacts
@@ -235,3 +236,42 @@ def test_a_command_that_acts_in_its_own_row_is_no_feedback(names: tuple[str, str
         alarms += any(t.p_value < 0.01 for t in tests)
     # at 1 % two of eight happen once in 400 times; all eight were called closed loops
     assert alarms < 2
+
+
+def regulated(seed: int, step: float = 0.0, samples: int = 900) -> Record:
+    """A plant held at a set point that never moves by a PI controller that answers in the row."""
+    rng = np.random.default_rng(seed)
+    drift = lfilter([0.1], [1.0, -0.99], rng.standard_normal(samples))
+    y, u, x, integral = np.zeros(samples), np.zeros(samples), 0.0, 0.0
+    for k in range(samples):
+        x = 0.95 * x + 0.07 * (u[k - 3] if k > 2 else 0.0)
+        y[k] = x + drift[k] + 0.02 * rng.standard_normal()
+        y[k] = np.round(y[k] / step) * step if step else y[k]
+        integral += y[k] * DT
+        u[k] = -2.5 * (y[k] + integral / 4.0)
+    return Record(np.round(u[:, None], 2), y[:, None], DT)
+
+
+@pytest.mark.parametrize("step", [0.0, 0.03])
+def test_a_controller_that_explains_the_input_is_named_with_its_law(step: float) -> None:
+    facts = LogFacts((regulated(3, step),))
+    (test,) = facts.feedback or ()
+    assert test.law is not None
+    assert test.seen
+    # u is rounded to 0.01, four thousandths of its spread
+    assert test.law.gain == pytest.approx(-2.5, rel=0.01)
+    assert test.law.integral_time == pytest.approx(4.0, rel=0.01)
+    assert [d.delay for d in facts.delays or ()] != [0]
+    said = " ".join(f.text for f in inspect_records(facts))
+    assert "proportional-integral law (gain -2.5" in said
+    assert "too slow to see" not in said
+
+
+def test_an_input_that_goes_its_own_way_follows_no_law() -> None:
+    """Inputs of all kinds, plants that lag, integrate or pass on at once, little or no noise."""
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        u = INPUTS[sorted(INPUTS)[seed % 6]](rng, 400)
+        pole, late, noise = (0.9, 1.0, 0.995)[seed % 3], seed // 6 % 2, (0.0, 0.05)[seed % 2]
+        y = lfilter([0.0] * late + [1.0], [1.0, -pole], u) + noise * rng.standard_normal(len(u))
+        assert control_law([Record(u[:, None], y[:, None], DT)], 0, 0) is None, seed

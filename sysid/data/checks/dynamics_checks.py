@@ -122,21 +122,28 @@ def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
 
 
 def _response(test: FeedbackTest) -> str:
+    if test.law is not None:
+        return (
+            f"{test.output} within the sample by a proportional-integral law (gain "
+            f"{test.law.gain:.3g} {test.input} for 1 {test.output}, integral time "
+            f"{test.law.integral_time:.3g} s)"
+        )
     if test.reference:
         return f"{test.reference} - {test.output} ({_chance(test.p_value)})"
     share = f"share {100 * test.share:.2g} %"
     return f"innovations of {test.output} ({share}, {_chance(test.p_value)})"
 
 
-def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
+def check_delay(delays: Sequence[Delay] | None, set_points: Sequence[str] = ()) -> list[Finding]:
     """The delay of every pair with its interval, output by output.
 
     A response within the sample is either feedthrough or a controller that reads y(t) before it
     writes u(t). Where feedback is detected it is the controller's; where none is, one record cannot
-    distinguish the two for certain, so it is noted.
+    distinguish the two for certain, so both are said.
 
     Args:
         delays: of every pair; None where the records are too short for them.
+        set_points: columns of the file that a controller follows.
     """
     if delays is None:
         return [_too_short("delay")]
@@ -159,14 +166,25 @@ def check_delay(delays: Sequence[Delay] | None) -> list[Finding]:
             Severity.OK,
             "" if all(d.certain for d in pairs) else "Let the fit search the delay (give no nk).",
         )
-        if any(d.delay == 0 and d.certain for d in pairs):
-            severity = Severity.NOTE
-            advice = (
-                "Use nk = 0, unless a controller responds within the sample: then the delay is the "
-                "controller's, and nk = 1."
-            )
         findings.append(Finding("delay", severity, text, advice, output))
+        findings += [_at_once(output, d.input, set_points) for d in pairs if d.delay == 0]
     return findings
+
+
+def _at_once(output: str, name: str, set_points: Sequence[str]) -> Finding:
+    """What a response within the sample means: one log cannot show which of the two it is."""
+    text = f"{output} moves in the very sample of {name}: the plant passes {name} on at once, or "
+    if set_points:
+        text = (
+            f"{output} moves in the very sample of {name}, and {', '.join(set_points)} is a set "
+            "point: closed loop, or the plant passes the input on at once. In closed loop "
+        )
+    text += f"a controller computes {name} from {output} and the model is the controller's inverse."
+    advice = f"If there is a controller, record with a moving set point and give {_NEXT_SAMPLE}."
+    return Finding("at-once", Severity.WARNING, text, advice, output)
+
+
+_NEXT_SAMPLE = argument(orders="nk=1")
 
 
 def _dead_times(pairs: Sequence[Delay]) -> str:
@@ -236,10 +254,14 @@ def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding
     """Whether the log asks for a nonlinear model, output by output.
 
     Args:
-        tests: one an output; None where the records are too short for them.
+        tests: one an output; None where the records are too short for them, empty where an input
+            follows an output by a law.
     """
     if tests is None:
         return [_too_short("nonlinearity")]
+    if not tests:
+        text = "Not tested for nonlinearity: the input is a function of the output."
+        return [Finding("nonlinearity", Severity.NOTE, text)]
     findings = []
     for t in tests:
         if t.p_value >= NONLINEAR / len(tests):

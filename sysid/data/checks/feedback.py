@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
+from sysid.data.checks.control_law import ControlLaw, control_law
 from sysid.data.checks.far_delay import NEAR, far_lags, first_seen
 from sysid.data.checks.reference import (
     answers_beside_reference,
@@ -89,6 +90,8 @@ class FeedbackTest:
             there is none in the log.
         moving: whether the input changes in at least half of the samples, as a response to noisy
             outputs does.
+        law: the proportional-integral law by which the input follows the output within the sample,
+            None where it follows none.
         share: part of the output's innovations that future inputs explain, or part of the input's
             unpredicted changes that the output's innovations explain, 0 … 1, of the clearer test.
     """
@@ -99,6 +102,7 @@ class FeedbackTest:
     share: float
     reference: str = ""
     moving: bool = True
+    law: ControlLaw | None = None
 
     @property
     def seen(self) -> bool:
@@ -134,7 +138,8 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
     for of_output in zip(*by_test, strict=True):
         clearest = min(of_output, key=lambda t: t.p_value)
         p_value = min(1.0, len(by_test) * clearest.p_value)
-        tests.append(replace(clearest, p_value=p_value, moving=moving[clearest.input]))
+        test = replace(clearest, p_value=p_value, moving=moving[clearest.input])
+        tests.append(test if test.sure else _by_law(records, test))
     with_references = _at_most(with_reference(records))
     if not with_references:
         return tuple(tests)
@@ -149,6 +154,17 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
         else t
         for i, t in enumerate(tests)
     )
+
+
+def _by_law(records: Sequence[Record], test: FeedbackTest) -> FeedbackTest:
+    """The verdict, of the input that follows the output by a law where there is one."""
+    i = records[0].output_names.index(test.output)
+    for j, name in enumerate(records[0].input_names):
+        law = control_law(records, i, j)
+        if law is not None:
+            moving = _moves(records, j)
+            return FeedbackTest(test.output, name, 0.0, law.explained, moving=moving, law=law)
+    return test
 
 
 def future_tests(

@@ -24,7 +24,7 @@ HEAD = 20
 MIN_DATA_LINES = 3
 """Data lines needed: two intervals define a sample time."""
 
-WHOLE_LOG_ONLY = ("join", "join_offset", "speed_of", "unwrap", "encoding")
+WHOLE_LOG_ONLY = ("join", "join_offset", "speed_of", "unwrap", "encoding", "missing")
 """Options that need the whole log."""
 
 BAGS_ONLY = ("stamps", "latency")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sysid.data.column_words import MEASUREMENTS, words
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array
-from sysid.data.units import Conversion
+from sysid.data.units import UNITS, Conversion
 from sysid.errors import DataError, UsageError, argument
 
 EVERY = ""
@@ -38,8 +38,13 @@ two ends of a switched signal, unwrapped, spans two of them."""
 MIN_DISTINCT_VALUES = 20
 """A signal of fewer different values is switched, not counted."""
 
+TURNS = (2.0 * pi, 360.0, 6400.0)
+"""A turn in radians, degrees and mil, for an angle whose unit is none that we know."""
+
 FULL_TURN = 0.9
-"""An angle without a unit wraps at a turn only if it fills so much of one."""
+"""Such an angle wraps at a turn only if it fills so much of one."""
+
+KNOWN_UNITS = frozenset(unit for unit, _ in UNITS.values())
 
 RESET = 20.0
 """A reset is a jump to zero larger than so many times the usual largest step."""
@@ -134,6 +139,12 @@ def suspected(y: Array) -> float:
     return period if np.ptp(y) <= 1.05 * period and _wraps(y, period) else 0.0
 
 
+def _full_turn(y: Array) -> float:
+    """The turn whose ends a column goes over, whatever its unit says; 0 where it does not."""
+    filled = [m for m in TURNS if FULL_TURN * m <= np.ptp(y) <= 1.001 * m]
+    return next((m for m in filled if len(np.unique(y)) >= MIN_DISTINCT_VALUES and _wraps(y, m)), 0)
+
+
 def _without_resets(y: Array) -> Counted:
     """A whole-numbered position that falls to zero at once and goes on counting from there."""
     d = np.diff(y)
@@ -171,7 +182,7 @@ def without_jumps(
         values: (N, n), as the file has them.
         names: of the columns.
         turns: column that may count or turn → what is a turn in its unit, none where it is no
-            angle; None where the unit is not known. Other columns are left as they are.
+            angle; None where there is no unit. Other columns are left as they are.
         periods: column (or ``EVERY``) → period [file unit], 0 to leave it; wins over what is seen.
         where: name of the file.
         speeds: columns that are read as speeds, which need no advice to do so.
@@ -197,12 +208,13 @@ def without_jumps(
         if period is None:
             turn = turns[name]
             column = counted(
-                values[:, k], (2.0 * pi, 360.0) if turn is None else turn, turn is None
+                values[:, k], TURNS if turn is None else turn, turn is None or turn is TURNS
             )
             if turn is None and name not in speeds:
                 findings += _running_count(column.values, column.wraps, name, where)
             if not (column.wraps or column.resets):
-                findings += _doubted(suspected(values[:, k]), name, where)
+                period = suspected(values[:, k]) or _full_turn(values[:, k])
+                findings += _doubted(period, name, where)
         else:
             column = _forced(values[:, k], period, name, where, name in periods)
         out[:, k] = column.values
@@ -309,7 +321,8 @@ def continued(
     """
     turns: dict[str, tuple[float, ...] | None] = dict.fromkeys(headings, (2.0 * pi, 360.0))
     for name, unit in outputs.items():
-        turns[name] = (2.0 * pi / unit.scale,) if unit.unit == "rad" else () if unit.unit else None
+        label = None if not unit.unit else () if unit.unit in KNOWN_UNITS else TURNS
+        turns[name] = (2.0 * pi / unit.scale,) if unit.unit == "rad" else label
     return without_jumps(values, names, turns, unwrap, where, speed_of)
 
 

@@ -59,6 +59,10 @@ def decisions(
         found.append(Decision("rows", parts, ("resample",)))
     if "held-telemetry" in codes:
         found.append(Decision("rate", "that of the slowest sensor", ("held",)))
+    coded = [f for f in findings if f.code == "missing-code"]
+    if coded:
+        said = [f.sentence.partition(": ")[2].partition(",")[0] for f in coded]
+        found.append(Decision("missing", "; ".join(said), ("missing",)))
     wraps = [f.channel for f in findings if f.code == "counter" and "was unwrapped" in f.sentence]
     if wraps:
         found.append(Decision("unwrapped", listed([n for n in wraps if n]), ("unwrap",)))

@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.data.reading.dates import ORDERS
 from sysid.data.reading.decoding import check_encoding
+from sysid.data.reading.missing_codes import given_codes
 from sysid.data.reading.stale import check_held
 from sysid.data.reading.time_column import unit_of
 from sysid.data.reading.timing import ResamplePolicy, check_policy
@@ -46,6 +47,8 @@ class ReadOptions:
             for each that is to be moved; they are said and kept unless given.
         strict: whether lines that are no rows of the table are refused, not left out.
         speed_of: outputs that are positions and are read as the speed between their measurements.
+        missing: numbers that stand for a missing measurement, ``none`` for none; empty to detect
+            them (see ``missing_codes``).
 
     Raises:
         UsageError: an option cannot be.
@@ -70,10 +73,11 @@ class ReadOptions:
     stamps: str = "auto"
     latency: tuple[str, ...] = ()
     strict: bool = False
+    missing: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        for name in ("inputs", "outputs", "speed_of", "join", "latency"):
+        for name in ("inputs", "outputs", "speed_of", "join", "latency", "missing"):
             given = getattr(self, name)
             put(self, name, (given,) if isinstance(given, str) else tuple(given))
         put(self, "units", dict(self.units))
@@ -81,6 +85,7 @@ class ReadOptions:
         put(self, "unwrap", self.periods)
         check_policy(self.resample)
         check_held(self.held)
+        given_codes(self.missing)
         if self.stamps not in STAMPS:
             raise UsageError(f"unknown `stamps` {self.stamps!r}; choose one of {', '.join(STAMPS)}")
         if self.ts is not None and not (np.isfinite(self.ts) and self.ts > 0):

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from sysid.data.finding import Finding, Severity
 from sysid.structures.base import Structure
 
-FOR_LINEAR = ("nonlinearity",)
-"""Findings that are no fault of the log but say what a linear structure cannot follow."""
+FOR_LINEAR = ("nonlinearity", "integrates")
+"""Findings that are no fault of the log but say what the numbers of a linear structure hide."""
 
 FOR_NONLINEAR = ("levels",)
 """Findings that say what no nonlinear structure can learn from this log."""

@@ -1,0 +1,132 @@
+"""Test whether an output integrates its inputs, as a stroke or a heading does.
+
+Over a block from t₁ to t₂, where ū and ȳ are the means in it and ū₋ is that of the block before,
+and with blocks at an end stop left out,
+
+    y(t₂) − y(t₁) = bᵀ ū + b₋ᵀ ū₋ − ȳ / τ + c.
+
+An output integrates where its inputs explain its changes and its level does not pull it back: 1/τ
+is not above zero beyond chance, and τ is longer than what the log can show.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.finding import Finding, Severity
+from sysid.data.record import Array, Record
+from sysid.errors import argument
+
+BLOCKS = 400
+"""Blocks of all records together."""
+
+DRIVEN = 0.3
+"""Share of the changes that the inputs explain at least."""
+
+PULLED = -3.0
+"""Value of Student's t from which down the level pulls the output back."""
+
+FOREVER = 0.3
+"""A time constant longer than this share of the records is an integrator's."""
+
+FOLLOWS = 0.5
+"""An output of which the inputs of the same time explain more than this share follows them."""
+
+END = 0.01
+"""Share of its range within which an output is at an end."""
+
+STOPS = 0.02
+"""Share of rows at an end under push from which on it is a stop."""
+
+
+@dataclass(frozen=True)
+class Integral:
+    """An output whose speed follows an input.
+
+    Attributes:
+        output, input: of these the input of largest effect.
+        stopped: share of rows at an end of the range while that input pushes on, 0 … 1.
+    """
+
+    output: str
+    input: str
+    stopped: float
+
+
+def integrals(records: Sequence[Record]) -> tuple[Integral, ...]:
+    """The outputs that integrate; none of a robot's, whose structures know their positions."""
+    first = records[0]
+    if first.is_robot_log or not first.nu:
+        return ()
+    seen = [_integral(records, j) for j in range(first.ny)]
+    return tuple(s for s in seen if s is not None)
+
+
+def check_integrals(seen: Sequence[Integral]) -> list[Finding]:
+    """What an output that integrates is modelled by, and its end stops."""
+    findings = []
+    for s in seen:
+        text = f"{s.output} integrates {s.input}: its speed follows, and it has no final value."
+        advice = f"Model its speed with {argument(speed_of=s.output)}."
+        findings.append(Finding("integrates", Severity.NOTE, text, advice, s.output))
+        if s.stopped > STOPS:
+            text = (
+                f"{s.output} stands at an end of its range in {100 * s.stopped:.2g} % of the rows "
+                f"while {s.input} pushes on: an end stop or a clipping sensor."
+            )
+            advice = "Leave those stretches out: a linear model reads them as lower gain."
+            findings.append(Finding("saturation", Severity.WARNING, text, advice, s.output))
+    return findings
+
+
+def _integral(records: Sequence[Record], j: int) -> Integral | None:
+    every = max(1, sum(map(len, records)) // BLOCKS)
+    y = np.concatenate([r.y[:, j] for r in records])
+    low, width = float(y.min()), float(np.ptp(y))
+    means = np.concatenate([r.u for r in records]).mean(axis=0)
+    nu = records[0].nu
+    rows, changes = [], []
+    for r in records:
+        n = (len(r) - 1) // every
+        if n < 4:
+            continue
+        of_u = (r.u[: n * every] - means).reshape(n, every, -1).mean(axis=1)
+        level = r.y[: n * every, j].reshape(n, every).mean(axis=1)
+        step = np.diff(r.y[: n * every + 1 : every, j])
+        inside = np.abs(level - low - 0.5 * width) < (0.5 - END) * width
+        inside[0] = False
+        kept = np.flatnonzero(inside)
+        rows.append(np.column_stack([of_u[kept], of_u[kept - 1], level[kept], np.ones(len(kept))]))
+        changes.append(step[kept])
+    if not rows or sum(map(len, rows)) < 40 or width == 0.0:
+        return None
+    X, d = np.concatenate(rows), np.concatenate(changes)
+    theta, left, error = _fit(X, d)
+    without = _fit(X[:, 2 * nu :], d)[1]
+    now = np.column_stack([X[:, : 2 * nu], X[:, -1:]])
+    follows = 1.0 - _fit(now, X[:, -2])[1] / float(np.sum((X[:, -2] - X[:, -2].mean()) ** 2))
+    pull = float(theta[-2])
+    if without - left < DRIVEN * without or left <= 0.0 or follows > FOLLOWS:
+        return None
+    length = sum(len(r) for r in records) / every
+    if pull < PULLED * error or -pull * FOREVER * length > 1.0:
+        return None
+    effect = (theta[:nu] + theta[nu : 2 * nu]) * X[:, :nu].std(axis=0)
+    i = int(np.argmax(np.abs(effect)))
+    u = np.concatenate([r.u[:, i] for r in records]) - means[i]
+    push = u * np.sign(effect[i]) / max(float(np.std(u)), 1e-300)
+    at_end = (y > low + (1.0 - END) * width) & (push > 0.5)
+    at_end |= (y < low + END * width) & (push < -0.5)
+    return Integral(records[0].output_names[j], records[0].input_names[i], float(np.mean(at_end)))
+
+
+def _fit(X: Array, y: Array) -> tuple[Array, float, float]:
+    """Parameters, sum of squared remainders, standard error of the last parameter but one."""
+    length = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    scaled = X / length
+    theta = np.linalg.lstsq(scaled, y, rcond=1e-12)[0]
+    left = float(np.sum((y - scaled @ theta) ** 2))
+    spread = np.linalg.pinv(scaled.T @ scaled)[-2, -2]
+    error = float(np.sqrt(max(spread, 0.0) * left / max(len(y) - X.shape[1], 1))) / length[-2]
+    return theta / length, left, error
