@@ -209,7 +209,12 @@ def find_time(
     if read is None:
         counters = [n for n in counters if n in COUNTERS[:5]]
     first = next((n for n in free if n not in counters), None)
-    if by_steps and read is not None and first is not None and first == _first(names, counters):
+    if (
+        by_steps
+        and read is not None
+        and first is not None
+        and first == next(n for n in names if n not in counters)
+    ):
         column = (
             read(first) if meaning(first).quantity == "other" and not _position(first) else None
         )
@@ -229,10 +234,6 @@ def is_clock(read: Read | None, name: str) -> bool:
     if read is not None and read.is_date(name):
         return True
     return is_time(name) and tells_time(read, name)
-
-
-def _first(names: Sequence[str], counters: Sequence[str]) -> str | None:
-    return next((n for n in names if n not in counters), None)
 
 
 def _with_fraction(named: Sequence[str], read: Read | None) -> TimeColumn | None:
