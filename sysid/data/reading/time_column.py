@@ -208,13 +208,8 @@ def find_time(
     counters = [n for n in free if is_counter(n) and tells_time(read, n)]
     if read is None:
         counters = [n for n in counters if n in COUNTERS[:5]]
-    first = next((n for n in free if n not in counters), None)
-    if (
-        by_steps
-        and read is not None
-        and first is not None
-        and first == next(n for n in names if n not in counters)
-    ):
+    first = next((n for n in names if n not in counters), None)
+    if by_steps and read is not None and first is not None and first in free:
         column = (
             read(first) if meaning(first).quantity == "other" and not _position(first) else None
         )
