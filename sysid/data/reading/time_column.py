@@ -212,8 +212,8 @@ def find_time(
     counters = [n for n in free if is_counter(n) and tells_time(read, n)]
     if read is None:
         counters = [n for n in counters if n in COUNTERS[:5]]
-    first = next((n for n in free if n not in counters), None)
-    if by_steps and read is not None and first is not None and first == _first(names, counters):
+    first = next((n for n in names if n not in counters), None)
+    if by_steps and read is not None and first is not None and first in free:
         column = (
             read(first) if meaning(first).quantity == "other" and not _position(first) else None
         )
@@ -233,10 +233,6 @@ def is_clock(read: Read | None, name: str) -> bool:
     if read is not None and read.is_date(name):
         return True
     return is_time(name) and tells_time(read, name)
-
-
-def _first(names: Sequence[str], counters: Sequence[str]) -> str | None:
-    return next((n for n in names if n not in counters), None)
 
 
 def _with_fraction(named: Sequence[str], read: Read | None) -> TimeColumn | None:
