@@ -27,6 +27,8 @@ _BRACKETS = re.compile(
     r"(?P<base>.*?\S)(?:\s*[\[(](?P<unit>[^\[\]()]*)[\])]|\s+in\s+(?P<word>[A-Za-zµμ°%Ω][^\s]*))"
 )
 """A name with its unit: ``u [V]``, ``speed (rpm)``, ``Temperatur in °C``."""
+FIRST_CELL = 1000
+"""Rows in which the first date of a column of dates stands."""
 LARGEST = 1e100
 """No measured number is larger, and the squares of larger ones overflow."""
 
@@ -149,12 +151,12 @@ class Table:
 
     def texts(self, name: str) -> list[str]:
         """The cells of a column of the file as text."""
+        if name in self.extra or isinstance(self.source, Rows):
+            return []
         column = self.names.index(name)
         if isinstance(self.source, Layout):
             sep = self.source.delimiter
             return [split_line(r, sep)[column].strip('"') for r in self.source.rows]
-        if isinstance(self.source, Rows):
-            return []
         return [str(c) for c in self.source.iloc[:, column]]
 
     def dates(self, name: str) -> tuple[Array, float] | None:
@@ -175,8 +177,10 @@ class Table:
         column = self.names.index(name)
         if isinstance(self.source, Layout):
             sep = self.source.delimiter
-            head = split_line(self.source.rows[0], sep)[column]
-            if date_format(head) is None and head.lower() not in MISSING:
+            some = (self.source.rows[k] for k in range(min(len(self), FIRST_CELL)))
+            shown = (split_line(row, sep)[column] for row in some)
+            head = next((cell for cell in shown if cell.lower() not in MISSING), "")
+            if date_format(head) is None:
                 return None
             cells = [split_line(r, sep)[column] for r in self.source.rows]
         elif isinstance(self.source, Rows):
