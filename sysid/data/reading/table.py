@@ -27,6 +27,8 @@ _BRACKETS = re.compile(
     r"(?P<base>.*?\S)(?:\s*[\[(](?P<unit>[^\[\]()]*)[\])]|\s+in\s+(?P<word>[A-Za-zµμ°%Ω][^\s]*))"
 )
 """A name with its unit: ``u [V]``, ``speed (rpm)``, ``Temperatur in °C``."""
+FIRST_CELL = 1000
+"""Rows in which the first date of a column of dates stands."""
 LARGEST = 1e100
 """No measured number is larger, and the squares of larger ones overflow."""
 
@@ -151,12 +153,12 @@ class Table:
 
     def texts(self, name: str) -> list[str]:
         """The cells of a column of the file as text."""
+        if name in self.extra or isinstance(self.source, Rows):
+            return []
         column = self.names.index(name)
         if isinstance(self.source, Layout):
             sep = self.source.delimiter
             return [split_line(r, sep)[column].strip('"') for r in self.source.rows]
-        if isinstance(self.source, Rows):
-            return []
         return [str(c) for c in self.source.iloc[:, column]]
 
     def dates(self, name: str) -> Dates | None:
@@ -192,14 +194,13 @@ class Table:
         """The first cell of a column that is filled."""
         if name in self.extra or isinstance(self.source, Rows):
             return ""
-        column = self.names.index(name)
+        column, some = self.names.index(name), range(min(len(self), FIRST_CELL))
         if isinstance(self.source, Layout):
-            head = split_line(self.source.rows[0], self.source.delimiter)[column].strip('"')
+            rows, sep = self.source.rows, self.source.delimiter
+            cells = (split_line(rows[k], sep)[column].strip('"') for k in some)
         else:
-            head = str(self.source.iloc[0, column])
-        if head.lower() not in MISSING:
-            return head
-        return next((c for c in self.texts(name) if c.lower() not in MISSING), "")
+            cells = (str(self.source.iloc[k, column]) for k in some)
+        return next((c for c in cells if c.lower() not in MISSING), "")
 
     def _read_dates(self, name: str) -> Dates | None:
         if not self.is_date(name):
