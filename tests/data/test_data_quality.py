@@ -197,7 +197,7 @@ FAULTS = {
         y=lambda r: r.y[:, ::-1] * [-1, 1],
     ),
     "sides of swapped columns": Fault.of(
-        "side", "`inputs='pwm_r,pwm_l'`", robot, y=lambda r: r.y[:, ::-1]
+        "side", r"`inputs=\['pwm_r', 'pwm_l'\]`", robot, y=lambda r: r.y[:, ::-1]
     ),
     "rpm": Fault.of(
         "omega-unit", r"`units=\{'omega_l': 'rpm'\}`", robot, y=lambda r: r.y * 60 / (2 * np.pi)

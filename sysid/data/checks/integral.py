@@ -86,7 +86,7 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
     low, width = float(y.min()), float(np.ptp(y))
     means = np.concatenate([r.u for r in records]).mean(axis=0)
     nu = records[0].nu
-    rows, changes = [], []
+    rows, changes, ends = [], [], []
     for r in records:
         n = (len(r) - 1) // every
         if n < 4:
@@ -94,14 +94,16 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
         of_u = (r.u[: n * every] - means).reshape(n, every, -1).mean(axis=1)
         level = r.y[: n * every, j].reshape(n, every).mean(axis=1)
         step = np.diff(r.y[: n * every + 1 : every, j])
-        inside = np.abs(level - low - 0.5 * width) < (0.5 - END) * width
-        inside[0] = False
-        kept = np.flatnonzero(inside)
-        rows.append(np.column_stack([of_u[kept], of_u[kept - 1], level[kept], np.ones(len(kept))]))
-        changes.append(step[kept])
-    if not rows or sum(map(len, rows)) < 40 or width == 0.0:
+        rows.append(np.column_stack([of_u[1:], of_u[:-1], level[1:], np.ones(n - 1)]))
+        changes.append(step[1:])
+        side = (level[1:] - low) / max(width, 1e-300)
+        ends.append((side >= 1.0 - END).astype(float) - (side <= END))
+    if not rows or width == 0.0:
         return None
-    X, d = np.concatenate(rows), np.concatenate(changes)
+    every_X, every_d, end = map(np.concatenate, (rows, changes, ends))
+    X, d = every_X[end == 0.0], every_d[end == 0.0]
+    if len(d) < 40:
+        return None
     theta, left, error = _fit(X, d)
     without = _fit(X[:, 2 * nu :], d)[1]
     now = np.column_stack([X[:, : 2 * nu], X[:, -1:]])
@@ -112,13 +114,12 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
     length = sum(len(r) for r in records) / every
     if pull < PULLED * error or -pull * FOREVER * length > 1.0:
         return None
-    effect = (theta[:nu] + theta[nu : 2 * nu]) * X[:, :nu].std(axis=0)
-    i = int(np.argmax(np.abs(effect)))
-    u = np.concatenate([r.u[:, i] for r in records]) - means[i]
-    push = u * np.sign(effect[i]) / max(float(np.std(u)), 1e-300)
-    at_end = (y > low + (1.0 - END) * width) & (push > 0.5)
-    at_end |= (y < low + END * width) & (push < -0.5)
-    return Integral(records[0].output_names[j], records[0].input_names[i], float(np.mean(at_end)))
+    total = theta[:nu] + theta[nu : 2 * nu]
+    i = int(np.argmax(np.abs(total * X[:, :nu].std(axis=0))))
+    free = every_X @ theta  # the changes of an output that nothing stops
+    pushed = free * end > 0.5 * float(np.std(free))
+    stopped = pushed & (every_d * end < 0.5 * np.abs(free))
+    return Integral(records[0].output_names[j], records[0].input_names[i], float(np.mean(stopped)))
 
 
 def _fit(X: Array, y: Array) -> tuple[Array, float, float]:

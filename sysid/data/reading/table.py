@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.finding import Finding
+from sysid.data.reading.column_names import distinct, names_and_units
 from sysid.data.reading.containers import container
 from sysid.data.reading.data_lines import DataLines
 from sysid.data.reading.dates import ORDERS, Dates, date_format, only_day, only_time, seconds_of
-from sysid.data.reading.header import MISSING, STATES, is_unit
+from sysid.data.reading.header import MISSING, STATES
 from sysid.data.reading.text_layout import Layout, lay_out, split_line
 from sysid.data.record import Array
 from sysid.errors import DataError
@@ -23,10 +24,6 @@ from sysid.outside_text import name_of
 if TYPE_CHECKING:
     import pandas as pd
 
-_BRACKETS = re.compile(
-    r"(?P<base>.*?\S)(?:\s*[\[(](?P<unit>[^\[\]()]*)[\])]|\s+in\s+(?P<word>[A-Za-zµμ°%Ω][^\s]*))"
-)
-"""A name with its unit: ``u [V]``, ``speed (rpm)``, ``Temperatur in °C``."""
 FIRST_CELL = 1000
 """Rows in which the first date of a column of dates stands."""
 LARGEST = 1e100
@@ -413,8 +410,8 @@ def _table(source: "Layout | pd.DataFrame", where: str) -> Table:
             f"{where} has only the column {raw[0][:40]}; a log needs an input and an output column"
             " (if it has them, give the delimiter)"
         )
-    names, units = _names_and_units(raw)
-    apart = _told_apart(names)
+    names, units = names_and_units(raw)
+    apart = distinct(names)
     if apart != names:
         said = ", ".join(n for n, was in zip(apart, names, strict=True) if n != was)
         notes += (f"{where}: columns share a name; the later ones are called {said}.",)
@@ -449,25 +446,6 @@ def _frame_of(data: bytes, where: str) -> "pd.DataFrame | None":
     import pandas as pd
 
     return pd.DataFrame(columns)
-
-
-def _names_and_units(raw: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Take ``u [V]`` or ``speed (rpm)`` apart, unless two columns would then share a name."""
-    split = [_BRACKETS.fullmatch(n) for n in raw]
-    split = [m if m and (m["word"] is None or is_unit(m["word"])) else None for m in split]
-    bases = [m["base"] if m else n for m, n in zip(split, raw, strict=True)]
-    if len(set(bases)) != len(set(raw)):
-        return tuple(raw), ("",) * len(raw)
-    return tuple(bases), tuple((m["unit"] or m["word"] or "").strip() if m else "" for m in split)
-
-
-def _told_apart(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The names, with ``(2)`` behind the second of one name and so on."""
-    out: list[str] = []
-    for name in names:
-        numbered = (name, *(f"{name} ({k})" for k in range(2, len(names) + 2)))
-        out.append(next(n for n in numbered if n not in out and (n == name or n not in names)))
-    return tuple(out)
 
 
 def _is_text(column: "pd.Series[Any]") -> bool:

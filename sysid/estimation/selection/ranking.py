@@ -188,9 +188,8 @@ def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) 
     """What put the first entry first."""
     first = order.entries[0]
     text = _called(first)
-    if first.error is None or any(
-        e.error is None for e in order.entries
-    ):  # one bore no search: no held-out figures
+    unsearched = any(e.error is None for e in order.entries)
+    if first.error is None or unsearched:  # there are no held-out figures to compare
         if len(order.entries) == 1:
             return f"{text}: {_origin(first.model, given)}."
         return f"{text} leads: its {order.rule.upper()} on the estimation data is the lowest."
