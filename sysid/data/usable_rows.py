@@ -25,7 +25,7 @@ from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import ColumnReader, numbered_clock
 from sysid.data.reading.table import Rows, Table
 from sysid.data.reading.time_column import TimeColumn
-from sysid.data.reading.timing import Place, set_back
+from sysid.data.reading.timing import SHORT_GAP, Place, set_back
 from sysid.data.record import Array
 from sysid.errors import DataError, argument
 
@@ -106,8 +106,15 @@ def usable_rows(
         columns = dict(zip(names, values[keep].T, strict=True))
         columns |= {n: r[keep] for n, r in references.items()}
         return _at_own_rates(table, t[keep], columns, names, held, findings)
-    lost = empty.any(axis=1) & keep
-    findings += (*_others(table, others), *_incomplete(table, lost, empty, names, options))
+    outputs = slice(len(choice.inputs), len(choice.inputs) + len(choice.outputs))
+    lone: Mask = _lone(empty, outputs) & keep
+    lost: Mask = empty.any(axis=1) & keep & ~lone
+    findings += (
+        *_others(table, others),
+        *_incomplete(table, lost, empty, names, options, "rows were left out and treated as gaps"),
+        *_incomplete(table, lone, empty, names, options, "cells of outputs were interpolated"),
+    )
+    values = _bridged(t, values, keep, outputs)
     rows = np.flatnonzero(keep & ~lost)
     if len(rows) < 2:
         raise DataError(
@@ -239,6 +246,26 @@ def _forward_filled(values: Array, columns: Sequence[int]) -> Array:
     return out
 
 
+def _lone(empty: Mask, outputs: slice) -> Mask:
+    """Rows of a short run in which outputs alone are empty: what drove the plant is known."""
+    some = np.asarray(empty.any(axis=1))
+    edges = np.flatnonzero(np.diff(some, prepend=False, append=False))
+    lone = np.zeros(len(some), dtype=np.bool_)
+    for start, stop in edges.reshape(-1, 2):
+        lone[start:stop] = start > 0 and stop < len(some) and stop - start <= SHORT_GAP
+    others = np.asarray(np.delete(empty, np.r_[outputs], axis=1).any(axis=1))
+    return np.asarray(lone & ~others)
+
+
+def _bridged(t: Array, values: Array, keep: Mask, outputs: slice) -> Array:
+    """The outputs with lines in place of their empty cells."""
+    values = values.copy()
+    for column in values.T[outputs]:
+        there = keep & np.isfinite(column)
+        column[~there] = np.interp(t[~there], t[there], column[there]) if there.any() else np.nan
+    return values
+
+
 def _check_filled(table: Table, values: Array, names: Sequence[str], nu: int) -> None:
     """Refuse an input without a value, and an output with hardly any."""
     for k, name in enumerate(names):
@@ -251,9 +278,14 @@ def _check_filled(table: Table, values: Array, names: Sequence[str], nu: int) ->
 
 
 def _incomplete(
-    table: Table, lost: Mask, empty: Mask, names: Sequence[str], options: ReadOptions
+    table: Table,
+    lost: Mask,
+    empty: Mask,
+    names: Sequence[str],
+    options: ReadOptions,
+    done: str,
 ) -> tuple[Finding, ...]:
-    """Rows with some of the cells; they are left out and treated as gaps."""
+    """Rows with some of the cells, and what was done about them."""
     n = int(np.count_nonzero(lost))
     if not n:
         return ()
@@ -263,6 +295,6 @@ def _incomplete(
     seen = f"{table.place(row)}, column {column}: the cell is empty or not a number{more}"
     if options.resample == "refuse":
         raise DataError(f"{seen}; correct it, or allow `resample='auto'`")
-    text = f"{seen}; such rows were left out and treated as gaps."
+    text = f"{seen}; such {done}."
     advice = "Find out what kept the logger from writing."
     return (Finding("missing", Severity.WARNING, text, advice, column, table.where),)
