@@ -124,3 +124,17 @@ def test_part_of_a_name_selects_a_column(tmp_path: Path, capsys: Capture) -> Non
     refused = run(capsys, "inspect", two, "--output", "speed")
     assert refused.code == 2
     assert "--output names 'speed', which can be motor speed or fan speed" in refused.err
+
+
+def test_what_can_be_either_way_round_is_asked(tmp_path: Path, capsys: Capture) -> None:
+    """A roller's speed drives a web; a supply that is called an input drives nothing."""
+    held = np.repeat(np.random.default_rng(3).uniform(1.0, 9.0, 30), 10)
+    left = lfilter([0.0, 0.3], [1.0, -0.7], held)
+    log = write_log(tmp_path / "web.csv", ["Roller speed", "Web tension"], [held, left])
+    refused = run(capsys, "inspect", log)
+    assert refused.code == 1
+    assert "the input and the output can be" in refused.err
+    names = ["input_voltage", "duty_cycle", "erpm"]
+    log = write_log(tmp_path / "vesc.csv", names, [50.0 - 0.01 * held, held, left])
+    said = run(capsys, "inspect", log, "--output", "erpm", "--json").document
+    assert [c["name"] for c in said["records"][0]["channels"]] == ["duty_cycle", "erpm"]

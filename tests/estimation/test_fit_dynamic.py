@@ -71,6 +71,7 @@ def named(numbers: tuple[VehicleNumber, ...]) -> dict[str, VehicleNumber]:
     return {n.name: n for n in numbers}
 
 
+@pytest.mark.slow
 def test_it_weighs_the_vehicle_of_another_engine(weighed: Weighed) -> None:
     numbers = named(weighed.numbers())
     moment, _ = MACHINE.scrub
@@ -89,6 +90,7 @@ def test_it_weighs_the_vehicle_of_another_engine(weighed: Weighed) -> None:
     assert "1 % of that is" in numbers["mass"].sentence
 
 
+@pytest.mark.slow
 def test_errors_of_the_bench_are_errors_of_the_mass(weighed: Weighed) -> None:
     """A hundredth of the rotors' 2J/r² is a twentieth of this mass, whatever the log says."""
     rotors = 2.0 * MACHINE.motor.inertia / MACHINE.r**2
@@ -112,6 +114,7 @@ def test_straight_runs_do_not_tell_what_turns_would(
         assert manoeuvre in numbers[name].sentence
 
 
+@pytest.mark.slow
 def test_without_a_torque_only_ratios_are_told(weighed: Weighed) -> None:
     powered = replace(weighed.fit.powered, torque_known=False)
     numbers = named(numbers_of(replace(weighed.fit, powered=powered)))
@@ -123,6 +126,7 @@ def test_without_a_torque_only_ratios_are_told(weighed: Weighed) -> None:
     assert numbers["straight_lag"].value == pytest.approx(lag, rel=0.03)
 
 
+@pytest.mark.slow
 def test_paths_are_foretold_better_than_by_rolling_wheels(
     weighed: Weighed, trajectories: Trajectories
 ) -> None:

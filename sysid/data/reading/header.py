@@ -13,7 +13,10 @@ from sysid.data.units import UNITS
 
 COMMENTS = ("#", "%", "//", "!")
 """Signs with which a line of a text log is a comment."""
-MISSING = ("", "na", "nan", "n/a", "null", "none", "-nan", "#n/a", "<na>", "-", "--")
+MISSING = (
+    *("", "na", "nan", "n/a", "null", "none", "-nan", "#n/a", "<na>", "-", "--"),
+    *("unavailable", "unknown"),
+)
 """Cells, in lower case, that hold nothing."""
 STATES: dict[str, float] = {
     **dict.fromkeys(("on", "true", "an", "ein", "yes", "ja", "high", "oui", "wahr", "open"), 1.0),
@@ -131,10 +134,14 @@ def is_data(text: str) -> bool:
     return bool(good) and len(cells) > 1 and 2 * (len(good) + len(states)) > len(cells)
 
 
+_SHORT_UNIT = re.compile(r"[^\W\d_]{1,4}(/[^\W\d_]{1,4})?")
+"""A unit that nobody knows here: ``t/h``, ``gpm``."""
+
+
 def measured(cell: str) -> tuple[str, str] | None:
     """Number and unit of a cell such as ``0.01 sec`` or ``12 V``; None for any other."""
     match = _MEASURED.fullmatch(cell.strip())
-    if match is None or not looks_like_unit(match["unit"], _UNIT_NAMES):
+    if match is None or not (is_unit(match["unit"]) or _SHORT_UNIT.fullmatch(match["unit"])):
         return None
     return match["number"], match["unit"]
 

@@ -5,13 +5,16 @@ import numpy as np
 from sysid.data.column_words import words
 from sysid.data.reading.row_times import ColumnReader
 from sysid.data.reading.table import Rows, Table
-from sysid.data.reading.time_column import find_time
+from sysid.data.reading.time_column import find_time, is_time
 
 NAMES = frozenset(
-    ("name", "signal", "variable", "field", "channel", "tag", "key", "topic", "sensor", "parameter")
+    (
+        *("name", "signal", "variable", "field", "channel", "tag", "key", "topic", "sensor"),
+        *("parameter", "entity", "id", "metric", "item", "point"),
+    )
 )
 """Words of a column with the names of signals."""
-VALUES = frozenset(("value", "val", "reading", "wert", "values"))
+VALUES = frozenset(("value", "val", "reading", "wert", "values", "state"))
 """Words of a column with their numbers."""
 MOST_NAMES = 200
 """Names that a log may have."""
@@ -32,8 +35,9 @@ def wide(table: Table) -> Table:
         return table
     numbers = table.columns((values,))[:, 0]
     others = [n for n in table.names if n not in (names, values)]
-    time = find_time(others, None)
-    t = ColumnReader(table)(time.name) if time is not None else None
+    read = ColumnReader(table)
+    time = find_time(others, None) or find_time(others, read)
+    t = read(time.name) if time is not None else None
     if time is None or t is None:
         return table
     _, first, row = np.unique(t, return_index=True, return_inverse=True)
@@ -43,15 +47,16 @@ def wide(table: Table) -> Table:
         f"{table.where} is a long table: {values} of {', '.join(signals)} in columns of their own."
     )
     unit = dict(zip(table.names, table.units, strict=True))[time.name]
+    clock = time.name if is_time(time.name) else "time"  # last_changed
     dates = table.dates(time.name)
     stamps = t[first] if dates is None else t[first] + dates[1]
     return Table(
         table.where,
-        (time.name, *signals),
+        (clock, *signals),
         (unit if dates is None else "s", *("" for _ in signals)),
         (*table.notes, note),
         Rows(len(first), t[first]),
-        {time.name: stamps} | dict(zip(signals, columns.T, strict=True)),
+        {clock: stamps} | dict(zip(signals, columns.T, strict=True)),
     )
 
 

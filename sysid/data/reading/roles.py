@@ -93,6 +93,9 @@ def _roles(meant: dict[str, Meaning], given_u: Columns, given_y: Columns) -> Rol
     called_y = [n for n in signals if _OUTPUT.fullmatch(n)]
     commands = [n for n, m in meant.items() if m.quantity == "command"]
     actuators = [n for n in commands if is_actuator(meant[n])]
+    if actuators:  # input_voltage is the supply of what a duty cycle drives
+        aside = {n for n in commands if n not in actuators and n.lower().startswith("input")}
+        called_u = [n for n in called_u if n not in aside]
     effects = [n for n in meant if is_effect(n) and n not in called_u]
     drives = [n for n in meant if may_drive(n)]
     unknown = [n for n, m in meant.items() if m.quantity == "other" and n not in drives]
@@ -122,6 +125,12 @@ def _roles(meant: dict[str, Meaning], given_u: Columns, given_y: Columns) -> Rol
             single = tuple((n,) for n in (*unknown, *drives))
             return Roles(single if len(single) > 1 else (), single)  # as a scope's channels
         return Roles(tuple(next(filter(None, ways), [])), tuple(outputs))
+    either = [n for family in (*inputs, *outputs) for n in family]
+    if not (given_u or given_y or called_y or commands or driving) and {*inputs[0]} <= {*unknown}:
+        speeds = [n for n in either if meant[n].quantity == "speed"]
+        if speeds and len(either) == 2:  # a roller's speed and what it does: either way round
+            single = tuple((n,) for n in either)
+            return Roles(single, single)
     # a pair of sides goes with a pair of sides, whatever else is measured
     sided = [(u, y) for u, y in able if [u] == _both_sides(u) and [y] == _both_sides(y)]
     able = sided if len(sided) == 1 and len({u for u, _ in able}) == 1 else able

@@ -15,6 +15,7 @@ from sysid.data.reading.header import (
     cells_of,
     find_header,
     is_data,
+    is_unit,
     measured,
 )
 from sysid.data.reading.number_signs import NumberSigns, number_signs, without_groups
@@ -230,6 +231,9 @@ def _without_units(
             number = measured(text)
             if number is None and text.lower() not in MISSING:
                 del units[i]  # text that only begins as a measurement does
+                break
+            if number is not None and number[1] != unit and not is_unit(unit):
+                del units[i]  # words that follow a number
                 break
             if number is not None and number[1] != unit:
                 raise DataError(

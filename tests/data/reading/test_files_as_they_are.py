@@ -82,6 +82,18 @@ FILES: dict[str, tuple[str, bytes, dict[str, object], str]] = {
     "a message": ("l.csv", text(with_line(300, "-- sensor reset --")), {}, "line 302 '-- sensor"),
     "half a line": ("l.csv", text(with_line(300, ROWS[299][-7:])), {}, "1 line that is no row"),
     "a time cut short": ("l.csv", text(with_line(300, ROWS[299][2:])), {}, "1 line that is no row"),
+    "an unknown unit": (
+        "l.csv",
+        text([f"{t:.2f},{u:.2f},{y:.3f} t/h" for t, u, y in zip(T, U, Y, strict=True)]),
+        {},
+        "y in t/h",
+    ),
+    "a history of states": (
+        "l.csv",
+        long().replace(b"name,value", b"entity_id,state"),
+        {},
+        "is a long table",
+    ),
     "no time": ("l.csv", text(with_line(300, ",1.0,2.0")), {}, "line 302 ',1.0,2.0'"),
     "zero bytes": ("l.csv", b"\0\0" + text(ROWS).replace(b"5.00,", b"5\0.00,"), {}, "3 zero bytes"),
     "boot messages": ("l.csv", b"rst:1\n\nready\n" + text(ROWS), {}, "above the header"),
