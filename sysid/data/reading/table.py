@@ -64,6 +64,7 @@ class Table:
     source: "Layout | Rows | pd.DataFrame"
     extra: Mapping[str, Array] = field(default_factory=dict, hash=False)
     date_order: str | None = None
+    _numbers: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
     _dates: dict[str, Dates | None] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )  # what ``dates`` has read: half a second for 10⁵ rows, asked for by the choice and the clock
@@ -127,15 +128,14 @@ class Table:
         Raises:
             DataError: a cell is no number, or is infinite; line, column and text are named.
         """
-        index = [self.names.index(n) for n in names if n not in self.extra]
-        numbers = np.empty((len(self), 0))
+        fresh = [n for n in dict.fromkeys(names) if n not in self.extra and n not in self._numbers]
+        index = [self.names.index(n) for n in fresh]
         if index:
-            numbers = self._text(index) if isinstance(self.source, Layout) else self._frame(index)
+            block = self._text(index) if isinstance(self.source, Layout) else self._frame(index)
+            self._numbers.update(zip(fresh, block.T, strict=True))
         values = np.empty((len(self), len(names)))
-        values[:, [n not in self.extra for n in names]] = numbers
         for k, name in enumerate(names):
-            if name in self.extra:
-                values[:, k] = self.extra[name]
+            values[:, k] = self.extra[name] if name in self.extra else self._numbers[name]
         with np.errstate(invalid="ignore"):
             beyond = np.abs(values) > LARGEST
         if beyond.any():
