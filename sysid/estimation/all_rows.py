@@ -15,7 +15,6 @@ from sysid.data.io import blocks_of
 from sysid.data.preprocess import Detrend
 from sysid.data.reading.blocks import Blocks
 from sysid.data.record import Record
-from sysid.errors import Termination
 from sysid.estimation.assessment.figures import Figures
 from sysid.estimation.assessment.findings import Assessment, DataFigures, Policy, assess, figures_on
 from sysid.estimation.identify import Identification, Request
@@ -24,10 +23,10 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import Structure
 from sysid.structures.linear.arx import ARX
-from sysid.structures.linear.closed_form import is_linear, solve_in_blocks
+from sysid.structures.linear.closed_form import is_linear, solve_in_blocks, solved_outcome
 from sysid.structures.linear.constant_input import with_ones
 from sysid.structures.model import Model
-from sysid.structures.outcome import FitOutcome, Fitter, InitialGuesses, StartReport
+from sysid.structures.outcome import FitOutcome, Fitter, InitialGuesses
 
 BLOCK_ROWS = 500_000
 """Rows read at once: with the text and its copies 300 MB for ten columns."""
@@ -131,17 +130,8 @@ def _solver(every: AllRows, detrend: Detrend) -> Fitter:
             for r in every.records(lead):
                 yield with_ones(detrend.remove(r)) if constant else detrend.remove(r)
 
-        theta, covariance, null = solve_in_blocks(structure, blocks, plain)
-        starts = (StartReport("all", "least squares over all rows", None, None, 1),)
-        return FitOutcome(
-            structure,
-            parameters,
-            theta,
-            covariance,
-            null,
-            termination=Termination.CLOSED_FORM,
-            starts=starts,
-        )
+        solved = solve_in_blocks(structure, blocks, plain)
+        return solved_outcome(structure, parameters, solved, "least squares over all rows")
 
     return solve
 

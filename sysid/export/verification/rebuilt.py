@@ -36,7 +36,7 @@ def foreign_code(package: Package, files: Files) -> dict[str, Foreign]:
         files: of the package, by name.
 
     Returns:
-        Folder → why its code must not run unasked.
+        Folder → why its code runs only where it is trusted.
     """
     there = [f for f in FOLDERS if any(n.startswith(f"{f}/") for n in files)]
     return {f: why for f in there if (why := _difference(package, files, f)) is not None}

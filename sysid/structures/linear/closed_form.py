@@ -41,7 +41,22 @@ def fit(
     weighted = any(r.weights is not None for r in records)
     if weighted or not (isinstance(structure, ARX) and is_linear(options, parameters)):
         return by_search(structure, records, options, parameters, initial_guesses)
-    theta, covariance, null = solve(structure, records)
+    return solved_outcome(structure, parameters, solve(structure, records), "least squares")
+
+
+def solved_outcome(
+    structure: ARX,
+    parameters: tuple[Parameter, ...],
+    solved: tuple[Array, Array, Array],
+    how: str,
+) -> FitOutcome:
+    """The outcome of a fit that was solved directly.
+
+    Args:
+        solved: θ, its covariance and the directions without information.
+        how: what was solved, for the report of starts.
+    """
+    theta, covariance, null = solved
     return FitOutcome(
         structure,
         parameters,
@@ -49,7 +64,7 @@ def fit(
         covariance,
         null,
         termination=Termination.CLOSED_FORM,
-        starts=(StartReport("all", "least squares", None, None, 1),),
+        starts=(StartReport("all", how, None, None, 1),),
     )
 
 
