@@ -1,5 +1,6 @@
 """Entry point of the installed command: an interrupt ends it at once, even while it loads."""
 
+import gc
 import os
 import signal
 import sys
@@ -18,6 +19,10 @@ ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 cost more than they bring, and on a busy machine a fit takes many times as long (set them to more
 for large regressions)."""
 
+COLLECTION = (50_000, 50, 50)
+"""How seldom Python looks for cycles. While libraries load nothing can be freed, and with its own
+numbers it looks through all of them again and again: a tenth of the time of a short command."""
+
 
 def main() -> int:
     """Run ``sysid`` with the words of the command line; its exit code.
@@ -27,6 +32,7 @@ def main() -> int:
     """
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
+    gc.set_threshold(*COLLECTION)
     ending = Ending()
     if os.name == "posix":
         threading.Thread(target=ending.watch, args=(_heard(),), daemon=True).start()
