@@ -140,10 +140,10 @@ def one_run(plant: Path) -> float:
     """Processor time of one run in the library [s]."""
     import sysid_datasets
 
-    from sysid.mission.robot.mapping import as_robot
-    from sysid.mission.simulator import simulate
-    from sysid.mission.spec import load_mission
     from sysid.plant.package import load_plant
+    from sysid.robot.mission.simulator import simulate
+    from sysid.robot.mission.spec import load_mission
+    from sysid.robot.mission.tracks.mapping import as_robot
 
     mission = load_mission(sysid_datasets.path(MISSION))
     robot, _ = as_robot(load_plant(plant), mission)

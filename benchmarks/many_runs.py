@@ -14,7 +14,7 @@ from time import process_time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sysid.mission.monte_carlo.setup import Setup
+    from sysid.robot.mission.monte_carlo.setup import Setup
 
 RUNS = 10_000
 
@@ -54,10 +54,10 @@ class Timing:
 def timed(plant: Path) -> Timing:
     """Make the runs twice in this process, compiled from nothing before the first."""
     from sysid.fitting.compiled import jax_module
-    from sysid.mission.monte_carlo.agreement import agreement
-    from sysid.mission.monte_carlo.chunks import Runner, chunks
-    from sysid.mission.monte_carlo.sampler import run_seeds
-    from sysid.mission.monte_carlo.workers import threaded
+    from sysid.robot.mission.monte_carlo.agreement import agreement
+    from sysid.robot.mission.monte_carlo.chunks import Runner, chunks
+    from sysid.robot.mission.monte_carlo.sampler import run_seeds
+    from sysid.robot.mission.monte_carlo.workers import threaded
 
     setup = _setup(plant)
     jax_module().config.update("jax_enable_compilation_cache", False)
@@ -90,9 +90,9 @@ def memory(plant: Path, runs: int) -> float:
 def _setup(plant: Path) -> "Setup":
     import sysid_datasets
 
-    from sysid.mission.monte_carlo.setup import Setup
-    from sysid.mission.spec import load_mission
     from sysid.plant.package import load_model
+    from sysid.robot.mission.monte_carlo.setup import Setup
+    from sysid.robot.mission.spec import load_mission
 
     return Setup.of(load_mission(sysid_datasets.path("obstacles_6_3")), [load_model(plant)])
 
@@ -102,9 +102,9 @@ def _in_process(plant: Path, runs: int) -> None:
 
     import sysid_datasets
 
-    from sysid.mission.monte_carlo.runs import simulate_runs
-    from sysid.mission.spec import load_mission
     from sysid.plant.package import load_model
+    from sysid.robot.mission.monte_carlo.runs import simulate_runs
+    from sysid.robot.mission.spec import load_mission
 
     simulate_runs(load_mission(sysid_datasets.path("obstacles_6_3")), [load_model(plant)], runs)
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3)

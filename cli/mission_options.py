@@ -81,7 +81,7 @@ def driven(
             raise UsageError(f"file not found: {path}; check the path after {option}")
     lengths = None if geometry is None else given_lengths(geometry)
     if mission is not None:
-        from sysid.mission.spec import load_mission
+        from sysid.robot.mission.spec import load_mission
 
         load_mission(mission)  # refused before the minutes of a diagnosis
         if lengths is not None:
@@ -144,7 +144,7 @@ def _lengths_in(path: Path) -> "Geometry":
 
 def _agree(lengths: "Geometry", mission: Path) -> None:
     """Refuse lengths that the mission gives otherwise."""
-    from sysid.mission.spec import load_mission
+    from sysid.robot.mission.spec import load_mission
 
     of_mission = load_mission(mission).vehicle.given_geometry
     if of_mission is not None and of_mission != lengths:

@@ -10,13 +10,13 @@ if TYPE_CHECKING:
     from sysid.estimation.assessment.findings import Assessment
     from sysid.estimation.identify import Identification
     from sysid.estimation.selection.comparison import Ranking
-    from sysid.mission.result import MissionResult
-    from sysid.mission.spec import Mission
     from sysid.plant.replay import Replay
     from sysid.report.correlation_panels import LagTest
     from sysid.report.fit_picture import FitSegment
     from sysid.report.mission_drawing import MissionPicture
     from sysid.report.missions.localization_drawing import PoseEstimate
+    from sysid.robot.mission.result import MissionResult
+    from sysid.robot.mission.spec import Mission
 
 
 def draw_fit(path: Path, title: str, identification: "Identification") -> None:

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from sysid import floats
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
-from sysid.mission.axis import AxisInputs
-from sysid.mission.contracts import (
+from sysid.robot.mission.axis import AxisInputs
+from sysid.robot.mission.contracts import (
     ROBOT_INPUTS,
     ROBOT_OUTPUTS,
     Body,
@@ -21,9 +20,10 @@ from sysid.mission.contracts import (
     References,
     SteppablePlant,
 )
-from sysid.mission.control.axes import AxisController
-from sysid.mission.simulator import scene_of, shaper_of
-from sysid.mission.spec import Mission
+from sysid.robot.mission.control.axes import AxisController
+from sysid.robot.mission.simulator import scene_of, shaper_of
+from sysid.robot.mission.spec import Mission
+from sysid.runners import floats
 from sysid.vehicle.kinematics import Geometry, body_velocity, step_pose
 
 PERIOD = 0.1

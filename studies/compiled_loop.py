@@ -19,9 +19,9 @@ from sysid.cosim.robot import Pace, play_robot
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
 from sysid.export.package import Form, write_package
-from sysid.mission.result import MissionResult, Outcome
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.spec import Mission
+from sysid.robot.mission.result import MissionResult, Outcome
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.structures.model import Model
 
 LAWS = ("guidance", "control", "command", "controller")

@@ -19,13 +19,13 @@ from sysid.data.record import PWM_FULL_SCALE, Record
 from sysid.diagnosis.diagnose import diagnose
 from sysid.effects.catalogue import effect
 from sysid.effects.programmes import LEVELS, STAIRCASE
-from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
-from sysid.mission.control.linear import YawP
-from sysid.mission.registry import kinds, law_class
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.robot.robot_plant import RobotPlant
-from sysid.mission.spec import Mission
 from sysid.report.markdown import table
+from sysid.robot.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
+from sysid.robot.mission.control.linear import YawP
+from sysid.robot.mission.registry import kinds, law_class
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.mapping import as_robot
+from sysid.robot.mission.tracks.robot_plant import RobotPlant
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.plant import Plant
 from sysid.vehicle.kinematics import Geometry
@@ -184,7 +184,7 @@ def main() -> None:
     """Both tables."""
     import json
 
-    from sysid.mission.control import neural
+    from sysid.robot.mission.control import neural
 
     asked = STUDY.asked(__doc__)
 

@@ -12,11 +12,11 @@ from sysid_datasets.multibody import random_schedule
 from studies.runner import Study, seeds
 from studies.tracks_on_ground import G, Truth, drawn, simulate
 from sysid.data.record import Channel, Record
-from sysid.estimation.vehicle.dynamic_motion import fit_weighed
-from sysid.estimation.vehicle.dynamic_motors import motors_of_bench
-from sysid.estimation.vehicle.judged import whole
-from sysid.estimation.vehicle.trajectory import trajectories_of
 from sysid.report.markdown import table
+from sysid.robot.calibration.dynamic_motion import fit_weighed
+from sysid.robot.calibration.dynamic_motors import motors_of_bench
+from sysid.robot.calibration.judged import whole
+from sysid.robot.calibration.trajectory import trajectories_of
 from sysid.vehicle.kinematics import Geometry
 from sysid.vehicle.motors import Bench
 

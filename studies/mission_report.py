@@ -12,11 +12,11 @@ from sysid.data.io import read_logs
 from sysid.errors import ModelError
 from sysid.estimation.identify import Identification, Request, identify
 from sysid.estimation.selection.comparison import Contender, compare
-from sysid.mission.result import MissionResult
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission, load_mission
 from sysid.report.markdown import table
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission, load_mission
+from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.structures.model import Model
 from sysid.structures.orders import orders_text
 

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import sysid_datasets
 
-from sysid import floats
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
-from sysid.mission.result import MissionResult
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.robot.torque import motors_of
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission, load_mission
 from sysid.report.markdown import table
 from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission, load_mission
+from sysid.robot.mission.tracks.mapping import as_robot
+from sysid.robot.mission.tracks.torque import motors_of
+from sysid.runners import floats
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.plant import Plant
 from sysid.vehicle.dynamics import VehicleState, step

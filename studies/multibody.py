@@ -25,12 +25,12 @@ import sysid_datasets
 from studies import compiled_loop
 from studies.mission_report import BANDS, best_by_aic, called, identified
 from studies.runner import Study
-from sysid.mission.result import MissionResult
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission, load_mission
 from sysid.report.markdown import table
 from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission, load_mission
+from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.structures.model import Model
 
 STUDY = Study("multibody", "multibody.md")

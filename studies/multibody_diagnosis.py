@@ -23,13 +23,13 @@ from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.pose.diagnosis import diagnose_pose
 from sysid.effects.ground import Ground
-from sysid.estimation.vehicle.logs import read_vehicle_logs
-from sysid.estimation.vehicle.windows import path_of
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission
 from sysid.report.markdown import table
 from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+from sysid.robot.calibration.logs import read_vehicle_logs
+from sysid.robot.calibration.windows import path_of
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.vehicle.kinematics import Geometry
 
 STUDY = Study("multibody_diagnosis", "multibody_diagnosis.md", first=21)

@@ -11,13 +11,13 @@ from studies.runner import Study, seeds
 from sysid.data.io import read_logs
 from sysid.data.record import Array
 from sysid.estimation.identify import Request, identify
-from sysid.mission.navigation.consistency import Consistency, consistency, own_run
-from sysid.mission.registry import law
-from sysid.mission.result import MissionResult
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission, load_mission
 from sysid.report.markdown import table
+from sysid.robot.mission.navigation.consistency import Consistency, consistency, own_run
+from sysid.robot.mission.registry import law
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission, load_mission
+from sysid.robot.mission.tracks.mapping import as_robot
 
 STUDY = Study("navigation", "navigation.md", runs=4)
 WHEELS: dict[str, Any] = {"encoders": {}, "gyroscope": {}}

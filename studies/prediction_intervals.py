@@ -19,14 +19,14 @@ from studies.runner import Study, by_case
 from sysid.data.record import PWM_FULL_SCALE, Channel, Record
 from sysid.effects.ground import Ground
 from sysid.estimation.pem import fit
-from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
-from sysid.mission.loop import Verdict
-from sysid.mission.monte_carlo.compiled import CompiledRuns
-from sysid.mission.monte_carlo.figures import Figures
-from sysid.mission.monte_carlo.sampler import run_seeds
-from sysid.mission.monte_carlo.setup import Setup, figures_alone
-from sysid.mission.spec import Mission
 from sysid.report.markdown import table
+from sysid.robot.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
+from sysid.robot.mission.loop import Verdict
+from sysid.robot.mission.monte_carlo.compiled import CompiledRuns
+from sysid.robot.mission.monte_carlo.figures import Figures
+from sysid.robot.mission.monte_carlo.sampler import run_seeds
+from sysid.robot.mission.monte_carlo.setup import Setup, figures_alone
+from sysid.robot.mission.spec import Mission
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 

@@ -15,9 +15,9 @@ from sysid_cli.pictures import draw_fit, draw_mission, draw_ranking
 from sysid.data.io import read_logs
 from sysid.estimation.identify import Identification, Request, identify
 from sysid.estimation.selection.comparison import Contender, compare
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import load_mission
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import load_mission
+from sysid.robot.mission.tracks.mapping import as_robot
 
 FILES = ("prbs.csv", "prbs_val.csv", "obstacles_6_3.yaml")
 

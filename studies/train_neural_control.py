@@ -2,9 +2,10 @@
 
     python -m studies.train_neural_control
 
-writes ``sysid/mission/control/neural.json``. The law with the smallest tracking error over a family
-of robots that differ from the identified one drives them again; the network learns which command
-it gives to what it sees, the integral of the error beside it. The same seed gives the same file.
+writes ``sysid/robot/mission/control/neural.json``. The law with the smallest tracking error over a
+family of robots that differ from the identified one drives them again; the network learns which
+command it gives to what it sees, the integral of the error beside it. The same seed gives the same
+file.
 """
 
 import json
@@ -15,10 +16,10 @@ import numpy as np
 
 from studies.compensated_robots import FAMILY, PERIOD, family_rms, family_runs
 from sysid.data.record import Array
-from sysid.mission.control.neural import features
-from sysid.mission.registry import kinds, law_class
+from sysid.robot.mission.control.neural import features
+from sysid.robot.mission.registry import kinds, law_class
 
-WEIGHTS = Path(__file__).parents[1] / "sysid" / "mission" / "control" / "neural.json"
+WEIGHTS = Path(__file__).parents[1] / "sysid" / "robot" / "mission" / "control" / "neural.json"
 HIDDEN, SEED, DIGITS = 8, 11, 5
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from studies.mission_report import best_by_aic, called, identified, run
-from sysid.mission.result import MissionResult, Outcome
-from sysid.mission.spec import Mission
 from sysid.report.markdown import table
 from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+from sysid.robot.mission.result import MissionResult, Outcome
+from sysid.robot.mission.spec import Mission
 from sysid.structures.model import Model
 
 GOAL = (4.0, 0.0)

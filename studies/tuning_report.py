@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 
 from studies.mission_report import SECTORS, best_by_aic, called, identified
-from sysid.mission.control.pi_p import SpeedPIYawP
-from sysid.mission.guidance.field import PotentialField
-from sysid.mission.guidance.steps import Steps
-from sysid.mission.result import MissionResult
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission
-from sysid.mission.tuning.axes import Axis, answer
-from sysid.mission.tuning.margins import SampledLoop
-from sysid.mission.tuning.rules import Gains, from_edge, from_lag, lag_model
 from sysid.report.markdown import table
 from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+from sysid.robot.mission.control.pi_p import SpeedPIYawP
+from sysid.robot.mission.guidance.field import PotentialField
+from sysid.robot.mission.guidance.steps import Steps
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.mapping import as_robot
+from sysid.robot.mission.tuning.axes import Axis, answer
+from sysid.robot.mission.tuning.margins import SampledLoop
+from sysid.robot.mission.tuning.rules import Gains, from_edge, from_lag, lag_model
 from sysid.structures.model import Model
 
 HEAD = """# The thesis's studies of gains, with the identified robot

@@ -20,9 +20,9 @@ from studies.skid_steer_physics import Vehicle, log_of
 from sysid.data.preparation import Preparation
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Channel, Record
-from sysid.estimation.vehicle.logs import read_vehicle_logs
-from sysid.estimation.vehicle.vehicle_fit import VehicleFit, fit_vehicle
 from sysid.report.markdown import table
+from sysid.robot.calibration.logs import read_vehicle_logs
+from sysid.robot.calibration.vehicle_fit import VehicleFit, fit_vehicle
 from sysid.vehicle.kinematics import Geometry
 
 STUDY = Study("vehicle", "vehicle_on_data.md", runs=20)

@@ -21,7 +21,7 @@ _PLACES = {
     "Focus": "sysid.fitting.problem",
     "Hanging": "sysid.testbench.pendulum.inertia",
     "LiveFit": "sysid.estimation.online.live_fit",
-    "Mission": "sysid.mission.spec",
+    "Mission": "sysid.robot.mission.spec",
     "Model": "sysid.structures.model",
     "ModelError": "sysid.errors",
     "MotorOptions": "sysid.testbench.motor.characterise",
@@ -43,7 +43,7 @@ _PLACES = {
     "inertia_of_logs": "sysid.testbench.pendulum.study",
     "inertia_of_period": "sysid.testbench.pendulum.study",
     "inspect": "sysid.interface",
-    "load_mission": "sysid.mission.spec",
+    "load_mission": "sysid.robot.mission.spec",
     "load_model": "sysid.interface",
     "load_plant": "sysid.plant.package",
     "load_vehicle": "sysid.vehicle.wheels.description",
@@ -85,9 +85,9 @@ if TYPE_CHECKING:
     from sysid.interface import simulate_runs as simulate_runs
     from sysid.interface import structure as structure
     from sysid.interface import tune as tune
-    from sysid.mission.spec import Mission as Mission
-    from sysid.mission.spec import load_mission as load_mission
     from sysid.plant.package import load_plant as load_plant
+    from sysid.robot.mission.spec import Mission as Mission
+    from sysid.robot.mission.spec import load_mission as load_mission
     from sysid.structures.model import Model as Model
     from sysid.structures.plant import Plant as Plant
     from sysid.testbench.motor.characterise import MotorOptions as MotorOptions

@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.diagnosis.diagnosis import Diagnosis
     from sysid.estimation.selection.comparison import Ranking
-    from sysid.estimation.vehicle.dynamic_motors import KnownMotors
-    from sysid.estimation.vehicle.vehicle_fit import VehicleFit
-    from sysid.mission.localize import Localization
-    from sysid.mission.monte_carlo.mission_runs import MissionRuns
-    from sysid.mission.plan import Plan
-    from sysid.mission.result import MissionResult
-    from sysid.mission.spec import Mission
-    from sysid.mission.tuning.tuned import Tuning
+    from sysid.robot.calibration.dynamic_motors import KnownMotors
+    from sysid.robot.calibration.vehicle_fit import VehicleFit
+    from sysid.robot.mission.localize import Localization
+    from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
+    from sysid.robot.mission.plan import Plan
+    from sysid.robot.mission.result import MissionResult
+    from sysid.robot.mission.spec import Mission
+    from sysid.robot.mission.tuning.tuned import Tuning
     from sysid.structures.plant import Plant
     from sysid.vehicle.kinematics import Geometry
 
@@ -198,8 +198,8 @@ def simulate(
         DataError: the mission file cannot be read.
         ModelError: the plant cannot drive it.
     """
-    from sysid.mission.robot.mapping import as_robot
-    from sysid.mission.simulator import simulate as drive
+    from sysid.robot.mission.simulator import simulate as drive
+    from sysid.robot.mission.tracks.mapping import as_robot
 
     spec = _mission(mission)
     robot, _ = as_robot(plant.plant() if isinstance(plant, Model) else plant, spec)
@@ -227,7 +227,7 @@ def simulate_runs(
         ModelError: the plant cannot drive it.
         UsageError: a name or a number makes no sense.
     """
-    from sysid.mission.monte_carlo.runs import simulate_runs as drive
+    from sysid.robot.mission.monte_carlo.runs import simulate_runs as drive
 
     plants = list(plant) if isinstance(plant, Sequence) else [plant]
     return drive(_mission(mission), plants, runs, seed, vary)
@@ -242,7 +242,7 @@ def plan(mission: "Mission | str | Path") -> "Plan":
     Raises:
         DataError: the mission file cannot be read.
     """
-    from sysid.mission.plan import plan as follow
+    from sysid.robot.mission.plan import plan as follow
 
     return follow(_mission(mission))
 
@@ -266,14 +266,14 @@ def localize(
         DataError: a file cannot be read, or holds no reading.
         UsageError: a column or unit named is not there.
     """
-    from sysid.mission.localize import localize as follow
+    from sysid.robot.mission.localize import localize as follow
 
     return follow(log, _mission(mission), columns, options)
 
 
 def _mission(mission: "Mission | str | Path") -> "Mission":
     """A mission, read where its file is given."""
-    from sysid.mission.spec import Mission, load_mission
+    from sysid.robot.mission.spec import Mission, load_mission
 
     return mission if isinstance(mission, Mission) else load_mission(mission)
 
@@ -302,9 +302,9 @@ def tune(
         UsageError: the controller has no gains, or a number makes no search.
         ModelError: no set of gains brings the robot to the goal.
     """
-    from sysid.mission.spec import Mission, load_mission
-    from sysid.mission.tuning.search import SearchOptions
-    from sysid.mission.tuning.search import tune as search
+    from sysid.robot.mission.spec import Mission, load_mission
+    from sysid.robot.mission.tuning.search import SearchOptions
+    from sysid.robot.mission.tuning.search import tune as search
 
     spec = mission if isinstance(mission, Mission) else load_mission(mission)
     return search(spec, plant, SearchOptions(trials, robust, seed))
@@ -375,8 +375,8 @@ def fit_vehicle(
         ModelError: the model gives no torque, or was driven on the ground.
         UsageError: there is no such motion.
     """
-    from sysid.estimation.vehicle.dynamic_motors import motors_of_model, torque_only
-    from sysid.estimation.vehicle.vehicle_fit import fit_vehicle as fit_of
+    from sysid.robot.calibration.dynamic_motors import motors_of_model, torque_only
+    from sysid.robot.calibration.vehicle_fit import fit_vehicle as fit_of
     from sysid.structures.model import Model
 
     if isinstance(motors, Model):

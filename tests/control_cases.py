@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from mission_cases import SCENE
 
-from sysid import floats
 from sysid.data.record import Array
-from sysid.mission.axis import PUBLISHED, AxisInputs
-from sysid.mission.contracts import Body, Command, ControlInputs, Pose, References
-from sysid.mission.loop import plain_shaper
+from sysid.robot.mission.axis import PUBLISHED, AxisInputs
+from sysid.robot.mission.contracts import Body, Command, ControlInputs, Pose, References
+from sysid.robot.mission.loop import plain_shaper
+from sysid.runners import floats
 from sysid.vehicle.kinematics import Geometry, body_velocity, step_pose
 
 

@@ -8,11 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sysid import floats
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
-from sysid.mission.axis import AxisInputs, FirstOrder
-from sysid.mission.contracts import (
+from sysid.robot.mission.axis import AxisInputs, FirstOrder
+from sysid.robot.mission.contracts import (
     ROBOT_INPUTS,
     ROBOT_OUTPUTS,
     Body,
@@ -24,7 +23,8 @@ from sysid.mission.contracts import (
     References,
     SensorInputs,
 )
-from sysid.mission.spec import Mission
+from sysid.robot.mission.spec import Mission
+from sysid.runners import floats
 from sysid.vehicle.kinematics import Geometry
 from sysid.vehicle.motors import Bench
 

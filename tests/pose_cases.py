@@ -13,7 +13,7 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel, Record
 from sysid.effects.ground import Ground
 from sysid.errors import Termination
-from sysid.estimation.vehicle.windows import path_of
+from sysid.robot.calibration.windows import path_of
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from sysid import floats
 from sysid.data.record import Array
-from sysid.mission.contracts import Body, Pose, Scene, Sensor, SensorInputs
-from sysid.mission.loop import ticks
-from sysid.mission.motion.kinematic import moved
-from sysid.mission.noise import block, generator
-from sysid.mission.spec import Mission
+from sysid.robot.mission.contracts import Body, Pose, Scene, Sensor, SensorInputs
+from sysid.robot.mission.loop import ticks
+from sysid.robot.mission.motion.kinematic import moved
+from sysid.robot.mission.noise import block, generator
+from sysid.robot.mission.spec import Mission
+from sysid.runners import floats
 from sysid.vehicle.kinematics import Geometry
 
 SCENE = Mission(goal=(9.0, 9.0)).scene()

@@ -22,9 +22,9 @@ from stonesoup.types.state import GaussianState
 from stonesoup.updater.kalman import ExtendedKalmanUpdater, KalmanUpdater, UnscentedKalmanUpdater
 
 from sysid.data.record import Array
-from sysid.mission.navigation.gaussian import Gaussian
-from sysid.mission.navigation.measurements import Group, Setting
-from sysid.mission.navigation.process import Process
+from sysid.robot.mission.navigation.gaussian import Gaussian
+from sysid.robot.mission.navigation.measurements import Group, Setting
+from sysid.robot.mission.navigation.process import Process
 from sysid.vehicle.kinematics import Geometry
 
 DT = 0.1

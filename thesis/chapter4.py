@@ -2,9 +2,9 @@
 
 import sysid_datasets
 
-from sysid.mission.plan import plan
-from sysid.mission.spec import load_mission
 from sysid.report.plots import PlanPicture
+from sysid.robot.mission.plan import plan
+from sysid.robot.mission.spec import load_mission
 from thesis.entries import DRAWN, MISPRINT, Row, Sheet, number, verdict
 
 COARSE = 4

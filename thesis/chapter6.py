@@ -8,17 +8,17 @@ import numpy as np
 from studies import tuning_report
 from studies.mission_report import SECTORS
 from sysid.data.record import Array
-from sysid.mission.contracts import Disc
-from sysid.mission.control.pi_p import SpeedPIYawP
-from sysid.mission.guidance.field import (
+from sysid.report.plots import Line, Panel, ResponsePicture
+from sysid.robot.mission.contracts import Disc
+from sysid.robot.mission.control.pi_p import SpeedPIYawP
+from sysid.robot.mission.guidance.field import (
     PotentialField,
     attractive_force,
     repulsive_force,
     speed_reference,
 )
-from sysid.mission.result import MissionResult
-from sysid.mission.spec import Mission
-from sysid.report.plots import Line, Panel, ResponsePicture
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.spec import Mission
 from sysid.vehicle.kinematics import Geometry, body_velocity
 from thesis.entries import DRAWN, Row, Sheet, compared, falls, line, number, verdict
 from thesis.plants import published_model, simulink

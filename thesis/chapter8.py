@@ -7,11 +7,11 @@ import numpy as np
 import sysid_datasets
 
 from sysid.data.record import Array
-from sysid.mission.guidance.field import speed_reference
-from sysid.mission.result import MissionResult
-from sysid.mission.spec import Mission, load_mission
 from sysid.report.plots import Panel, ResponsePicture
 from sysid.report.style import GREEN, MUTED
+from sysid.robot.mission.guidance.field import speed_reference
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.spec import Mission, load_mission
 from thesis.entries import DRAWN, Row, Sheet, compared, line, number, place, verdict
 from thesis.plants import gazebo, gazebo_by_forces, robot, simulink
 

@@ -9,11 +9,11 @@ from sysid_datasets.twin import AT_REST, DEVASTATOR, SAMPLE_TIME, Twin, advance
 import sysid
 from sysid.data.record import Array, Channel, Record
 from sysid.effects.ground import Ground
-from sysid.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, SteppablePlant
-from sysid.mission.result import MissionResult
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission
+from sysid.robot.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS, SteppablePlant
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.structures.model import Model
 from sysid.testbench.motor.model import bench_model
 from thesis.bench_motor import bench

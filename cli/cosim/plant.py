@@ -58,8 +58,8 @@ def plant(
     or a node of your own publishes. The mission says what the vehicle is and where it starts.
     """
     from sysid.cosim.robot import Pace, play_robot
-    from sysid.mission.robot.mapping import as_robot
-    from sysid.mission.spec import load_mission
+    from sysid.robot.mission.spec import load_mission
+    from sysid.robot.mission.tracks.mapping import as_robot
 
     targets.check_picture(plot)
     if log is not None:

@@ -53,7 +53,7 @@ def export(
         raise typer.BadParameter(f"{precision!r} is not a precision; choose double or float")
     mission = None
     if controller is not None:
-        from sysid.mission.spec import load_mission
+        from sysid.robot.mission.spec import load_mission
 
         mission = load_mission(controller)
     place = Workspace(workspace)

@@ -5,12 +5,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from sysid.errors import UsageError
-from sysid.mission.contracts import Controller
-from sysid.mission.control.axes import AXES, AxisController
-from sysid.mission.control.linear import PI, YawP
-from sysid.mission.control.pi_p import SpeedPIYawP
-from sysid.mission.registry import law
-from sysid.mission.settings import ControlSettings
+from sysid.robot.mission.contracts import Controller
+from sysid.robot.mission.control.axes import AXES, AxisController
+from sysid.robot.mission.control.linear import PI, YawP
+from sysid.robot.mission.control.pi_p import SpeedPIYawP
+from sysid.robot.mission.registry import law
+from sysid.robot.mission.settings import ControlSettings
 
 FORM = "write a kind, as pid, or one for each axis, as speed=pid,yaw=pd"
 

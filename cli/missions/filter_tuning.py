@@ -10,7 +10,7 @@ from .. import reading, render
 from .localize import columns_of
 
 if TYPE_CHECKING:
-    from sysid.mission.tuning.filter_noise import FilterTuning
+    from sysid.robot.mission.tuning.filter_noise import FilterTuning
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ def tune_filter(
     mission: Path, log: Path, sensors: SensorOptions, to: Path | None, json: bool
 ) -> None:
     """Estimate the noise, show it, and write the mission with it where that is asked."""
-    from sysid.mission.spec import load_mission
-    from sysid.mission.tuning.filter_noise import tuned_filter
-    from sysid.mission.tuning.written import write_mission
+    from sysid.robot.mission.spec import load_mission
+    from sysid.robot.mission.tuning.filter_noise import tuned_filter
+    from sysid.robot.mission.tuning.written import write_mission
 
     given = load_mission(mission)
     options = reading.read_options(

@@ -9,9 +9,9 @@ from .. import render, targets
 from .ros_options import OverRos
 
 if TYPE_CHECKING:
-    from sysid.mission.result import MissionResult
-    from sysid.mission.spec import Mission
     from sysid.plant.package import Package
+    from sysid.robot.mission.result import MissionResult
+    from sysid.robot.mission.spec import Mission
 
     from .many_runs import Repeats
 
@@ -22,7 +22,7 @@ def guide_over_ros(
     """Guide the robot of ``/odom``; what it came to, and what was assumed of a plant."""
     from sysid.cosim.guiding import guide
     from sysid.cosim.ros.ports import guidance_node
-    from sysid.mission.robot.mapping import as_robot
+    from sysid.robot.mission.tracks.mapping import as_robot
 
     known, notes = as_robot(package.plant(), mission)
     with (
@@ -51,7 +51,7 @@ def facts_of(
     seed: int,
 ) -> dict[str, Any]:
     """Log, picture and bag written; the facts of a mission as ``sysid simulate`` gives them."""
-    from sysid.mission.result import write_log
+    from sysid.robot.mission.result import write_log
 
     from ..pictures import draw_mission
 

@@ -8,7 +8,7 @@ import typer
 from sysid.errors import UsageError
 
 if TYPE_CHECKING:
-    from sysid.mission.spec import Mission
+    from sysid.robot.mission.spec import Mission
 
 _PANEL = "Laws instead of the mission's"
 
@@ -49,7 +49,7 @@ class LawChoice:
 
 def _law(role: str, kind: str, present: Any) -> Any:
     """The law of a kind with its default keys, or the present one where that is of the kind."""
-    from sysid.mission.registry import law, law_class
+    from sysid.robot.mission.registry import law, law_class
 
     cls = law_class(role, kind.strip())
     return present if type(present) is cls else law(role, {"kind": kind.strip()})

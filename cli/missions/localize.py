@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sysid.data.record import Array
-    from sysid.mission.localize import Localization
+    from sysid.robot.mission.localize import Localization
 
 
 def localize(
@@ -54,10 +54,10 @@ def localize(
     json: reading.Json = False,
 ) -> None:
     """Localize a robot from a log of its sensors: its path, with the uncertainty."""
-    from sysid.mission.localize import localize as follow
-    from sysid.mission.registry import kind_of
-    from sysid.mission.result import write_columns
-    from sysid.mission.spec import load_mission
+    from sysid.robot.mission.localize import localize as follow
+    from sysid.robot.mission.registry import kind_of
+    from sysid.robot.mission.result import write_columns
+    from sysid.robot.mission.spec import load_mission
 
     targets.check_picture(plot)
     if to is not None:

@@ -13,11 +13,11 @@ from .. import render, targets
 
 if TYPE_CHECKING:
     from sysid.data.record import Array
-    from sysid.mission.contracts import SteppablePlant
-    from sysid.mission.monte_carlo.mission_runs import MissionRuns
-    from sysid.mission.monte_carlo.setup import Setup
-    from sysid.mission.spec import Mission
     from sysid.plant.package import Package
+    from sysid.robot.mission.contracts import SteppablePlant
+    from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
+    from sysid.robot.mission.monte_carlo.setup import Setup
+    from sysid.robot.mission.spec import Mission
     from sysid.structures.model import Model
     from sysid.workspace.store import Workspace
 
@@ -146,16 +146,16 @@ def _equal(one: "Array", other: "Array") -> bool:
 
 def ride(mission: "Mission", package: "Package", models: "Sequence[Model]", how: Repeats) -> Ride:
     """One run: nominal with the noise of a small seed, or the run of a batch whose seed it is."""
-    from sysid.mission.monte_carlo.sampler import is_run_seed
-    from sysid.mission.robot.compensation import nothing_to_undo
-    from sysid.mission.robot.mapping import as_robot
+    from sysid.robot.mission.monte_carlo.sampler import is_run_seed
+    from sysid.robot.mission.tracks.compensation import nothing_to_undo
+    from sysid.robot.mission.tracks.mapping import as_robot
 
     seed = how.seed or 0
     if how.vary is None and not is_run_seed(seed):
         robot, warnings = as_robot(package.plant(), mission)
         warnings += nothing_to_undo(robot, mission.control.compensate)
         return Ride(mission, robot, robot, warnings, seed, seed)
-    from sysid.mission.monte_carlo.setup import Setup
+    from sysid.robot.mission.monte_carlo.setup import Setup
 
     setup = Setup.of(mission, models, how.vary)
     varied, robot, noise = setup.alone(seed)
@@ -172,9 +172,9 @@ def drive_many(
     how: Repeats,
 ) -> dict[str, Any]:
     """Drive the mission many times; a row a run is written to ``table``."""
-    from sysid.mission.monte_carlo.runs import simulate_runs
-    from sysid.mission.monte_carlo.runs_table import write_runs
-    from sysid.mission.monte_carlo.setup import Setup
+    from sysid.robot.mission.monte_carlo.runs import simulate_runs
+    from sysid.robot.mission.monte_carlo.runs_table import write_runs
+    from sysid.robot.mission.monte_carlo.setup import Setup
 
     runs = how.runs or 0
     with render.progress(f"Driving {path.name}", runs) as advance:
@@ -201,8 +201,8 @@ def _draw(plot: Path, name: str, setup: "Setup", batch: "MissionRuns") -> None:
     """Draw the paths of the first runs and the worst ones, which are driven again for it."""
     import numpy as np
 
-    from sysid.mission.monte_carlo.paths import paths_of
     from sysid.report.plots import RunsPicture, write_picture
+    from sysid.robot.mission.monte_carlo.paths import paths_of
 
     usual = batch.seeds[:SHOWN]
     paths = paths_of(setup, [*usual, *(w.seed for w in batch.worst)])

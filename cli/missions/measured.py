@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from sysid.data.finding import Finding
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
-    from sysid.mission.measured.fan import Comparison
-    from sysid.mission.spec import Mission
+    from sysid.robot.mission.measured.fan import Comparison
+    from sysid.robot.mission.spec import Mission
     from sysid.structures.model import Model
 
 
@@ -30,7 +30,7 @@ def lay_over(
     """
     from sysid.data.finding import warned
     from sysid.diagnosis.likely_cause import likely_cause
-    from sysid.mission.measured.against import RUNS, against_runs
+    from sysid.robot.mission.measured.against import RUNS, against_runs
 
     record, findings = _drive(log, read)
     runs = min(how.runs or RUNS, MOST)
@@ -74,8 +74,8 @@ def draw_measured(path: Path, name: str, mission: "Mission", comparison: "Compar
     """Draw the fan with the measured path over it."""
     import numpy as np
 
-    from sysid.mission.measured.fan import QUANTITIES, UNITS
     from sysid.report.plots import FanPanel, FanPicture, write_picture
+    from sysid.robot.mission.measured.fan import QUANTITIES, UNITS
 
     from ..pictures import mission_scene
 

@@ -13,8 +13,8 @@ from ..field_options import Command
 from .law_options import Guidance, LawChoice
 
 if TYPE_CHECKING:
-    from sysid.mission.plan import Curves, Plan
-    from sysid.mission.spec import Mission
+    from sysid.robot.mission.plan import Curves, Plan
+    from sysid.robot.mission.spec import Mission
 
 _IN_WORKSPACE = Path("-")
 """What ``--plot`` without a file stands for: the picture goes beside the missions' logs."""
@@ -51,9 +51,9 @@ def plan(
     """Show where the guidance of a mission leads, and where it would end, without a plant."""
     if plot is not None and plot != _IN_WORKSPACE:
         targets.check_picture(plot)
-    from sysid.mission.plan import plan as follow
-    from sysid.mission.registry import kind_of
-    from sysid.mission.spec import load_mission
+    from sysid.robot.mission.plan import plan as follow
+    from sysid.robot.mission.registry import kind_of
+    from sysid.robot.mission.spec import load_mission
 
     given = LawChoice(guidance).applied(load_mission(mission))
     with render.progress(f"Following {mission.name}"):

@@ -137,7 +137,7 @@ def _driven(
     read: "ReadOptions",
 ) -> dict[str, Any]:
     """Once, or many times, and beside a measured drive; log, picture and bag to write are given."""
-    from sysid.mission.spec import load_mission
+    from sysid.robot.mission.spec import load_mission
 
     mission = laws.applied(load_mission(path))
     models = candidates(place, package, mission, how)
@@ -164,8 +164,8 @@ def _drive(
 ) -> dict[str, Any]:
     import numpy as np
 
-    from sysid.mission.simulator import simulate
     from sysid.plant.replay import outside_domain
+    from sysid.robot.mission.simulator import simulate
 
     mission, warnings = given.mission, given.warnings
     with render.progress(f"Driving {path.name}"):
@@ -186,7 +186,7 @@ def _guided(
     over: OverRos,
 ) -> dict[str, Any]:
     """Once, with the robot at the other end of ROS."""
-    from sysid.mission.spec import load_mission
+    from sysid.robot.mission.spec import load_mission
 
     refuse_many(how)
     mission = laws.applied(load_mission(path))

@@ -17,7 +17,7 @@ from .law_options import LawChoice
 from .simulate import load_plant
 
 if TYPE_CHECKING:
-    from sysid.mission.tuning.tuned import GainSet, Tuning
+    from sysid.robot.mission.tuning.tuned import GainSet, Tuning
 
 
 @dataclass(frozen=True)
@@ -112,10 +112,10 @@ def tune(
     Beside them stand the present gains, and those that rules read off the plant. With --navigation
     it is the noise of the mission's filter that is tuned, to a log of its sensors.
     """
-    from sysid.mission.spec import load_mission
-    from sysid.mission.tuning.search import SearchOptions
-    from sysid.mission.tuning.search import tune as search
-    from sysid.mission.tuning.written import write_mission
+    from sysid.robot.mission.spec import load_mission
+    from sysid.robot.mission.tuning.search import SearchOptions
+    from sysid.robot.mission.tuning.search import tune as search
+    from sysid.robot.mission.tuning.written import write_mission
 
     if sensors.log is not None:
         unused = (("plant", loop.plant), ("control", loop.control), ("plot", files.plot))

@@ -7,11 +7,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from sysid.data.record import Array
-    from sysid.mission.contracts import Controller
-    from sysid.mission.spec import Mission
-    from sysid.mission.tuning.tuned import Tuning
     from sysid.report.missions.front_drawing import Trade
     from sysid.report.missions.response_drawing import Panel
+    from sysid.robot.mission.contracts import Controller
+    from sysid.robot.mission.spec import Mission
+    from sysid.robot.mission.tuning.tuned import Tuning
     from sysid.structures.model import Model
 
     Criteria = Mapping[str, float | None]
@@ -89,9 +89,9 @@ def _answers(given: "Mission", tuning: "Tuning", model: "Model") -> "tuple[Panel
     """Steps of speed and yaw with the estimated plant, and the path of the mission."""
     import numpy as np
 
-    from sysid.mission.robot.mapping import as_robot
-    from sysid.mission.simulator import simulate
     from sysid.report.plots import Line, Panel
+    from sysid.robot.mission.simulator import simulate
+    from sysid.robot.mission.tracks.mapping import as_robot
 
     robot, _ = as_robot(model.plant(), given)
     steps = tuning.test.mission(given)

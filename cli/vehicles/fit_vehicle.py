@@ -18,8 +18,8 @@ from .fit_vehicle_report import show, show_squares
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
-    from sysid.estimation.vehicle.dynamic_motors import KnownMotors
-    from sysid.estimation.vehicle.vehicle_fit import VehicleFit
+    from sysid.robot.calibration.dynamic_motors import KnownMotors
+    from sysid.robot.calibration.vehicle_fit import VehicleFit
     from sysid.vehicle.kinematics import Geometry
 
 
@@ -113,7 +113,7 @@ class Torque:
         Raises:
             UsageError: both options are given, or one cannot be read.
         """
-        from sysid.estimation.vehicle.dynamic_motors import (
+        from sysid.robot.calibration.dynamic_motors import (
             motors_of_model,
             read_motors,
             torque_only,
@@ -201,8 +201,8 @@ def fit_vehicle(
         return
     _refuse_without(logs or [])
     motors = drive.known()
-    from sysid.estimation.vehicle.logs import read_vehicle_logs
-    from sysid.estimation.vehicle.vehicle_fit import fit_vehicle as fit
+    from sysid.robot.calibration.logs import read_vehicle_logs
+    from sysid.robot.calibration.vehicle_fit import fit_vehicle as fit
 
     records, findings = read_vehicle_logs(logs or [], read, steps)
     holdout, more = read_vehicle_logs(validation, read, steps) if validation else ((), ())
@@ -222,7 +222,7 @@ def _returned(given: Squares, geometry: "Geometry | None", logs: list[Path], jso
     Raises:
         UsageError: there are logs, too.
     """
-    from sysid.estimation.vehicle.square_runs import read_returns, square_result
+    from sysid.robot.calibration.square_runs import read_returns, square_result
     from sysid.vehicle.kinematics import Geometry
 
     if logs:
@@ -237,7 +237,7 @@ def _refuse_without(logs: list[Path]) -> None:
     Raises:
         UsageError: there is no log, or what stands for one is no file.
     """
-    from sysid.estimation.vehicle.logs import NEEDED
+    from sysid.robot.calibration.logs import NEEDED
 
     if not logs:
         raise UsageError(f"fit-vehicle needs a LOG: {NEEDED}")
@@ -248,7 +248,7 @@ def _refuse_without(logs: list[Path]) -> None:
 
 def _written(files: Files, fitted: "VehicleFit", name: str) -> dict[str, Any]:
     """What was written, by kind."""
-    from sysid.mission.tuning.written import write_sections, write_vehicle
+    from sysid.robot.mission.tuning.written import write_sections, write_vehicle
 
     document: dict[str, Any] = {}
     if files.section is not None:

@@ -7,8 +7,8 @@ from .. import render
 from ..read_as import show_decisions
 
 if TYPE_CHECKING:
-    from sysid.estimation.vehicle.square_runs import SquareResult
-    from sysid.estimation.vehicle.vehicle_fit import VehicleFit
+    from sysid.robot.calibration.square_runs import SquareResult
+    from sysid.robot.calibration.vehicle_fit import VehicleFit
 
 
 def show(fitted: "VehicleFit", document: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@ import queue
 from typing import NamedTuple, Protocol
 
 from sysid.errors import ModelError
-from sysid.mission.contracts import Body
+from sysid.robot.mission.contracts import Body
 
 
 class Seen(NamedTuple):
@@ -34,7 +34,7 @@ class Ended(NamedTuple):
     """Either way: the mission is over.
 
     Attributes:
-        outcome: a value of :class:`sysid.mission.result.Outcome`, or :data:`BROKEN_OFF`.
+        outcome: a value of :class:`sysid.robot.mission.result.Outcome`, or :data:`BROKEN_OFF`.
     """
 
     outcome: str

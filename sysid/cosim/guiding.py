@@ -1,7 +1,7 @@
 """The guidance half of a mission: estimates in, references or PWM out.
 
-It is the loop of :mod:`sysid.mission.loop` itself, whose motion and navigation are what the robot
-says; its clock ticks when the robot says something.
+It is the loop of :mod:`sysid.robot.mission.loop` itself, whose motion and navigation are what the
+robot says; its clock ticks when the robot says something.
 """
 
 import contextlib
@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from sysid import floats
 from sysid.cosim.connection import BROKEN_OFF, Ended, Port, Seen
 from sysid.cosim.connection import Asked as AskedOf
 from sysid.cosim.level import Level
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError
-from sysid.mission.contracts import (
+from sysid.robot.mission.contracts import (
     ROBOT_INPUTS,
     ROBOT_OUTPUTS,
     Body,
@@ -27,10 +26,11 @@ from sysid.mission.contracts import (
     Scene,
     SteppablePlant,
 )
-from sysid.mission.loop import Loop, LoopState, Tick, Verdict
-from sysid.mission.result import MissionResult, Outcome
-from sysid.mission.simulator import result_of, run, scene_of, shaper_of
-from sysid.mission.spec import Mission
+from sysid.robot.mission.loop import Loop, LoopState, Tick, Verdict
+from sysid.robot.mission.result import MissionResult, Outcome
+from sysid.robot.mission.simulator import result_of, run, scene_of, shaper_of
+from sysid.robot.mission.spec import Mission
+from sysid.runners import floats
 from sysid.vehicle.kinematics import Real
 
 PATIENCE = 10.0

@@ -1,7 +1,7 @@
 """The robot half of a mission: references or PWM in, estimated pose out.
 
-It is the loop of :mod:`sysid.mission.loop` itself, whose guidance (for PWM its controller, too) is
-what the other half asks.
+It is the loop of :mod:`sysid.robot.mission.loop` itself, whose guidance (for PWM its controller,
+too) is what the other half asks.
 """
 
 import contextlib
@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from sysid import floats
 from sysid.cosim.connection import BROKEN_OFF, Asked, Ended, Port, Seen, SilenceError
 from sysid.cosim.guiding import PATIENCE
 from sysid.cosim.level import Level
 from sysid.data.record import PWM_FULL_SCALE
 from sysid.errors import ModelError, UsageError
-from sysid.mission.contracts import (
+from sysid.robot.mission.contracts import (
     Body,
     Command,
     ControlInputs,
@@ -27,11 +26,19 @@ from sysid.mission.contracts import (
     Scene,
     SteppablePlant,
 )
-from sysid.mission.loop import STUCK, Loop, LoopState, Tick, plain_shaper, ticks
-from sysid.mission.result import MissionResult, Outcome
-from sysid.mission.simulator import check_robot, closed_loop, result_of, run, scene_of, shaper_of
-from sysid.mission.spec import Mission
-from sysid.mission.traits import ControlAdvice, GuidanceAdvice, GuidanceTraits
+from sysid.robot.mission.loop import STUCK, Loop, LoopState, Tick, plain_shaper, ticks
+from sysid.robot.mission.result import MissionResult, Outcome
+from sysid.robot.mission.simulator import (
+    check_robot,
+    closed_loop,
+    result_of,
+    run,
+    scene_of,
+    shaper_of,
+)
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.traits import ControlAdvice, GuidanceAdvice, GuidanceTraits
+from sysid.runners import floats
 from sysid.vehicle.kinematics import Real
 
 
@@ -201,11 +208,11 @@ def play_robot(
     """Play the robot of a mission for whoever guides it at the other end of a connection.
 
     Plant, ground, motion, sensors and navigation are here, and the mission's controller where
-    references are asked. In lock-step the run is the one of :func:`sysid.mission.simulate`.
+    references are asked. In lock-step the run is the one of :func:`sysid.robot.mission.simulate`.
 
     Args:
         mission: vehicle, start, obstacles, sensors, navigation, controller, timeout.
-        plant: a robot plant (:func:`sysid.mission.robot.mapping.as_robot`).
+        plant: a robot plant (:func:`sysid.robot.mission.tracks.mapping.as_robot`).
         port: this end of the connection.
         pace: whether it waits for answers.
         level: what it is asked for.

@@ -16,7 +16,7 @@ from sysid.diagnosis.search.prepared import prepare
 from sysid.diagnosis.search.selection import CandidateModel
 from sysid.effects.catalogue import about, is_known
 from sysid.effects.programmes import Programme, Row
-from sysid.estimation.vehicle.windows import track_channels
+from sysid.robot.calibration.windows import track_channels
 
 CLEAR = 1.0
 """Models that differ by so many noise standard deviations (RMS) are clearly distinguished."""

@@ -35,7 +35,7 @@ from sysid.diagnosis.verdict import (
 from sysid.effects.catalogue import CHANGED, NOT_NAMED, about, ground_effects
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.errors import SysidError
-from sysid.estimation.vehicle.windows import track_channels
+from sysid.robot.calibration.windows import track_channels
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
 

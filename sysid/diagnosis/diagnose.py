@@ -26,7 +26,7 @@ from sysid.effects.catalogue import chain_effects
 from sysid.effects.measured import Measured, within
 from sysid.errors import DataError, UsageError
 from sysid.estimation.identify import shares_samples
-from sysid.mission.spec import load_mission
+from sysid.robot.mission.spec import load_mission
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry
 

@@ -11,7 +11,7 @@ from sysid.diagnosis.validation.excess_error import ExcessError
 from sysid.diagnosis.validation.localise import Region
 from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
-from sysid.estimation.vehicle.geometry import GeometryEstimate
+from sysid.robot.calibration.geometry import GeometryEstimate
 from sysid.structures.model import Model
 
 OF_THE_LOG = {

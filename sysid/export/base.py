@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from sysid.mission.loop import Loop
 from sysid.plant.selftest import SelfTest
+from sysid.robot.mission.loop import Loop
 from sysid.structures.model import Model
 
 

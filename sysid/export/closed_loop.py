@@ -1,10 +1,10 @@
 """The closed loop of a mission around a model's plant, as it is exported."""
 
-from sysid import floats
-from sysid.mission.loop import Loop
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import closed_loop, scene_of, shaper_of
-from sysid.mission.spec import Mission
+from sysid.robot.mission.loop import Loop
+from sysid.robot.mission.simulator import closed_loop, scene_of, shaper_of
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.mapping import as_robot
+from sysid.runners import floats
 from sysid.structures.model import Model
 
 

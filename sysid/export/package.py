@@ -10,13 +10,13 @@ from sysid.errors import ModelError, SysidError
 from sysid.export.base import Exporter, Source
 from sysid.export.closed_loop import loop_of
 from sysid.export.registry import DEFAULT, chosen
-from sysid.mission.spec import Mission
-from sysid.mission.tuning.written import mission_values
 from sysid.outside_text import name_of, visible
 from sysid.plant import package
 from sysid.plant.description import describe
 from sysid.plant.selftest import make_selftest
 from sysid.plant.storage import Files
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tuning.written import mission_values
 from sysid.structures.model import Model
 
 

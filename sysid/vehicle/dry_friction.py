@@ -20,8 +20,8 @@ w⁺ is a continuous and piecewise smooth function of every parameter, so Gauss-
 smoothed substitute: the derivative of a standing track is zero, as it is in truth.
 
 Motors stand in a sequence, one array of runs for each, over ``xp`` = numpy or jax.numpy; a single
-run has plain numbers in their place, and ``xp`` = :mod:`sysid.floats`. Only ``decay``, which a run
-needs once, works on arrays with the motors along axis 0.
+run has plain numbers in their place, and ``xp`` = :mod:`sysid.runners.floats`. Only ``decay``,
+which a run needs once, works on arrays with the motors along axis 0.
 """
 
 from collections.abc import Sequence

@@ -27,7 +27,7 @@ as uniform over L around the centre of mass, which keeps the vehicle from tippin
 
 from typing import Any, NamedTuple
 
-from sysid.loops import repeated
+from sysid.runners.loops import repeated
 from sysid.vehicle.contact import Pair, grip, loads, tracks_at
 from sysid.vehicle.dry_friction import friction
 from sysid.vehicle.floor import Floor

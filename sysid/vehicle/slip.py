@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from sysid.loops import repeated
+from sysid.runners.loops import repeated
 from sysid.vehicle.contact import Grip, Pair, grip, loads, tracks_at
 from sysid.vehicle.floor import Floor
 from sysid.vehicle.kinematics import Geometry, Real, body_velocity

@@ -13,10 +13,10 @@ from sysid.cosim.guiding import guide
 from sysid.cosim.level import Level
 from sysid.cosim.robot import Pace, play_robot
 from sysid.errors import ModelError
-from sysid.mission.contracts import Body, Pose
-from sysid.mission.result import MissionResult, Outcome
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission
+from sysid.robot.mission.contracts import Body, Pose
+from sysid.robot.mission.result import MissionResult, Outcome
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission
 
 LOCK = Pace(lock_step=True, patience=20.0)
 """Threads of a busy machine may wait long for their turn; a failing half still ends the test."""

@@ -7,10 +7,10 @@ from pose_cases import DT, two_tracks, wandering
 from sysid.diagnosis.pose.ground_model import with_ground
 from sysid.effects.ground import Ground
 from sysid.errors import UsageError
-from sysid.estimation.vehicle.windows import path_of
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission
+from sysid.robot.calibration.windows import path_of
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.vehicle.kinematics import Geometry
 
 GROUNDS = {

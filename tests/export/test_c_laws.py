@@ -11,8 +11,8 @@ from plant_models import robot_model
 from sysid.export.c.loop.block import Law, recorded
 from sysid.export.c.traced import TRACE
 from sysid.export.package import Form, package_files
-from sysid.loops import repeated
-from sysid.mission.spec import load_mission
+from sysid.robot.mission.spec import load_mission
+from sysid.runners.loops import repeated
 
 
 def law(start: Any, step: Any, **parameters: float) -> Law:

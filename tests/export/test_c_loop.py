@@ -20,10 +20,10 @@ from sysid.effects.ground import Ground
 from sysid.export.c.counting import operations
 from sysid.export.c.precision import in_single, single
 from sysid.export.package import Form, package_files, write_package
-from sysid.mission.navigation.doubt import RUN
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission, load_mission
+from sysid.robot.mission.navigation.doubt import RUN
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission, load_mission
+from sysid.robot.mission.tracks.mapping import as_robot
 
 MISSIONS = Path(sysid.__file__).parents[1] / "datasets" / "missions"
 STRICT = [*FLAGS, "-ffp-contract=off"]
@@ -150,8 +150,8 @@ int main(void)
 
 @needs_compiler
 def test_parameters_changed_at_run_time_act_as_another_mission_does(second: Path) -> None:
-    from sysid import floats
-    from sysid.mission.contracts import Body, ControlInputs, GuidanceInputs, Pose
+    from sysid.robot.mission.contracts import Body, ControlInputs, GuidanceInputs, Pose
+    from sysid.runners import floats
 
     (second / "changed.c").write_text(CHANGED, encoding="utf-8")
     laws = ["changed.c", "controller.c", "guidance.c", "control.c", "command.c"]
@@ -314,9 +314,9 @@ def test_a_ground_that_remembers_and_slides_is_driven_in_c(tmp_path: Path) -> No
 
 @needs_compiler
 def test_what_the_command_module_makes_up_for_may_be_changed(tmp_path: Path) -> None:
-    from sysid import floats
     from sysid.export.closed_loop import loop_of
-    from sysid.mission.contracts import Body, Command, Pose
+    from sysid.robot.mission.contracts import Body, Command, Pose
+    from sysid.runners import floats
 
     base = two_tracks()
     structure = replace(base.structure, effects=("dead-zone",))

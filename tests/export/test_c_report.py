@@ -11,7 +11,7 @@ from plant_models import robot_model
 import sysid
 from sysid.export.c.counting import Count, counted
 from sysid.export.package import Form, package_files
-from sysid.mission.spec import load_mission
+from sysid.robot.mission.spec import load_mission
 
 MISSIONS = Path(sysid.__file__).parents[1] / "datasets" / "missions"
 

@@ -20,10 +20,10 @@ from sysid.export.fmu.wiring import wiring_of
 from sysid.export.package import Form, package_files, write_package
 from sysid.export.verification.co_simulated import FOLDERS
 from sysid.export.verification.verify import verify
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.robot.robot_plant import RobotPlant
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission, load_mission
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission, load_mission
+from sysid.robot.mission.tracks.mapping import as_robot
+from sysid.robot.mission.tracks.robot_plant import RobotPlant
 from sysid.structures.model import Model
 
 pytestmark = [

@@ -19,10 +19,10 @@ from sysid.export.verification import runtimes
 from sysid.export.verification import verify as module
 from sysid.export.verification.rebuilt import foreign_code
 from sysid.export.verification.verify import verify
-from sysid.mission.spec import load_mission
 from sysid.plant.content_hash import KEY, content_hash
 from sysid.plant.package import files_of, read_package
 from sysid.plant.storage import zip_bytes
+from sysid.robot.mission.spec import load_mission
 
 MISSIONS = Path(sysid.__file__).parents[1] / "datasets" / "missions"
 

@@ -166,7 +166,7 @@ def _missions() -> list[Any]:
 
 
 def _mission(path: Path) -> None:
-    from sysid.mission.spec import load_mission
+    from sysid.robot.mission.spec import load_mission
 
     mission = load_mission(path)
     mission.scene()
@@ -199,7 +199,7 @@ def _soils(path: Path) -> None:
 
 
 def _motors(path: Path) -> None:
-    from sysid.estimation.vehicle.dynamic_motors import read_motors
+    from sysid.robot.calibration.dynamic_motors import read_motors
 
     read_motors(path)
 
@@ -292,7 +292,7 @@ def _parquet() -> list[bytes]:
 
 
 def _sensors(path: Path) -> None:
-    from sysid.mission.localize import read_sensors
+    from sysid.robot.mission.localize import read_sensors
 
     read_sensors(path)
 
@@ -343,7 +343,7 @@ def _power_logs() -> list[str]:
 
 
 def _returns(path: Path) -> None:
-    from sysid.estimation.vehicle.square_runs import read_returns
+    from sysid.robot.calibration.square_runs import read_returns
     from sysid.vehicle.kinematics import Geometry
 
     read_returns(path, 4.0, Geometry())

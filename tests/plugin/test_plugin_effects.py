@@ -10,7 +10,7 @@ from example_package import Installed
 
 from sysid.data.record import PWM_FULL_SCALE
 from sysid.effects.ground import Ground
-from sysid.estimation.vehicle.windows import path_of
+from sysid.robot.calibration.windows import path_of
 from sysid.vehicle.kinematics import Geometry
 
 GAIN, DT, NOISE = 20.0, 0.05, 0.1

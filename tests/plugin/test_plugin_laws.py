@@ -68,6 +68,6 @@ def test_a_wrong_key_of_such_a_law_is_one_sentence_with_its_line(
 ) -> None:
     mission = tmp_path / "m.yaml"
     mission.write_text("goal: [1, 0]\ncontrol:\n  kind: rate-limited\n  rat: 2\n")
-    code = f"from sysid.mission.spec import load_mission; load_mission({str(mission)!r})"
+    code = f"from sysid.robot.mission.spec import load_mission; load_mission({str(mission)!r})"
     done = installed.python("-c", code, folder=tmp_path)
     assert "m.yaml:4: unknown key 'rat' in control: did you mean 'rate'?" in done.stderr

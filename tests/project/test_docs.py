@@ -19,11 +19,11 @@ from sysid_cli.app import app
 import sysid
 from sysid.criteria.table import BUILT_IN
 from sysid.data.excitation import DESIGNS
-from sysid.mission.registry import ROLES, kinds, law_class
-from sysid.mission.result import Outcome
-from sysid.mission.sensors.imperfect import ImperfectSensor
-from sysid.mission.spec import Mission
-from sysid.mission.variation import FrictionSpread, StartSpread, Variation
+from sysid.robot.mission.registry import ROLES, kinds, law_class
+from sysid.robot.mission.result import Outcome
+from sysid.robot.mission.sensors.imperfect import ImperfectSensor
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.variation import FrictionSpread, StartSpread, Variation
 from sysid.structures.base import Structure
 from sysid.structures.registry import structure_classes
 

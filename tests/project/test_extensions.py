@@ -11,7 +11,7 @@ from sysid.effects import catalogue
 from sysid.errors import UsageError
 from sysid.export.registry import exporter
 from sysid.extensions import points
-from sysid.mission.registry import law_class
+from sysid.robot.mission.registry import law_class
 from sysid.structures.registry import structure_classes
 
 USES: dict[str, Callable[[], object]] = {

@@ -16,8 +16,8 @@ from sysid.data.yaml_files.source import read_yaml
 from sysid.effects.measured import read_measured
 from sysid.errors import SysidError, UsageError
 from sysid.export.package import write_package
-from sysid.mission.result import write_columns
 from sysid.plant.package import load_plant
+from sysid.robot.mission.result import write_columns
 from sysid.structures.model import Model
 from sysid.testbench.motor.tables import read_bench_table
 from sysid.vehicle.wheels.xml_source import read_xml

@@ -13,7 +13,13 @@ PAGES = sorted(
     for page in ROOT.glob(place)
 )
 FILES = {"/" + p.relative_to(ROOT).as_posix() for p in ROOT.glob("*/**/*.py")}
-GROUPS = {"sysid.structures", "sysid.criteria", "sysid.effects", "sysid.exporters", "sysid.mission"}
+GROUPS = {
+    "sysid.structures",
+    "sysid.criteria",
+    "sysid.effects",
+    "sysid.exporters",
+    "sysid.mission",
+}
 """Entry-point groups, which may be called as no package is."""
 
 

@@ -12,7 +12,7 @@ PLACES = {
         r"^\s*(import|from) (subprocess|multiprocessing|joblib)\b|ProcessPoolExecutor|os\.fork\(",
         {
             "sysid/processes.py",
-            "sysid/mission/monte_carlo/processes.py",  # pipes alone: `worker` starts them
+            "sysid/robot/mission/monte_carlo/processes.py",  # pipes alone: `worker` starts them
             "sysid/estimation/selection/select_structure.py",  # joblib, whose calls are `tied`
         },
     ),

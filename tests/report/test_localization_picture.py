@@ -8,10 +8,10 @@ from mission_cases import Robot, goal
 from sysid_cli.pictures import draw_mission
 
 from sysid.errors import DataError
-from sysid.mission.registry import law_class
-from sysid.mission.simulator import simulate
 from sysid.report.missions.localization_drawing import PoseEstimate, ellipse
 from sysid.report.plots import MissionPicture
+from sysid.robot.mission.registry import law_class
+from sysid.robot.mission.simulator import simulate
 
 
 def test_an_ellipse_holds_95_percent() -> None:

@@ -15,8 +15,8 @@ from sysid.effects.catalogue import chain_effects
 from sysid.effects.measured import Measured, read_measured, within
 from sysid.errors import SysidError
 from sysid.estimation.pem import fit
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.structures.registry import structure_class
 from sysid.testbench.power.study import bench_power
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sysid import floats
+from sysid.runners import floats
 from sysid.vehicle.ground.resistance import lateral_force, turning_moment
 from sysid.vehicle.lateral_friction import nearest
 from sysid.vehicle.soil import Soil

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sysid import floats
 from sysid.errors import ModelError
 from sysid.fitting.compiled import jax_module
+from sysid.runners import floats
 from sysid.vehicle.pressure import Distribution, Pressure
 from sysid.vehicle.shear import shear_stress
 from sysid.vehicle.soil import Shear, Soil

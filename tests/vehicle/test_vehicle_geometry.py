@@ -13,8 +13,8 @@ from scipy.signal import lfilter
 from sysid.data.record import Record
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis, diagnose_pose
 from sysid.effects.ground import Ground
-from sysid.estimation.vehicle.geometry import contradicted
-from sysid.estimation.vehicle.windows import path_of, track_channels, tracks_of
+from sysid.robot.calibration.geometry import contradicted
+from sysid.robot.calibration.windows import path_of, track_channels, tracks_of
 from sysid.vehicle.kinematics import Geometry
 
 ROBOT = Geometry()

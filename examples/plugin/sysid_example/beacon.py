@@ -2,9 +2,9 @@
 
 from typing import Any, ClassVar
 
-from sysid.mission.contracts import SensorInputs, State
-from sysid.mission.sensors.imperfect import ImperfectSensor, NotNegative, Reals
-from sysid.mission.settings import Coordinate, Positive
+from sysid.robot.mission.contracts import SensorInputs, State
+from sysid.robot.mission.sensors.imperfect import ImperfectSensor, NotNegative, Reals
+from sysid.robot.mission.settings import Coordinate, Positive
 from sysid.vehicle.kinematics import Real
 
 

@@ -3,9 +3,9 @@
 import math
 from typing import Any
 
-from sysid.mission.contracts import GuidanceInputs, References, Scene, State
-from sysid.mission.settings import GuidanceSettings, Positive
-from sysid.mission.traits import GuidanceAdvice
+from sysid.robot.mission.contracts import GuidanceInputs, References, Scene, State
+from sysid.robot.mission.settings import GuidanceSettings, Positive
+from sysid.robot.mission.traits import GuidanceAdvice
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 

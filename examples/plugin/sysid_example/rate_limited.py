@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from sysid.mission.contracts import Command, ControlInputs, Scene
-from sysid.mission.settings import ControlSettings, Gain, Positive
-from sysid.mission.traits import ControlAdvice
+from sysid.robot.mission.contracts import Command, ControlInputs, Scene
+from sysid.robot.mission.settings import ControlSettings, Gain, Positive
+from sysid.robot.mission.traits import ControlAdvice
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 

@@ -2,9 +2,9 @@
 
 from typing import Any, NamedTuple
 
-from sysid.mission.contracts import Body, NavigationInputs, Scene
-from sysid.mission.motion.kinematic import moved
-from sysid.mission.settings import Positive, Settings
+from sysid.robot.mission.contracts import Body, NavigationInputs, Scene
+from sysid.robot.mission.motion.kinematic import moved
+from sysid.robot.mission.settings import Positive, Settings
 from sysid.vehicle.kinematics import Real
 
 

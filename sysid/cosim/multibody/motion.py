@@ -14,9 +14,9 @@ from sysid.data.record import Array
 from sysid.data.yaml_files.problems import sentence_at
 from sysid.data.yaml_files.source import shown
 from sysid.errors import ModelError
-from sysid.mission.contracts import Body, MotionInputs, Pose, Scene
-from sysid.mission.settings import Positive
-from sysid.mission.vehicle_spec import Physics
+from sysid.robot.mission.contracts import Body, MotionInputs, Pose, Scene
+from sysid.robot.mission.settings import Positive
+from sysid.robot.mission.vehicle_spec import Physics
 from sysid.vehicle.kinematics import Real
 from sysid.vehicle.wheels.mjcf_parts import ROAD_WHEELS, STEP
 

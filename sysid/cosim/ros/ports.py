@@ -16,7 +16,7 @@ from typing import Any
 from sysid.cosim.connection import Asked, Ended, Message, Seen, SilenceError
 from sysid.cosim.ros.node import Node, open_node
 from sysid.errors import ModelError
-from sysid.mission.contracts import Body, Pose
+from sysid.robot.mission.contracts import Body, Pose
 
 CLOCK, ODOM = "/clock", "/odom"
 REFERENCES = "/simulink_references"

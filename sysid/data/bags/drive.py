@@ -28,7 +28,7 @@ def write_drive(columns: Mapping[str, Array], path: str | Path) -> Path:
     received in the instant of their stamp.
 
     Args:
-        columns: of the log by name (:data:`sysid.mission.loop.COLUMNS`), (N,) each.
+        columns: of the log by name (:data:`sysid.robot.mission.loop.COLUMNS`), (N,) each.
         path: ``.bag``, ``.mcap``, or a folder of ROS 2.
 
     Raises:

@@ -24,8 +24,8 @@ from sysid.diagnosis.pose.growth import Step, allowed, grown
 from sysid.diagnosis.pose.words import sentence_of, warnings_of
 from sysid.effects.catalogue import effect
 from sysid.effects.ground import Ground
-from sysid.estimation.vehicle.geometry import GeometryEstimate, contradicted, in_one_frame
-from sysid.estimation.vehicle.ground_fit import (
+from sysid.robot.calibration.geometry import GeometryEstimate, contradicted, in_one_frame
+from sysid.robot.calibration.ground_fit import (
     BOTH_RADII,
     SPEED_OFFSET,
     Candidate,
@@ -39,7 +39,7 @@ from sysid.estimation.vehicle.ground_fit import (
     lengths,
     radius_slot,
 )
-from sysid.estimation.vehicle.windows import (
+from sysid.robot.calibration.windows import (
     CHANNELS,
     Noise,
     Track,

@@ -12,9 +12,9 @@ from sysid.diagnosis.gap import REPLICATES, ChannelGap, Gap
 from sysid.diagnosis.policies import POSE
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.effects.ground import Ground
-from sysid.estimation.vehicle.ground_fit import Candidate, Fitted, PoseProblem, PoseSearch
-from sysid.estimation.vehicle.windows import CHANNELS, OVERLAP
 from sysid.fitting.holdout import Errors
+from sysid.robot.calibration.ground_fit import Candidate, Fitted, PoseProblem, PoseSearch
+from sysid.robot.calibration.windows import CHANNELS, OVERLAP
 
 
 def evidence_of(before: Fitted, after: Fitted, tried: int) -> Evidence:

@@ -14,7 +14,7 @@ from sysid.diagnosis.pose.evidence import apart, evidence_of
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.effects.base import Length
 from sysid.effects.catalogue import effect
-from sysid.estimation.vehicle.ground_fit import (
+from sysid.robot.calibration.ground_fit import (
     Candidate,
     Fitted,
     PoseSearch,

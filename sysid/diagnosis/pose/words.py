@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from sysid.diagnosis.policies import POSE
 from sysid.effects.base import Length
 from sysid.effects.catalogue import effect
-from sysid.estimation.vehicle.ground_fit import (
+from sysid.robot.calibration.ground_fit import (
     BOTH_RADII,
     HEADING_LAG,
     POSE_FILTER,

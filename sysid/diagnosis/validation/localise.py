@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
-from sysid.estimation.vehicle.windows import track_channels
+from sysid.robot.calibration.windows import track_channels
 
 Mask = NDArray[np.bool_]
 REPLICATES = 200

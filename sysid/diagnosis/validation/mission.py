@@ -17,13 +17,13 @@ from sysid.data.record import Array, Record
 from sysid.diagnosis.pose.ground_model import without_sensor_effects
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError
-from sysid.estimation.vehicle.windows import path_of, track_channels
-from sysid.mission.clearance import has_surfaces, step_clearance
-from sysid.mission.contracts import Pose
-from sysid.mission.result import MissionResult
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission, load_mission
+from sysid.robot.calibration.windows import path_of, track_channels
+from sysid.robot.mission.clearance import has_surfaces, step_clearance
+from sysid.robot.mission.contracts import Pose
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission, load_mission
+from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry, wrap_angle
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from sysid.export.c.loop.block import Block
 from sysid.export.c.source import fill
-from sysid.mission.loop import Loop
+from sysid.robot.mission.loop import Loop
 from sysid.version import __version__
 
 LIBRARY = "SysidRobot"

@@ -17,9 +17,9 @@ from sysid.export.c.precision import DOUBLE
 from sysid.export.c.writing import number
 from sysid.export.fmu.description import Role, Unit, Variable, named_apart
 from sysid.export.fmu.wiring import SIDES, Wiring, wiring_of
-from sysid.mission.contracts import TurnsTracks
-from sysid.mission.loop import Loop
-from sysid.mission.robot.robot_plant import RobotPlant
+from sysid.robot.mission.contracts import TurnsTracks
+from sysid.robot.mission.loop import Loop
+from sysid.robot.mission.tracks.robot_plant import RobotPlant
 
 THOUGHTS = ("reference_speed", "reference_psi", "v_cmd", "psi_cmd")
 """Outputs of the controller beside its commands and its estimate."""

@@ -5,7 +5,7 @@ from xml.sax.saxutils import quoteattr
 
 from sysid.export.fmu.description import Role, Unit
 from sysid.export.fmu.loop_units import LoopUnits
-from sysid.mission.loop import Loop
+from sysid.robot.mission.loop import Loop
 from sysid.version import __version__
 
 _NAMESPACES = " ".join(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from sysid.data.record import PWM_FULL_SCALE, Channel
 from sysid.export.c.writing import number
 from sysid.export.fmu.replay import channel_names
-from sysid.mission.robot.robot_plant import RobotPlant
+from sysid.robot.mission.tracks.robot_plant import RobotPlant
 from sysid.structures.plant import Plant
 
 SIDES = ("l", "r")

@@ -15,7 +15,7 @@ from sysid.export.c.precision import DOUBLE
 from sysid.export.c.source import plant_sources
 from sysid.export.c.step import c_step
 from sysid.export.c.writing import number
-from sysid.mission.loop import Loop
+from sysid.robot.mission.loop import Loop
 from sysid.version import __version__
 
 _USAGE = """As two nodes of ROS 1, in a catkin package: link the folder `ros/` into the sources

@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid import floats
 from sysid.data.filtering import lfilter, lfilter_zi
 from sysid.data.record import Array, Index
 from sysid.fitting.marquardt import Conditions, loss, marquardt
+from sysid.runners import floats
 from sysid.structures.blocks.layers import Layer, LinearLayer, StaticLayer
 from sysid.structures.difference_equations.single_values import together
 from sysid.structures.linear.many_thetas import all_roots_inside

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid import floats
+from sysid.runners import floats
 
 
 def together(xp: Any, values: Sequence[Any]) -> Any:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import numpy as np
 from annotated_types import Ge, Le
 
-from sysid import floats
 from sysid.data.record import Array, Channel, Record
 from sysid.data.schema import checked
 from sysid.errors import UsageError, argument
@@ -24,8 +23,9 @@ from sysid.fitting.problem import (
     Parameter,
     Problem,
 )
-from sysid.loops import repeated
 from sysid.outside_text import whole
+from sysid.runners import floats
+from sysid.runners.loops import repeated
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
 from sysid.structures.grey_box.runs import (

@@ -14,8 +14,8 @@ from sysid.data.reading.read_options import ReadOptions
 from sysid.data.yaml_files.source import read_yaml
 from sysid.effects.measured import Measured
 from sysid.errors import UsageError
-from sysid.mission.spec import load_mission
-from sysid.mission.tuning.written import replaced
+from sysid.robot.mission.spec import load_mission
+from sysid.robot.mission.tuning.written import replaced
 from sysid.testbench.power.battery import HOUR, Battery, fit_battery
 from sysid.testbench.power.bridge import Bridge, fit_bridge
 from sysid.testbench.power.power_log import ANY_FILE, PowerLog, read_power_log

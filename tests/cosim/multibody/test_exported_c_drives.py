@@ -9,9 +9,9 @@ from mission_cases import goal
 from plant_models import robot_model
 
 from studies import compiled_loop
-from sysid.mission.result import Outcome
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
+from sysid.robot.mission.result import Outcome
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.tracks.mapping import as_robot
 
 pytest.importorskip("mujoco", reason="the extra physics is not installed")
 

@@ -16,11 +16,6 @@ from typing import Any
 
 from sysid_cli.app import main
 
-import sysid.cosim.robot
-import sysid.cosim.ros.ports
-import sysid.mission.robot.mapping
-import sysid.mission.spec
-import sysid.plant.package  # noqa: F401 – imported before the forks
 from sysid.cosim.ros.master import master_here
 
 LIMIT = 60.0

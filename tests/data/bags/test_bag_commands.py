@@ -16,10 +16,10 @@ from sysid.data.bags.drive import write_drive
 from sysid.data.bags.writing import Messages, Outgoing, write_bag
 from sysid.data.io import ReadOptions, read_file, read_log
 from sysid.errors import DataError, UsageError
-from sysid.mission.localize import localize
-from sysid.mission.result import MissionResult, write_log
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission
+from sysid.robot.mission.localize import localize
+from sysid.robot.mission.result import MissionResult, write_log
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission
 
 pytest.importorskip("rosbags", reason="the extra ros reads bags")
 

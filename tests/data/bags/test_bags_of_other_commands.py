@@ -11,8 +11,8 @@ from recorded_robots import EPOCH
 
 from sysid.data.bags.drive import write_drive
 from sysid.data.bags.writing import Messages, Outgoing, write_bag
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission
 
 pytest.importorskip("rosbags", reason="the extra ros reads bags")
 

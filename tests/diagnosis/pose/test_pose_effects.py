@@ -15,14 +15,14 @@ from sysid.diagnosis.pose.diagnosis import PoseDiagnosis, diagnose_pose
 from sysid.diagnosis.pose.ground_model import with_ground, without_sensor_effects
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError, UsageError
-from sysid.estimation.vehicle.ground_fit import PoseProblem, PoseSearch, every_candidate
-from sysid.estimation.vehicle.windows import increments_noise, tracks_of
 from sysid.export.package import write_package
-from sysid.mission.robot.mapping import as_robot
-from sysid.mission.simulator import simulate
-from sysid.mission.spec import Mission
 from sysid.plant.package import load_plant, read_description
 from sysid.plant.selftest import selftest
+from sysid.robot.calibration.ground_fit import PoseProblem, PoseSearch, every_candidate
+from sysid.robot.calibration.windows import increments_noise, tracks_of
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model
 from sysid.vehicle.kinematics import Geometry

@@ -8,7 +8,7 @@ from skid_cases import SkidSteer, logged, stepping
 from sysid.data.record import Array
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis, diagnose_pose
 from sysid.effects.ground import Ground
-from sysid.estimation.vehicle.windows import path_of
+from sysid.robot.calibration.windows import path_of
 from sysid.vehicle.kinematics import Geometry
 
 HEAVY = SkidSteer(inertia=0.4)

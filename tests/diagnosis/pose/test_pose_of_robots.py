@@ -12,7 +12,7 @@ from sysid.data.preparation import Preparation
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Array, Record
 from sysid.diagnosis.pose.diagnosis import diagnose_pose
-from sysid.estimation.vehicle.logs import read_vehicle_logs
+from sysid.robot.calibration.logs import read_vehicle_logs
 from sysid.vehicle.kinematics import Geometry
 
 DRIVES = Path(os.environ.get("SYSID_DATA", Path(__file__).parents[4] / "shared" / "data")) / "drive"

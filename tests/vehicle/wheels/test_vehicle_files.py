@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import sysid
 from sysid.errors import DataError, SysidError
-from sysid.mission.spec import VehicleSpec
+from sysid.robot.mission.spec import VehicleSpec
 from sysid.vehicle.wheels.body import Body, Inertia, box_inertia, cylinder_inertia
 from sysid.vehicle.wheels.description import ONLY_MISSIONS, VehicleFile
 from sysid.vehicle.wheels.urdf_writing import urdf_text

@@ -10,7 +10,7 @@ from sysid.export.c.loop.laws import documented, numbers, with_numbers
 from sysid.export.c.loop.members import described
 from sysid.export.c.loop.trees import Path, identifier
 from sysid.export.c.traced import TRACE
-from sysid.mission.contracts import (
+from sysid.robot.mission.contracts import (
     Body,
     Command,
     ControlInputs,
@@ -20,9 +20,9 @@ from sysid.mission.contracts import (
     References,
     Scene,
 )
-from sysid.mission.loop import Loop
-from sysid.mission.robot.compensation import Compensation
-from sysid.mission.rolling import on_ground
+from sysid.robot.mission.loop import Loop
+from sysid.robot.mission.rolling import on_ground
+from sysid.robot.mission.tracks.compensation import Compensation
 from sysid.vehicle.kinematics import Geometry
 
 Numbers = Mapping[Path, Any]

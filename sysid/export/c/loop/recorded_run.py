@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from sysid import floats
 from sysid.data.record import Array
 from sysid.export.c.loop.laws_of_mission import command_outputs, flat, guidance_outputs
-from sysid.mission.contracts import TurnsTracks
-from sysid.mission.loop import COLUMNS, Loop
-from sysid.mission.simulator import run
+from sysid.robot.mission.contracts import TurnsTracks
+from sysid.robot.mission.loop import COLUMNS, Loop
+from sysid.robot.mission.simulator import run
+from sysid.runners import floats
 
 CLOSED = ("pwm_l", "pwm_r", "omega_l", "omega_r", "x", "y", "psi")
 """Columns of the mission's log that the closed loop in C is compared in."""

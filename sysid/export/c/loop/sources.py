@@ -15,9 +15,9 @@ from sysid.export.c.loop.recorded_run import CLOSED, RecordedRun, not_again, rec
 from sysid.export.c.precision import Precision
 from sysid.export.c.source import fill
 from sysid.export.c.writing import comment, listed, number
-from sysid.mission.contracts import TurnsTracks
-from sysid.mission.loop import Loop
-from sysid.mission.robot.robot_plant import RobotPlant
+from sysid.robot.mission.contracts import TurnsTracks
+from sysid.robot.mission.loop import Loop
+from sysid.robot.mission.tracks.robot_plant import RobotPlant
 from sysid.version import __version__
 
 MOST_ROWS = 400

@@ -1,0 +1,456 @@
+"""A vehicle's parameters from logs with its pose, and its prediction errors on held-out paths.
+
+``MOTIONS`` says which models of motion can be fitted; each makes a ``MotionFit`` of windows, and
+everything that is judged here (held-out errors, halves that judge each other, drift) is judged of
+its predictions.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.errors import UsageError
+from sysid.robot.calibration.dynamic_motion import fit_weighed
+from sysid.robot.calibration.dynamic_motors import KnownMotors
+from sysid.robot.calibration.geometry import SURE, GeometryEstimate, lengths_of
+from sysid.robot.calibration.judged import (
+    Drift,
+    PathErrors,
+    check_enough,
+    drift,
+    enough,
+    long_stretches,
+    mean_way,
+    split,
+    whole,
+)
+from sysid.robot.calibration.numbers import Correlations, VehicleNumber
+from sysid.robot.calibration.slip_curves import SlipCurves, slip_curves
+from sysid.robot.calibration.slip_fit import Part, SlipFit, errors_of, fit_slip
+from sysid.robot.calibration.slip_model import NULLS, TERMS, body_speeds, pose_read
+from sysid.robot.calibration.slip_numbers import correlations_of, in_units, numbers_of
+from sysid.robot.calibration.square_runs import SquareResult, square_result
+from sysid.robot.calibration.square_search import PoseMeasurement, square_runs
+from sysid.robot.calibration.trajectory import Trajectories, Trajectory, trajectories_of
+from sysid.vehicle.kinematics import Geometry
+
+
+class Motion(Protocol):
+    """A model that predicts the pose from the wheel speeds."""
+
+    def errors(self, parts: Sequence[Part]) -> Array:
+        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
+        ...
+
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] that a trajectory's source would read, from any start, (M, 3)."""
+        ...
+
+    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
+        ...
+
+
+class MotionFit(Motion, Protocol):
+    """A fitted model of motion."""
+
+    def numbers(self) -> tuple[VehicleNumber, ...]:
+        """Every quantity, identifiable or not."""
+        ...
+
+    def correlations(self) -> Correlations:
+        """How far errors of the numbers go together."""
+        ...
+
+    def refitted(self, parts: Sequence[Part]) -> "MotionFit":
+        """The same model fitted to other windows."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematic:
+    """Wheels that roll: what such a vehicle does, and the model that others start from."""
+
+    geometry: Geometry
+
+    def errors(self, parts: Sequence[Part]) -> Array:
+        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
+        return errors_of(NULLS, parts, self.geometry)
+
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] at a trajectory's measurements, from the origin, (M, 3)."""
+        return pose_read(NULLS, trajectory, self.geometry)
+
+    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
+        return _steps(NULLS, trajectory, self.geometry)
+
+
+@dataclass(frozen=True, eq=False)
+class Slipping:
+    """A vehicle that slips about centres of rotation that its sides keep.
+
+    Attributes:
+        given: lengths that a person gave; None for none.
+    """
+
+    fit: SlipFit
+    given: Geometry | None
+
+    def numbers(self) -> tuple[VehicleNumber, ...]:
+        """Every quantity, identifiable or not."""
+        return numbers_of(self.fit, self.given)
+
+    def correlations(self) -> Correlations:
+        """How far errors of the numbers go together."""
+        return correlations_of(self.fit)
+
+    def refitted(self, parts: Sequence[Part]) -> "Slipping":
+        """The same terms fitted to other windows."""
+        terms = [TERMS[k].name for k in self.fit.free if TERMS[k].optional]
+        return Slipping(fit_slip(parts, self.fit.geometry, terms), self.given)
+
+    def errors(self, parts: Sequence[Part]) -> Array:
+        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
+        return errors_of(self.fit.q, parts, self.fit.geometry)
+
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] that the source of a trajectory's pose would read, (M, 3)."""
+        return pose_read(self.fit.q, trajectory, self.fit.geometry)
+
+    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
+        return _steps(self.fit.q, trajectory, self.fit.geometry)
+
+    def shares(self) -> dict[str, dict[str, Any]] | None:
+        """The vehicle and its slip i = slip + turning |ω_R − ω_L|/(|ω_L| + |ω_R|) as sections of a
+        mission; None where both sides roll alike and lose nothing in turns."""
+        n = in_units(self.fit.q, self.fit.geometry)
+        left, right, turning = n["radius_left"], n["radius_right"], n["slip_turning"]
+        apart = abs(left - right) / self.fit.geometry.r
+        unlike = apart > SURE * float(np.hypot(*self.fit.std_errors[:2]))
+        if not (unlike or turning):
+            return None
+        mean = 0.5 * (left + right)
+        motion: dict[str, Any] = {"kind": "slip"}
+        if unlike:
+            motion["slip"] = [1.0 - left / mean, 1.0 - right / mean]
+        if turning > 0.0:
+            motion["turning"] = min(turning, 0.9)
+        return {"vehicle": {"r": mean, "B": n["effective_width"]}, "motion": motion}
+
+
+def _steps(q: Array, trajectory: Trajectory, geometry: Geometry) -> tuple[Array, Array]:
+    forward, yaw_rate = body_speeds(q, trajectory.omega, trajectory.step, geometry)
+    return forward * trajectory.step, yaw_rate * trajectory.step
+
+
+MOTIONS = ("slip", "dynamic")
+"""Models of motion that can be fitted, by the names that a mission knows them under."""
+
+
+WORSE = 1.1
+"""Errors larger than those of wheels that roll by more than chance does to thirty windows."""
+
+_PREDICTED_WORSE = (
+    "The forces predict held-out paths worse than rolling wheels (plain). Something else moves "
+    "the vehicle, such as a wheel-speed controller; do not use its stiffness and turning "
+    "resistance."
+)
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Numbers from one half of the paths, judged on the other.
+
+    Attributes:
+        before, after: errors on the half that judges.
+        numbers: name → value of what was fitted on the other.
+    """
+
+    before: PathErrors
+    after: PathErrors
+    numbers: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class VehicleFit:
+    """A vehicle fitted to logs.
+
+    Attributes:
+        numbers: every quantity, identifiable or not.
+        correlations: of those in the model.
+        before, plain, after: errors on held-out windows with the lengths that were known, with one
+            radius and one width from a straight line through the windows, and with the model.
+        drift: how errors grow with the way, before and after.
+        folds: two halves that judge each other; empty where they are too short.
+        curves: slip as measured.
+        given: lengths that a person gave; None for none.
+        known: lengths that ``before`` stands for.
+        lengths: those of ``plain``.
+        acting: radius and width as a vehicle without slip would have them to drive alike.
+        windows: windows (estimation, held-out); they overlap fourfold.
+        estimation, holdout: windows that it was fitted on, and judged on.
+        squares: estimates from closed squares among the paths; None without any.
+        notes: what was done to the logs, in sentences.
+    """
+
+    motion: str
+    numbers: tuple[VehicleNumber, ...]
+    correlations: Correlations
+    before: PathErrors
+    plain: PathErrors
+    after: PathErrors
+    drift: tuple[Drift, Drift]
+    folds: tuple[Fold, ...]
+    curves: SlipCurves
+    given: Geometry | None
+    known: Geometry
+    lengths: GeometryEstimate
+    acting: Geometry
+    windows: tuple[int, int]
+    model: MotionFit
+    estimation: tuple[Part, ...]
+    holdout: tuple[Part, ...]
+    squares: SquareResult | None
+    notes: tuple[str, ...]
+
+    def number(self, name: str) -> VehicleNumber:
+        """A quantity by name."""
+        return next(n for n in self.numbers if n.name == name)
+
+    @property
+    def mission(self) -> dict[str, dict[str, Any]]:
+        """Sections of a mission file that drive this vehicle: ``vehicle``, and ``motion`` where its
+        sides slip by shares (the law of the mission's motion of kind slip)."""
+        if isinstance(self.model, Slipping):
+            shares = self.model.shares()
+            if shares is not None:
+                return shares
+        return {"vehicle": {"r": self.acting.r, "B": self.acting.B}}
+
+    @property
+    def before_sentence(self) -> str:
+        """What is meant by before."""
+        what = f"r = {self.known.r:g} m and B = {self.known.B:g} m"
+        if self.given is not None:
+            return f"before: rolling wheels with the given geometry ({what})"
+        sentence = f"before: rolling wheels with the default geometry ({what})"
+        if self.lengths.contradicts:
+            sentence += (
+                ", and the pose contradicts it; compare with plain, or give the vehicle's "
+                "`geometry`"
+            )
+        return sentence
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of ``fit-vehicle``."""
+        steps = {"before": self.before, "plain": self.plain, "after": self.after}
+        first, last = self.drift
+        return {
+            "motion": self.motion,
+            "parameters": [n.to_json() for n in self.numbers],
+            "correlations": self.correlations.to_json(),
+            "path_error_m": {k: e.path for k, e in steps.items()},
+            "heading_error_rad": {k: e.heading for k, e in steps.items()},
+            "path_error_rms_m": {k: e.path_rms for k, e in steps.items()},
+            "heading_error_rms_rad": {k: e.heading_rms for k, e in steps.items()},
+            "before": self.before_sentence,
+            "drift": {"before": first.to_json(), "after": last.to_json()},
+            "two_fold": [
+                {
+                    "path_error_m": {"before": f.before.path, "after": f.after.path},
+                    "heading_error_rad": {"before": f.before.heading, "after": f.after.heading},
+                    "parameters": dict(f.numbers),
+                }
+                for f in self.folds
+            ],
+            "squares": None if self.squares is None else self.squares.to_json(),
+            "slip": {k: [p.to_json() for p in points] for k, points in self.curves.items()},
+            "windows": {"estimation": self.windows[0], "held_out": self.windows[1]},
+            "geometry": {
+                "given": None if self.given is None else {"r": self.given.r, "B": self.given.B},
+                "plain": self.lengths.to_json(),
+            },
+            "vehicle": {"r": self.acting.r, "B": self.acting.B},
+            "mission": self.mission,
+        }
+
+
+def fit_vehicle(
+    records: Sequence[Record],
+    holdout: Sequence[Record] = (),
+    geometry: Geometry | None = None,
+    motion: str = "slip",
+    motors: KnownMotors | None = None,
+) -> VehicleFit:
+    """Fit a vehicle to logs, validated on held-out windows of two seconds.
+
+    Args:
+        records: of one vehicle, with a pose and the speeds of its two sides, every row as logged
+            (``held='keep'`` where they are read: repeats of slow sensors are detected here).
+        holdout: records that judge; without them the last 30 % of each record's windows do.
+        geometry: radius and distance of the wheels or tracks; None for the thesis's robot's.
+        motion: a name of ``MOTIONS``.
+        motors: what drives a vehicle of motion ``dynamic``; None where nothing of it is known.
+
+    Raises:
+        DataError: pose or speeds are missing, or there are too few windows; commands are missing.
+        UsageError: there is no such motion, or it takes no motors.
+    """
+    if motion not in MOTIONS:
+        raise UsageError(f"`motion` is one of {', '.join(MOTIONS)}, got {motion!r}")
+    if motors is not None and motion != "dynamic":
+        raise UsageError(f"motion {motion} has no torques; motors need `motion='dynamic'`")
+    known = geometry or Geometry()
+    trajectories = trajectories_of((*records, *holdout), known)
+    estimation, validation = trajectories.each[: len(records)], trajectories.each[len(records) :]
+    first, second = (whole(estimation), whole(validation)) if holdout else split(estimation)
+    check_enough(first, records[0].name)
+    check_enough(second, (holdout or records)[0].name)
+    lengths = lengths_of([t for t in trajectories.tracks if len(t.starts)], known)
+    start = _start(lengths)
+    model: MotionFit
+    if motion == "dynamic":
+        model = weighed = fit_weighed(
+            first, start, (*records, *holdout), trajectories, known, motors
+        )
+        trajectories = replace(trajectories, notes=(*trajectories.notes, *weighed.notes))
+    else:
+        model = Slipping(fit_slip(first, start), geometry)
+    fitted = _judged(_Study(trajectories, first, second, known, geometry, lengths, motion), model)
+    worse = fitted.after.path > WORSE * fitted.plain.path
+    if motion == "dynamic" and (worse or fitted.after.heading > WORSE * fitted.plain.heading):
+        fitted = replace(fitted, notes=(*fitted.notes, _PREDICTED_WORSE))
+    return fitted
+
+
+@dataclass(frozen=True, eq=False)
+class _Study:
+    """What a vehicle is fitted to and judged by."""
+
+    trajectories: Trajectories
+    first: list[Part]
+    second: list[Part]
+    known: Geometry
+    given: Geometry | None
+    lengths: GeometryEstimate
+    motion: str
+
+
+def _start(lengths: GeometryEstimate) -> Geometry:
+    """Where a fit starts: a width that the log does not determine scales with the radius."""
+    r, width = lengths.geometry.r, lengths.geometry.B
+    if lengths.std_errors[0] is not None and lengths.std_errors[1] is None:
+        width = lengths.assumed.B * r / lengths.assumed.r
+    return Geometry(r, width)
+
+
+def _judged(study: _Study, model: MotionFit) -> VehicleFit:
+    before, plain = Kinematic(study.known), Kinematic(study.lengths.geometry)
+    long = long_stretches(study.second)
+    if not isinstance(model, Slipping):
+        slipping = fit_slip(study.first, _start(study.lengths), ())
+    else:
+        slipping = model.fit
+    every = [*study.first, *study.second]
+    acting = _acting(model, study.first)
+    after = PathErrors.of(model.errors(study.second))
+    return VehicleFit(
+        motion=study.motion,
+        numbers=model.numbers(),
+        correlations=model.correlations(),
+        before=PathErrors.of(before.errors(study.second)),
+        plain=PathErrors.of(plain.errors(study.second)),
+        after=after,
+        drift=(
+            drift(before.errors, model.driven, long),
+            drift(model.errors, model.driven, long),
+        ),
+        folds=_folds(study, model),
+        curves=slip_curves(every, slipping, study.given or acting),
+        given=study.given,
+        known=study.known,
+        lengths=study.lengths,
+        acting=acting,
+        windows=(
+            sum(len(p.windows) for p in study.first),
+            sum(len(p.windows) for p in study.second),
+        ),
+        model=model,
+        estimation=tuple(study.first),
+        holdout=tuple(study.second),
+        squares=_squares(study, slipping),
+        notes=(*study.trajectories.notes, *_still_off(after, model, study.second)),
+    )
+
+
+STILL_OFF = 0.1
+"""Share of the way by which a position may be off after two seconds before it is said: sound logs
+leave 1 to 5 %."""
+
+
+def _still_off(after: PathErrors, model: Motion, parts: Sequence[Part]) -> tuple[str, ...]:
+    """A note where the model still predicts the path badly."""
+    way = mean_way(model.driven, parts)
+    if after.path <= STILL_OFF * way:
+        return ()
+    return (
+        f"With these parameters the position error is {100 * after.path / way:.0f} % of the way "
+        "after two seconds: the pose is timed unevenly, or the slip is not modelled. The standard "
+        "errors hold for the nearest vehicle of this model.",
+    )
+
+
+def _squares(study: _Study, fit: SlipFit) -> SquareResult | None:
+    """Closed squares, judged as such, beside what the whole of the paths says."""
+    n = in_units(fit.q, fit.geometry)
+    measurement = PoseMeasurement(n["pose_lag"], n["heading_offset"])
+    runs = square_runs(study.trajectories.each, study.known, measurement)
+    if not runs:
+        return None
+    result = square_result(runs)
+    ratio, width = n["radius_right"] / n["radius_left"], n["effective_width"] / study.known.B
+    text = f"{result.sentence} The whole of the paths says {ratio:.5g} and {width:.5g}."
+    return replace(result, sentence=text)
+
+
+def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
+    """Radius and width with which wheels that roll would go and turn most alike.
+
+    Least squares over all steps: v = r ½(ω_L + ω_R),   ψ̇ = (r/B)(ω_R − ω_L).
+    """
+    rolled, spun, way, turned = [], [], [], []
+    for d in (p.trajectory for p in parts):
+        along, angle = model.driven(d)
+        way.append(along / d.step)
+        turned.append(angle / d.step)
+        rolled.append(d.omega.mean(axis=1))
+        spun.append(np.diff(d.omega, axis=1)[:, 0])
+    r = _slope(np.concatenate(rolled), np.concatenate(way))
+    turn = _slope(np.concatenate(spun), np.concatenate(turned))
+    return Geometry(r, r / turn)
+
+
+def _slope(x: Array, y: Array) -> float:
+    """Slope of a line through the origin; tiny where nothing determines it."""
+    return max(float(x @ y) / max(float(x @ x), 1e-12), 1e-9)
+
+
+def _folds(study: _Study, model: MotionFit) -> tuple[Fold, ...]:
+    """Both halves of every trajectory, each fitted and judged by the other, with the same terms."""
+    halves = split(study.trajectories.each, 0.5)
+    if not all(enough(h) for h in halves):
+        return ()
+    folds = []
+    before = Kinematic(study.known)
+    for fitted, judge in (halves, halves[::-1]):
+        model = model.refitted(fitted)
+        values = {n.name: n.value for n in model.numbers() if n.in_model}
+        folds.append(
+            Fold(PathErrors.of(before.errors(judge)), PathErrors.of(model.errors(judge)), values)
+        )
+    return tuple(folds)

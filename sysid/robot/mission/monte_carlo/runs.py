@@ -1,0 +1,98 @@
+"""Many runs of a mission: chunks to workers, their results joined."""
+
+from collections.abc import Callable, Sequence
+from time import perf_counter
+
+import numpy as np
+
+from sysid.errors import UsageError
+from sysid.robot.mission.clearance import has_surfaces
+from sysid.robot.mission.contracts import SteppablePlant
+from sysid.robot.mission.monte_carlo.chunks import Chunk, ChunkResult
+from sysid.robot.mission.monte_carlo.figures import Figures, joined
+from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
+from sysid.robot.mission.monte_carlo.sampler import run_seeds
+from sysid.robot.mission.monte_carlo.setup import Setup
+from sysid.robot.mission.monte_carlo.variance_shares import added, shares
+from sysid.robot.mission.monte_carlo.workers import results, why_not_at_once
+from sysid.robot.mission.spec import Mission
+from sysid.structures.model import Model
+
+MOST_RUNS = 10_000_000
+"""A batch of more runs would not end while somebody waits, and adds nothing."""
+
+_ALONE = "The runs went one after the other, in processes: {}."
+
+Progress = Callable[[int], None]
+"""Takes how many more runs are done."""
+
+
+def simulate_runs(
+    mission: Mission,
+    plants: Sequence[Model | SteppablePlant],
+    runs: int,
+    seed: int = 0,
+    vary: Sequence[str] | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> MissionRuns:
+    """Drive a mission many times, with what is not known for sure drawn for every run.
+
+    All runs of a chunk go side by side in one compiled loop over the laws and the plant that a
+    single run takes; their draws are made by NumPy from a seed a run.
+
+    Args:
+        mission: what to do, and, in its ``vary``, what differs from run to run.
+        plants: fitted models, or plants that are the same in every run; the first is nominal, and
+            the others drive where models vary.
+        seed: of the batch; run k of it has the seed ``run_seeds(seed, runs)[k]``.
+        vary: names of what varies, in the sizes of the mission; None for what the mission says.
+        scheduler: who runs the chunks: None for threads of this process, ``processes``, or the
+            address of a Dask scheduler.
+        progress: called when runs are done.
+
+    Returns:
+        Outcomes with intervals, quantiles, what matters, and the worst runs.
+
+    Raises:
+        UsageError: a name or a number makes no sense.
+        ModelError: the plant is none that could drive, or cannot be drawn.
+    """
+    if not 1 <= runs <= MOST_RUNS:
+        raise UsageError(f"{runs} runs are impossible; give a number from 1 to {MOST_RUNS}")
+    began = perf_counter()
+    setup = Setup.of(mission, plants, vary)
+    seeds = run_seeds(seed, runs)
+    alone = why_not_at_once(setup)
+    parts, coming = results(setup, seeds, scheduler, alone)
+    chunk_results: list[ChunkResult] = []
+    for chunk, result in zip(parts, coming, strict=True):
+        chunk_results.append(result)
+        if progress is not None:
+            progress(len(chunk.runs))
+    varying = setup.plant_variants[0].sampler.varying
+    same = len(setup.plants) == 1  # the numbers of several plants are not the same numbers
+    return MissionRuns(
+        seed=seed,
+        seconds=perf_counter() - began,
+        goal=mission.goal,
+        obstacles=has_surfaces(mission.scene()),
+        vary=setup.varied,
+        seeds=tuple(seeds),
+        figures=_in_order(parts, chunk_results),
+        redrawn=sum(r.redrawn for r in chunk_results),
+        time_drivers=shares(added([r.time for r in chunk_results]), varying) if same else None,
+        error_drivers=shares(added([r.error for r in chunk_results]), varying) if same else None,
+        notes=(
+            *setup.notes(
+                sum(r.redrawn for r in chunk_results), sum(r.pulled for r in chunk_results), runs
+            ),
+            *([_ALONE.format(alone)] if alone else []),
+        ),
+    )
+
+
+def _in_order(parts: Sequence[Chunk], results: Sequence[ChunkResult]) -> Figures:
+    """Figures of all runs by their numbers."""
+    order = np.argsort([k for chunk in parts for k in chunk.runs])
+    return joined([r.figures for r in results], order)

@@ -1,0 +1,241 @@
+"""A plant with varying parameters: sampled by NumPy, run singly or compiled."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array, Index
+from sysid.robot.mission.contracts import SteppablePlant
+from sysid.structures.model import Model
+from sysid.structures.plant import Plant
+
+Flags = NDArray[np.bool_]
+
+HALVINGS = 6
+"""Times that the way along a direction is halved until a plant is feasible; then it is left out."""
+
+
+class VariedPlant(Protocol):
+    """What is asked of a plant that many runs drive.
+
+    Attributes:
+        name: for sentences.
+        size: standard normal numbers that a draw of its parameters needs.
+        unknown: names of parameters about which the data say nothing; they stay as they are.
+        theta: its estimated parameters, (n,).
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def size(self) -> int: ...
+
+    @property
+    def unknown(self) -> tuple[str, ...]: ...
+
+    @property
+    def theta(self) -> Array: ...
+
+    def drawn(self, z: Array, friction: Array) -> Array:
+        """θ (K, n) from standard normal numbers (K, size) and factors of dry friction (K,)."""
+        ...
+
+    def feasible(self, thetas: Array) -> Flags:
+        """Which rows are inside their bounds and stable, (K,)."""
+        ...
+
+    def settled(self, thetas: Array) -> Array:
+        """θ (K, n) with the parts as estimated that would be unstable."""
+        ...
+
+    def pulled(self, z: Array, friction: Array) -> Array:
+        """θ (K, n) as ``drawn``, but less far where it would not be feasible."""
+        ...
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether it has numbers of dry friction."""
+        ...
+
+    def plant(self, theta: Any) -> SteppablePlant:
+        """The plant of a θ of numbers, or of one that a compiler traces."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class FixedPlant:
+    """A plant without a covariance: the same in every run."""
+
+    given: SteppablePlant
+    size = 0
+    unknown: tuple[str, ...] = ()
+    has_friction = False
+
+    @property
+    def name(self) -> str:
+        """What kind of thing it is."""
+        return type(self.given).__name__
+
+    @property
+    def theta(self) -> Array:
+        """No numbers."""
+        return np.zeros(0)
+
+    def drawn(self, z: Array, friction: Array) -> Array:
+        """Nothing to draw."""
+        return np.zeros((len(z), 0))
+
+    def settled(self, thetas: Array) -> Array:
+        """Nothing to change."""
+        return thetas
+
+    def feasible(self, thetas: Array) -> Flags:
+        """Always."""
+        return np.ones(len(thetas), dtype=bool)
+
+    def pulled(self, z: Array, friction: Array) -> Array:
+        """Nothing to draw."""
+        return self.drawn(z, friction)
+
+    def plant(self, theta: Any) -> SteppablePlant:
+        """The plant itself."""
+        return self.given
+
+
+@dataclass(frozen=True, eq=False)
+class ModelPlant:
+    """The plant of a fitted model, drawn from θ ~ N(θ̂, P) inside the parameters' bounds.
+
+    A direction in which the data hold no information has no draws: it stays as estimated.
+
+    Attributes:
+        factor: of the standard errors.
+    """
+
+    model: Model
+    factor: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """The structure's name."""
+        return self.model.structure.name
+
+    @property
+    def theta(self) -> Array:
+        """θ̂."""
+        return self.model.theta
+
+    @cached_property
+    def _free(self) -> Index:
+        """Entries of θ that are estimated, with a finite standard error."""
+        variance = np.diag(self.model.covariance)
+        free = [p.fixed is None for p in self.model.parameters]
+        return np.flatnonzero(np.array(free) & np.isfinite(variance) & (variance > 0.0))
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of estimated parameters without a finite standard error."""
+        variance = np.diag(self.model.covariance)
+        pairs = zip(self.model.parameters, variance, strict=True)
+        return tuple(p.name for p, v in pairs if p.fixed is None and not np.isfinite(v))
+
+    @cached_property
+    def _root(self) -> Array:
+        """L with L Lᵀ = P over the free entries, (free, size): eigenvectors of the correlation."""
+        free = self._free
+        P = np.nan_to_num(self.model.covariance[np.ix_(free, free)], posinf=0.0, neginf=0.0)
+        error = np.sqrt(np.diag(P))
+        values, vectors = np.linalg.eigh(P / np.outer(error, error))
+        kept = values > 1e-12 * max(len(free), 1)  # beyond it is rounding
+        return np.asarray(error[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+
+    @property
+    def size(self) -> int:
+        """Rank of the covariance."""
+        return int(self._root.shape[1])
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether the structure says which of its parameters are dry friction."""
+        return bool(self.model.structure.friction_entries())
+
+    def drawn(self, z: Array, friction: Array) -> Array:
+        """θ̂ + factor·L z, the entries of dry friction times their factor."""
+        thetas = np.repeat(self.theta[None], len(z), axis=0)
+        change = np.zeros((len(z), len(self._free)))
+        for k in range(self.size):  # not a product of matrices: one run alone gives the same bits
+            change += z[:, k, None] * self._root[:, k]
+        thetas[:, self._free] += self.factor * change
+        entries = list(self.model.structure.friction_entries())
+        thetas[:, entries] *= friction[:, None]
+        return thetas
+
+    def pulled(self, z: Array, friction: Array) -> Array:
+        """Direction after direction of the covariance, each only as far as the plant is feasible.
+
+        A direction about which the log says much is drawn in full; one that leads out of what is
+        feasible is halved until it does not.
+        """
+        kept = np.zeros_like(z)
+        for k in range(self.size):
+            share = np.ones(len(z))
+            for _ in range(HALVINGS):
+                kept[:, k] = share * z[:, k]
+                bad = ~self.feasible(self.drawn(kept, friction))
+                if not bad.any():
+                    break
+                share[bad] *= 0.5
+            else:
+                kept[bad, k] = 0.0
+        return self.drawn(kept, friction)
+
+    def settled(self, thetas: Array) -> Array:
+        """Path after path: one that would be unstable stays as estimated, the rest is kept.
+
+        The poles of a path that hardly does anything are unknown, and every second draw of them
+        would make a plant unstable that is not. Moved only as far as they are stable, or without
+        the numerator that they were estimated with, they would make it do much.
+        """
+        structure, changed = self.model.structure, thetas.copy()
+        for part in structure.stable_parts():
+            alone = np.repeat(self.theta[None], len(thetas), axis=0)
+            alone[:, part] = thetas[:, part]
+            changed[np.ix_(~structure.stable_each(alone), part)] = self.theta[part]
+        return changed
+
+    def feasible(self, thetas: Array) -> Flags:
+        """Inside the bounds of what is estimated, and stable."""
+        inside = np.ones(len(thetas), dtype=bool)
+        for k, p in enumerate(self.model.parameters):
+            if p.fixed is None:
+                inside &= (thetas[:, k] >= p.lower) & (thetas[:, k] <= p.upper)
+        inside[inside] = self.model.structure.stable_each(thetas[inside])
+        return inside
+
+    @cached_property
+    def _nominal(self) -> Plant:
+        return self.model.plant()
+
+    def plant(self, theta: Any) -> SteppablePlant:
+        """The model's plant with another θ."""
+        if isinstance(theta, np.ndarray):
+            return replace(self.model, theta=theta).plant()
+        structure = self.model.structure
+        step = structure.traced_step(theta, self.theta)
+        return replace(
+            self._nominal,
+            core=step,
+            core_readout=_output(step),
+            ground=structure.ground(theta),
+            torque=structure.torque(theta),
+        )
+
+
+def _output(step: Callable[[Any, Any], tuple[Any, Any]]) -> Callable[[Any, Any], Any]:
+    """y alone: a compiler leaves out what is not asked for."""
+    return lambda x, u: step(x, u)[1]

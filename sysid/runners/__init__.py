@@ -1,0 +1,1 @@
+"""One step, many ways to run it: plain numbers, arrays, compiled scans, recorded operations."""
