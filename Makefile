@@ -38,6 +38,9 @@ demo: $(VENV)/.installed  ## The main job on bundled data: fit, compare, export,
 	$(SYSID) diagnose $(LOGS)/multilevel.csv --val $(LOGS)/multilevel_val.csv --workspace $(DEMO)/workspace -o $(DEMO)/diagnosis
 	@echo "== Done. Pictures: $(DEMO)/fit.svg, ranking.svg, mission.svg, diagnosis/index.html; plant: $(DEMO)/workspace/plant"
 
+# Many tests start commands, which would else compile every module again.
+unexport PYTHONDONTWRITEBYTECODE
+
 # NPROC: JAX's threads, which spin while they wait
 PYTEST := OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/pytest -n 2 --dist worksteal
 
