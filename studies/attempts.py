@@ -18,13 +18,13 @@ from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.select_structure import default_structures, select_structure
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
+from sysid.methods.held_out_error import free_run_error
 from sysid.report.markdown import table
 from sysid.structures.base import Structure
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.structure import BlockStructure
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.held_out_error import free_run_error
 from sysid.structures.model import Model
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narx.structure import NarxWavelet

@@ -9,6 +9,8 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
+from sysid.fitting.searchable import InitialGuesses, StartReport
+from sysid.methods.outcome import FitOutcome
 from sysid.structures.blocks.fit import (
     ROUGH_TOLERANCE,
     ChainData,
@@ -19,7 +21,6 @@ from sysid.structures.blocks.fit import (
 )
 from sysid.structures.blocks.outcome import final_fit
 from sysid.structures.blocks.structure import BlockStructure
-from sysid.structures.outcome import FitOutcome, InitialGuesses, StartReport
 
 Chained = TypeVar("Chained", bound=BlockStructure)
 

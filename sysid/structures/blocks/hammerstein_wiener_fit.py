@@ -14,6 +14,9 @@ from sysid.data.shortened import shortened
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
+from sysid.fitting.searchable import InitialGuesses
+from sysid.methods.method import Method
+from sysid.methods.outcome import FitOutcome
 from sysid.structures.base import Structure
 from sysid.structures.blocks.candidates import last_search, preferred
 from sysid.structures.blocks.fit import ChainData
@@ -30,9 +33,9 @@ from sysid.structures.blocks.hammerstein_wiener_trials import (
     signless,
     uses,
 )
+from sysid.structures.blocks.outcome import refit
 from sysid.structures.blocks.static.functions import IDENTITY, Static, parse_static
 from sysid.structures.orders import Orders, spread
-from sysid.structures.outcome import FitOutcome, InitialGuesses
 
 CHOICE_SAMPLES = 5_000
 """Samples that choose statics and orders; the choice is fitted to all."""
@@ -179,3 +182,6 @@ class Chooser:
         for kind in SIGNLESS_KINDS:
             outputs = self._filled("identity", kind)[1]
             yield from signless(plain, self.records, self.data, inputs, outputs)
+
+
+METHOD = Method(fit, refit, takes_method=False)

@@ -11,7 +11,10 @@ from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
 from sysid.fitting.robust import huber_widths
+from sysid.fitting.searchable import StartReport
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
+from sysid.methods.outcome import FitOutcome, outcome_of, with_covariance
+from sysid.methods.search import STATE_LEVEL
 from sysid.structures.blocks.errors import ChainErrors
 from sysid.structures.blocks.fit import (
     ChainData,
@@ -21,9 +24,6 @@ from sysid.structures.blocks.fit import (
 )
 from sysid.structures.blocks.gains import normalised
 from sysid.structures.blocks.structure import BlockStructure
-from sysid.structures.outcome import FitOutcome, StartReport
-from sysid.structures.search import STATE_LEVEL
-from sysid.structures.solved import outcome_of, with_covariance
 
 EVALUATIONS = 100
 """Limit of the descent on the normal equations before the last search."""

@@ -3,28 +3,21 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Channel, Record
+from sysid.data.record import Array, Channel
 from sysid.fitting.problem import (
-    Focus,
-    Initial,
     Parameter,
-    Problem,
 )
 from sysid.structures.base import NamedStructure
 from sysid.structures.blocks.chain import BlockChain
-from sysid.structures.blocks.errors import ChainErrors
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import Static
 from sysid.structures.blocks.static.kinds import Stage, spline_knots
 from sysid.structures.linear.polynomial import _pole, _text
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Refitter
 
 
 @dataclass(frozen=True)
@@ -32,7 +25,6 @@ class BlockStructure(NamedStructure):
     """Base of the block-oriented structures: everything follows from the chain of blocks."""
 
     has_noise_model: ClassVar[bool] = False
-    takes_method: ClassVar[bool] = False
     tells: ClassVar[str] = "static curves (dead zone, saturation), and the poles between them"
     stable_by_meaning: ClassVar[bool] = True
 
@@ -42,12 +34,6 @@ class BlockStructure(NamedStructure):
     ) -> tuple[Mapping[str, Any], ...]:
         """The delay alone: the fit itself chooses orders together with the statics."""
         return ({"nk": delay},)
-
-    def refitter(self) -> "Refitter":
-        """The last search alone: nothing is chosen anew."""
-        from sysid.structures.blocks.outcome import refit
-
-        return refit
 
     @property
     @abstractmethod
@@ -123,14 +109,6 @@ class BlockStructure(NamedStructure):
         if layer == "input":
             return channel.unit if name[0] in "cdsx" else ""
         return channel.unit if layer == "output" and name[0] == "y" else ""
-
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem of all outputs; prediction and simulation errors are the same."""
-        data = [(r.u, r.y) for r in records]
-        estimate = initial in (Initial.ESTIMATED, Initial.AUTO)
-        return (ChainErrors(self.chain, data, estimate),)
 
     def first_sample(self) -> int:
         """0: nothing measured is needed for a prediction."""

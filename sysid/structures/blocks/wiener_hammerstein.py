@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from sysid.data.record import Channel
 from sysid.errors import UsageError
@@ -16,9 +16,6 @@ from sysid.structures.blocks.static.functions import IDENTITY, Static
 from sysid.structures.blocks.static.options import RequestedStatics, option_names, requested_statics
 from sysid.structures.blocks.structure import BlockStructure, statics_from_json, statics_to_json
 from sysid.structures.orders import ORDER_WORDS, Matrix, Orders, spread
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
 
 
 @dataclass(frozen=True)
@@ -65,12 +62,6 @@ class WienerHammerstein(BlockStructure):
     statics: tuple[Static, ...]
     requested: RequestedStatics | None = None
     choose_orders: bool = False
-
-    def fitter(self) -> "Fitter":
-        """From the best linear approximation, its poles dealt out to both sides."""
-        from sysid.structures.blocks.wiener_hammerstein_fit import fit
-
-        return fit
 
     @classmethod
     def from_orders(

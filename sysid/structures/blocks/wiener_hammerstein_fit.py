@@ -14,6 +14,9 @@ from sysid.errors import ModelError
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
+from sysid.fitting.searchable import InitialGuesses
+from sysid.methods.method import Method
+from sysid.methods.outcome import FitOutcome
 from sysid.structures.base import Structure
 from sysid.structures.blocks.candidates import by_names, last_search, points_last, preferred
 from sysid.structures.blocks.changed_statics import with_statics
@@ -22,11 +25,11 @@ from sysid.structures.blocks.fit import (
     abscissae,
     descend,
 )
+from sysid.structures.blocks.outcome import refit
 from sysid.structures.blocks.static.functions import Static, parse_static
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.blocks.wiener_hammerstein_starts import Candidate, ranked_starts
 from sysid.structures.orders import orders_text
-from sysid.structures.outcome import FitOutcome, InitialGuesses
 
 SHORT, MIDDLE, LONG = 2_500, 10_000, 40_000
 """Samples of the fits that rank, that choose and that settle; the last search sees all."""
@@ -244,3 +247,6 @@ def _as_requested(best: Candidate, statics: Sequence[Static], part: Part) -> Can
 
 def _orders_text(s: WienerHammerstein) -> str:
     return orders_text(s.order_values())
+
+
+METHOD = Method(fit, refit, takes_method=False)
