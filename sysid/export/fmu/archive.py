@@ -6,17 +6,14 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from string import Template
 
 from sysid import processes
 from sysid.errors import ModelError
-from sysid.export.c.writing import number
 from sysid.export.fmu.description import Unit, build_description, xml_2, xml_3
+from sysid.export.templates import fill
 from sysid.plant.storage import zip_bytes
-from sysid.version import __version__
 
 SECONDS = 120.0
 """What a compiler may take: it takes a second."""
@@ -84,26 +81,11 @@ def archive(unit: Unit, version: Version = FMI_2) -> bytes:
 
 def sources_of(unit: Unit, version: Version) -> dict[str, str]:
     """All C files and headers of a unit by name."""
-    table = ",\n".join(
-        f"    {{{number(v.start if v.started else 0.0)}, {v.role.in_c}, "
-        f"{int(v.boolean)}, {int(v.may_be_nan)}}}"
-        for v in unit.variables
-    )
-    model = _filled(
-        "model.h",
-        title=f"The {unit.name} as a unit.",
-        guid=unit.guid,
-        includes="\n".join(f'#include "{n}"' for n in sorted(unit.sources) if n.endswith(".h")),
-        sample_time=number(unit.sample_time),
-        variables=str(len(unit.variables)),
-        table=table,
-        code=unit.code.strip("\n"),
-    )
     return {
         **unit.sources,
-        "fmu_model.h": model,
-        "unit.h": _filled("unit.h"),
-        version.functions: _filled(version.functions),
+        "fmu_model.h": fill("fmu/model.h", unit=unit),
+        "unit.h": fill("fmu/unit.h"),
+        version.functions: fill(f"fmu/{version.functions}"),
     }
 
 
@@ -130,11 +112,6 @@ def compiled(unit: Unit, sources: Mapping[str, str], version: Version) -> bytes 
         if done.code:
             raise ModelError(f"the unit does not compile: {' '.join(done.err.split())[:300]}")
         return (folder / target).read_bytes()
-
-
-def _filled(template: str, **values: str) -> str:
-    text = files("sysid.export.fmu").joinpath("templates", template).read_text(encoding="utf-8")
-    return Template(text).substitute(version=__version__, **values)
 
 
 def _machine() -> str:
