@@ -136,12 +136,14 @@ def _data(blocks: dict[str, Block], run: RecordedRun, closed: bool) -> str:
 def _selftest(
     loop: Loop, blocks: dict[str, Block], run: RecordedRun, precision: Precision, closed: bool
 ) -> str:
-    whole = fill("c/closed_loop.c", slack=precision.slack, **robot_lines(loop, blocks))
+    whole = ""
+    if closed:
+        whole = fill("c/closed_loop.c", slack=precision.slack, **robot_lines(loop, blocks))
     return fill(
         "c/loop_selftest.c",
         precision=precision,
         blocks=[blocks[name] for name in run.rows],
-        closed=whole if closed else "",
+        closed=whole,
     )
 
 
