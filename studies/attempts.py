@@ -18,11 +18,11 @@ from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.select_structure import default_structures, select_structure
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
+from sysid.methods.held_out_error import free_run_error
 from sysid.report.markdown import table
 from sysid.structures.base import Structure
 from sysid.structures.blocks.structure import BlockStructure
 from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.held_out_error import free_run_error
 from sysid.structures.model import Model
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narx.structure import NarxWavelet

@@ -19,11 +19,13 @@ from sysid.estimation.robust_fit import bounded_errors, fitter
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter
+from sysid.methods.method import Fitter
+from sysid.methods.outcome import FitOutcome
+from sysid.methods.table import method_of
 from sysid.structures.base import Structure
 from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, Provenance, Source
-from sysid.structures.outcome import FitOutcome, Fitter
 from sysid.version import __version__
 
 
@@ -169,7 +171,7 @@ def _constrained(
             f"{structure.name} has no input, so that its free run from rest stays at zero; fit it "
             "with the focus on prediction"
         )
-    if options.method is not Method.LEVENBERG_MARQUARDT and not structure.takes_method:
+    if options.method is not Method.LEVENBERG_MARQUARDT and not method_of(structure).takes_method:
         raise UsageError(
             f"{structure.name} has a search of its own, on which `method` does not act; omit "
             "`method`, or choose another structure"

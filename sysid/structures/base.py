@@ -4,23 +4,20 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.record import Array, Channel, Index
 from sysid.errors import UsageError
-from sysid.fitting.problem import Focus, Initial, Parameter, Problem
+from sysid.fitting.problem import Parameter
 from sysid.structures.dynamics import Dynamics
 from sysid.structures.orders import ORDER_WORDS
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter, InitialGuesses, Refitter
 
 
 @dataclass(frozen=True)
 class Structure(Dynamics):
-    """Dynamics that can be fitted: parameters, errors and their slopes, and how a fit is done.
+    """Dynamics with what a fit is judged by: parameters, prediction errors and their slopes.
 
     Everything is a pure function of one parameter vector θ. Subclasses are frozen dataclasses.
     Residuals of structures that are not ``linear`` are tested for what a nonlinear model may have
@@ -34,18 +31,12 @@ class Structure(Dynamics):
     physical: ClassVar[bool] = False
     """Whether θ counts from the channels' own zeros, so that nothing may be removed from data."""
     linear: ClassVar[bool] = False
-    has_losses: ClassVar[bool] = True
-    """Whether its fit knows Huber's loss, not the quadratic one alone."""
     stable_by_meaning: ClassVar[bool] = False
     """Whether unstable parameters mean nothing: such a predictor cannot be evaluated for long."""
-    begins_at_values: ClassVar[bool] = False
-    """Whether a fit begins at values it is given, and at no others."""
     chooses_products: ClassVar[bool] = False
     """Whether a fit chooses among products of past signals."""
     takes_inputs: ClassVar[bool] = True
     """Whether it is driven by inputs; one that is not models a signal from its own past."""
-    takes_method: ClassVar[bool] = True
-    """Whether ``FitOptions.method`` says how it is searched, from its starts to its end."""
 
     @property
     def counts_from_zero(self) -> bool:
@@ -64,43 +55,8 @@ class Structure(Dynamics):
         """Names, units and bounds of θ."""
 
     @abstractmethod
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """The independent least-squares problems that together determine θ.
-
-        They are solved in order; a later one may need the θ found before (``Problem.given``).
-        """
-
-    @abstractmethod
     def first_sample(self) -> int:
         """First sample whose one-step prediction needs no value before the record."""
-
-    def fitter(self) -> "Fitter":
-        """How it is fitted: by search from its starts, unless a structure says otherwise."""
-        from sysid.structures.search import by_search
-
-        return by_search
-
-    def refitter(self) -> "Refitter | None":
-        """How a fit is repeated on nearly the same data; None where that is a fit like any."""
-        return None
-
-    def starts(self, records: Sequence[Record], focus: Focus) -> "InitialGuesses":
-        """Named starting values of θ for a search."""
-        return ()
-
-    def stabilised(self, theta: Array) -> Array:
-        """The nearest known θ whose free run is bounded; θ itself where none is known."""
-        return theta
-
-    def offset_entries(self) -> Index:
-        """Entries of θ that are levels: coefficients of a constant input."""
-        return np.zeros(0, dtype=np.intp)
-
-    def open_directions(self, records: Sequence[Record]) -> Array:
-        """Directions of θ that such inputs leave open although slopes do not show it, (n, k)."""
-        return np.zeros((0, 0))
 
     @abstractmethod
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:

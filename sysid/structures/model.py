@@ -17,11 +17,11 @@ from sysid.data.same_kind import SAME_CLOCK, difference
 from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
+from sysid.fitting.searchable import StartReport
 from sysid.structures.base import Structure
 from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.transfer import TransferMatrix
-from sysid.structures.outcome import StartReport
 from sysid.structures.plant import Plant
 from sysid.structures.registry import require_readable, structure_from_json
 

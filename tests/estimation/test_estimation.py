@@ -25,9 +25,10 @@ from sysid.fitting import normal_equations as ne
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
+from sysid.methods.search import LONG, Search
 from sysid.structures.initial_state_window import initial_state_window
+from sysid.structures.linear.searchable import LinearSearch
 from sysid.structures.registry import structure_class
-from sysid.structures.search import LONG, Search
 
 MEASURED = Path(os.environ.get("SYSID_DATA", "../shared/data"))
 
@@ -333,7 +334,13 @@ def test_a_long_record_is_searched_from_pieces_of_it(name: str) -> None:
     record = system.record(LONG + 5_000, 0.3)
     whole = fit(system.model_structure, [record], detrend="none")
     assert whole.starts[-1].start == "pieces of the records"
-    full = Search(system.model_structure, [record], FitOptions(), whole.parameters)
+    full = Search(
+        system.model_structure,
+        LinearSearch(system.model_structure),
+        [record],
+        FitOptions(),
+        whole.parameters,
+    )
     theta, _, _ = full._from(full._own_starts())
     errors = np.sqrt(np.diag(whole.covariance))
     assert np.all(np.abs(whole.theta - theta) < 0.02 * errors)

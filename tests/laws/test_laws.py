@@ -9,10 +9,11 @@ import pytest
 from c_programs import build, driven, needs_compiler
 from cases import CASES, Case, case_of, fitted, model_of, records_of
 from hand_made import hand_made
+from problem_cases import problems_of
 
 from sysid.data.record import Array
 from sysid.fitting.compiled import jax_module
-from sysid.fitting.problem import Focus, Initial, Problem
+from sysid.fitting.problem import Focus, Problem
 from sysid.structures.initial_state_window import LONGEST_HEAD, initial_state_window
 from sysid.structures.model import Model
 from sysid.structures.registry import MADE, structure_classes, structure_from_json
@@ -100,9 +101,8 @@ def test_units_of_the_channels_do_not_matter(name: str) -> None:
 # ------------------------------------------------------------------------------- problems
 
 
-def problems_of(case: Case, records: tuple, focus: Focus) -> tuple[Problem, ...]:  # type: ignore[type-arg]
-    found = case.structure.problems(records, focus, Initial.ZERO, False)
-    return tuple(p.given(case.theta) for p in found)
+def settled_problems(case: Case, records: tuple, focus: Focus) -> tuple[Problem, ...]:  # type: ignore[type-arg]
+    return tuple(p.given(case.theta) for p in problems_of(case.structure, records, focus))
 
 
 @each_focus
@@ -113,8 +113,8 @@ def test_several_records_are_one_joined_problem(name: str, focus: Focus) -> None
     """
     case, first = case_of(name), records_of(name)[0]
     records = (first, replace(first, y=-first.y, sha256=""))
-    joined = problems_of(case, records, focus)
-    apart = [problems_of(case, (r,), focus) for r in records]
+    joined = settled_problems(case, records, focus)
+    apart = [settled_problems(case, (r,), focus) for r in records]
     for both, *single in zip(joined, *apart, strict=True):
         if not len(both.index):  # nothing of a moving average is seen in its free run
             continue
@@ -129,7 +129,7 @@ def test_several_records_are_one_joined_problem(name: str, focus: Focus) -> None
 @each_focus
 def test_slopes_of_the_errors_are_those_of_differences(name: str, focus: Focus) -> None:
     case, (record, _) = case_of(name), records_of(name)
-    for problem in problems_of(case, (record.rows(0, 120),), focus):
+    for problem in settled_problems(case, (record.rows(0, 120),), focus):
         p = problem.initial_guess(case.theta)
         if not len(p):
             continue

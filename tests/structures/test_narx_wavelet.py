@@ -12,9 +12,9 @@ from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
+from sysid.methods.narx import all_data
 from sysid.structures.difference_equations.expressions import parse, written
 from sysid.structures.model import Model
-from sysid.structures.narx.fit import all_data
 from sysid.structures.narx.problems import FreeRuns
 from sysid.structures.narx.search import largest
 from sysid.structures.narx.simulation_error import RowRuns

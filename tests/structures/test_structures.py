@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from polynomial_cases import SYSTEMS
+from problem_cases import problems_of
 from scipy.signal import lfilter
 from structure_cases import every_system, fitted
 
@@ -41,7 +42,7 @@ def test_gradients_are_those_of_central_differences(name: str, focus: Focus, sta
     first, second = system.record(70, 0.5, seed=1, skip=20), system.record(45, 0.5, seed=2)
     rng = np.random.default_rng(3)
     theta = 0.9 * system.truth + 0.02 * rng.standard_normal(len(system.theta))
-    found = system.model_structure.problems([first, second], focus, Initial.ESTIMATED, stable)
+    found = problems_of(system.model_structure, [first, second], focus, Initial.ESTIMATED, stable)
     for unsolved in found:
         problem = unsolved.given(theta)
         p = problem.initial_guess(theta)
@@ -208,7 +209,7 @@ def predicted(model: Model, record: Record) -> int:
 def test_a_search_admits_only_stable_predictors() -> None:
     system = SYSTEMS["bj"]
     record, structure = system.record(100, 0.2), system.model_structure
-    (problem,) = structure.problems([record], Focus.PREDICTION, Initial.ZERO, False)
+    (problem,) = problems_of(structure, [record], Focus.PREDICTION)
     names = [p.name for p in structure.parameters(record.inputs, record.outputs)]
     mirrored = system.truth
     mirrored[names.index("c1")] = 1.0 / 0.5

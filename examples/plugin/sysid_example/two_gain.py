@@ -12,18 +12,20 @@ from sysid.data.record import Array, Channel, Record
 from sysid.errors import Termination, UsageError
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter, Problem
+from sysid.fitting.searchable import InitialGuesses, Searchable, StartReport
 from sysid.fitting.uncertainty import uncertainty
+from sysid.methods.method import Method
+from sysid.methods.outcome import FitOutcome
+from sysid.methods.search import by_search
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.c_step import CStep
-from sysid.structures.outcome import FitOutcome, Fitter, InitialGuesses, StartReport
-from sysid.structures.search import by_search
 
 INSIDE = 0.999
 """A pole on the unit circle is brought in by so much: it then forgets in a thousand samples."""
 
 
 @dataclass(frozen=True)
-class TwoGain(NamedStructure):
+class TwoGain(NamedStructure, Searchable):
     """y(t) = Σ a_k y(t−k) + b⁺ max(u(t−1), 0) + b⁻ min(u(t−1), 0) + e(t); θ = (a₁ … a_na, b⁺, b⁻).
 
     The state of the free run is the observer form's: y = x₁, x_k⁺ = a_k y + x_(k+1) (+ drive, k=1).
@@ -199,10 +201,6 @@ class TwoGain(NamedStructure):
         poles[outside] = INSIDE / np.conj(poles[outside])
         return np.concatenate([-np.real(np.poly(poles))[1:], theta[self.na :]])
 
-    def fitter(self) -> Fitter:
-        """Its own fit."""
-        return _fit
-
     # ------------------------------------------------------------- words
 
     def equations(
@@ -306,3 +304,6 @@ def _fit(
         termination=Termination.CLOSED_FORM,
         starts=(StartReport("all", "least squares", None, None, 1),),
     )
+
+
+METHOD = Method(_fit)

@@ -17,8 +17,8 @@ from sysid.estimation.soundness import bounded_run, motion_doubts, relative_gap
 from sysid.fitting.holdout import HoldOut, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
+from sysid.methods.held_out_error import free_run_error
 from sysid.structures.base import Structure
-from sysid.structures.held_out_error import free_run_error
 from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.arx_at_once import promising, solved_at_once

@@ -12,7 +12,7 @@ from sysid.estimation.assessment.robust_judging import judged_errors
 from sysid.estimation.selection.orders import OrderSearch
 from sysid.estimation.soundness import bounded_run, doubts_about, relative_gap
 from sysid.fitting.options import FitOptions
-from sysid.structures.held_out_error import free_run_error
+from sysid.methods.held_out_error import free_run_error
 from sysid.structures.model import Model
 from sysid.structures.orders import orders_text
 

@@ -3,22 +3,19 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.record import Array, Channel, Index
 from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import chain_effects, effect, in_chain
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.effects.sensor import SAMPLING
 from sysid.fitting.problem import (
-    Focus,
-    Initial,
     Parameter,
-    Problem,
 )
 from sysid.structures.augmented.chain import (
     ChainState,
@@ -31,11 +28,7 @@ from sysid.structures.augmented.chain import (
     with_constants,
 )
 from sysid.structures.augmented.given_base import GivenBase
-from sysid.structures.augmented.runs import ChainRuns
 from sysid.structures.base import Structure
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
 
 SLOPE = 1e-5
 """Relative shift of a parameter for its slope: the root of what rounding leaves of a long run."""
@@ -66,7 +59,6 @@ class Augmented(Structure):
     equation: ClassVar[str] = "τ ω̇ = T − ω, T = K d, with the effects in their places"
     order_names: ClassVar[tuple[str, ...]] = ("n", "nk")
     has_noise_model: ClassVar[bool] = False
-    begins_at_values: ClassVar[bool] = True
 
     order: int
     delay: int
@@ -189,16 +181,6 @@ class Augmented(Structure):
                     entries += sorted(set(self._indices[3][e.id][k].tolist()))
         return tuple(entries)
 
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One: the errors of the free run, from the first measurements on.
-
-        The diagnosis finds effects and their first values in its full model; from there on the
-        structure is fitted like any other.
-        """
-        return (ChainRuns(self, [(r.u, r.y) for r in records]),)
-
     def first_sample(self) -> int:
         """Free-run structures predict from the first sample."""
         return 0
@@ -207,12 +189,6 @@ class Augmented(Structure):
         core, _ = self.unpack(theta)
         state = rest_state(np, self.active, core, np.zeros(self.ny))
         return state, _at_rest(state, np.zeros((self.delay - 1, self.ny))).size
-
-    def fitter(self) -> "Fitter":
-        """The search from given values only."""
-        from sysid.structures.augmented.fit import fit
-
-        return fit
 
     def n_states(self, theta: Array) -> int:
         """Core, effects and dead time, before them those of the given model."""

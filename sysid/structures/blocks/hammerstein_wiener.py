@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from sysid.errors import UsageError
 from sysid.structures.base import refuse_options
@@ -14,9 +14,6 @@ from sysid.structures.blocks.static.functions import IDENTITY
 from sysid.structures.blocks.static.options import option_names, requested_statics
 from sysid.structures.blocks.structure import BlockStructure
 from sysid.structures.orders import spread
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
 
 FORMS = ("both", "hammerstein", "wiener")
 
@@ -51,12 +48,6 @@ class HammersteinWiener(BlockStructure):
 
     layer_names: ClassVar[tuple[str, ...]] = ("input", "", "output")
     places: ClassVar[Mapping[str, int]] = MappingProxyType({"input": 0, "output": 2})
-
-    def fitter(self) -> "Fitter":
-        """From the best linear approximation; what is open is chosen on held-out samples."""
-        from sysid.structures.blocks.last_search import fit
-
-        return fit
 
     @classmethod
     def from_orders(

@@ -19,6 +19,7 @@ from sysid.structures.blocks.static.functions import IDENTITY
 from sysid.structures.blocks.trials import ChainData, Effort, Trial
 from sysid.structures.linear.oe import OE
 from sysid.structures.linear.output_error import reflected
+from sysid.structures.linear.starts import starts_of
 from sysid.structures.orders import Orders, spread
 
 DECAYS = (0.8, 0.9, 0.95, 0.98, 0.99)
@@ -47,7 +48,7 @@ def linear_starts(records: Sequence[Record], orders: Orders) -> list[tuple[str, 
     names = [p.name for p in structure.parameters(records[0].inputs, records[0].outputs)]
     return [
         (kind, dict(zip(names, theta.tolist(), strict=True)))
-        for kind, theta in structure.starts(middle, Focus.SIMULATION)
+        for kind, theta in starts_of(structure, middle, Focus.SIMULATION)
     ]
 
 

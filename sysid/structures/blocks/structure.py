@@ -3,30 +3,23 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Channel, Record
+from sysid.data.record import Array, Channel
 from sysid.fitting.problem import (
-    Focus,
-    Initial,
     Parameter,
-    Problem,
 )
 from sysid.structures.base import NamedStructure
 from sysid.structures.blocks.chain import BlockChain
-from sysid.structures.blocks.errors import ChainErrors
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY, Static
 from sysid.structures.blocks.static.kinds import Stage, spline_knots
 from sysid.structures.blocks.static.options import RequestedStatics
 from sysid.structures.linear.polynomial import _pole, _text
 from sysid.structures.orders import Orders, orders_text
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Refitter
 
 
 @dataclass(frozen=True)
@@ -42,7 +35,6 @@ class BlockStructure(NamedStructure):
     """
 
     has_noise_model: ClassVar[bool] = False
-    takes_method: ClassVar[bool] = False
     tells: ClassVar[str] = "static curves (dead zone, saturation), and the poles between them"
     stable_by_meaning: ClassVar[bool] = True
     layer_names: ClassVar[tuple[str, ...]]
@@ -61,12 +53,6 @@ class BlockStructure(NamedStructure):
     ) -> tuple[Mapping[str, Any], ...]:
         """The delay alone: the fit itself chooses orders together with the statics."""
         return ({"nk": delay},)
-
-    def refitter(self) -> "Refitter":
-        """The last search alone: nothing is chosen anew."""
-        from sysid.structures.blocks.last_search import refit
-
-        return refit
 
     @property
     @abstractmethod
@@ -186,14 +172,6 @@ class BlockStructure(NamedStructure):
         if [len(row) for row in statics] != [len(row) for row in plain.statics]:
             raise ValueError("its statics do not fit its channels")
         return replace(plain, statics=statics, requested=None, choose_orders=False)
-
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem of all outputs; prediction and simulation errors are the same."""
-        data = [(r.u, r.y) for r in records]
-        estimate = initial in (Initial.ESTIMATED, Initial.AUTO)
-        return (ChainErrors(self.chain, data, estimate),)
 
     def first_sample(self) -> int:
         return 0

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from sysid.errors import UsageError
 from sysid.structures.base import refuse_options
@@ -14,9 +14,6 @@ from sysid.structures.blocks.static.functions import IDENTITY
 from sysid.structures.blocks.static.options import option_names, requested_statics
 from sysid.structures.blocks.structure import BlockStructure
 from sysid.structures.orders import ORDER_WORDS, Matrix, Orders, spread
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
 
 
 @dataclass(frozen=True)
@@ -53,12 +50,6 @@ class WienerHammerstein(BlockStructure):
 
     layer_names: ClassVar[tuple[str, ...]] = ("first", "static", "", "output")
     places: ClassVar[Mapping[str, int]] = MappingProxyType({"static": 1})
-
-    def fitter(self) -> "Fitter":
-        """From the best linear approximation, its poles dealt out to both sides."""
-        from sysid.structures.blocks.last_search import fit
-
-        return fit
 
     @classmethod
     def from_orders(

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from sysid.data.record import Array, Channel, Index, Record
-from sysid.fitting.problem import Focus, Initial, Problem
+from sysid.fitting.problem import Problem
 from sysid.structures.base import NamedStructure
 from sysid.structures.difference_equations.chunks import Data
 from sysid.structures.difference_equations.free_run import FreeRun, ranges, widened
@@ -107,18 +107,6 @@ class RecursiveStructure(NamedStructure):
     @abstractmethod
     def over_chunks(self, data: Data, length: int) -> Problem:
         """The errors of all outputs in free runs over chunks of about ``length`` samples."""
-
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem an output one step ahead; one of all outputs in free run.
-
-        The free run starts from the measured past and covers each record whole.
-        """
-        data = [(r.u, r.y) for r in records]
-        if focus is Focus.SIMULATION:
-            return (self.over_chunks(data, max(len(r) for r in records)),)
-        return tuple(self.one_step(i, data) for i in range(self.ny))
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """One-step errors; they need no initial state, past errors before the record are zero."""

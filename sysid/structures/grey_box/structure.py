@@ -9,7 +9,7 @@ register theirs under the entry-point group ``sysid.structures``.
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -18,10 +18,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.data.schema import checked
 from sysid.errors import UsageError, argument
 from sysid.fitting.problem import (
-    Focus,
-    Initial,
     Parameter,
-    Problem,
 )
 from sysid.outside_text import whole
 from sysid.runners import floats
@@ -29,16 +26,12 @@ from sysid.runners.loops import repeated
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
 from sysid.structures.grey_box.runs import (
-    GreyErrors,
     fitted_state,
     free_run,
     stays_bounded,
     tangents,
 )
 from sysid.structures.grey_box.single_runs import ahead, in_floats
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
 
 MAX_SUBSTEPS = 1000
 
@@ -68,7 +61,6 @@ class GreyBox(NamedStructure):
 
     order_names: ClassVar[tuple[str, ...]] = ()
     has_noise_model: ClassVar[bool] = False
-    takes_method: ClassVar[bool] = False
     tells: ClassVar[str] = "physical constants with units and errors"
     physical: ClassVar[bool] = True
     takes_floats: ClassVar[bool] = False
@@ -334,20 +326,8 @@ class GreyBox(NamedStructure):
         """x one sample later, u held for ``steps`` steps of length h."""
         return repeated(xp, steps, lambda x: self.advance(xp, x, u, p, h), x)
 
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem: free-run errors of all outputs over all records, whatever the focus."""
-        return (GreyErrors(self, [(r.u, r.y) for r in records], initial is not Initial.ZERO),)
-
     def first_sample(self) -> int:
         return 0
-
-    def fitter(self) -> "Fitter":
-        """Many starts at once, then a polish of the best."""
-        from sysid.structures.grey_box.fit import by_multi_start
-
-        return by_multi_start
 
     def n_states(self, theta: Array) -> int:
         return len(self.state_names)

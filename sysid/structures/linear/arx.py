@@ -2,13 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from sysid.structures.linear.candidates import arx_grid
 from sysid.structures.linear.polynomial import PolynomialStructure
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
 
 
 @dataclass(frozen=True)
@@ -27,12 +24,6 @@ class ARX(PolynomialStructure):
     by_default: ClassVar[bool] = True
     search_cost: ClassVar[float] = 0.0
     solved_at_once: ClassVar[bool] = True
-
-    def fitter(self) -> "Fitter":
-        """By linear algebra where the problem is linear."""
-        from sysid.structures.linear.closed_form import fit
-
-        return fit
 
     @classmethod
     def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:

@@ -1,32 +1,23 @@
 """The shared algebra of ARX, ARMAX, OE and BJ: A y = (B/F) u + (C/D) e (Ljung 1999, eq. 4.33)."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
-from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.record import Array, Channel, Index
 from sysid.data.unit_words import ratio
 from sysid.fitting.normal_equations import residual_row
-from sysid.fitting.problem import (
-    Focus,
-    Initial,
-    Parameter,
-    Problem,
-)
+from sysid.fitting.problem import Parameter
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.linear.candidates import affordable
 from sysid.structures.linear.predictor import RowErrors, RowLayout
-from sysid.structures.linear.problems import FreeRunErrors, Remaining, Stacked
 from sysid.structures.linear.transfer import TransferMatrix, adjugate, determinant
 from sysid.structures.orders import Orders, spread
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import InitialGuesses
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,29 +72,6 @@ class PolynomialStructure(NamedStructure):
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
         return affordable(cls, cls.order_grid(nu, ny, samples), nu, ny, samples, delay)
-
-    def starts(self, records: Sequence[Record], focus: Focus) -> "InitialGuesses":
-        """Named starting values of θ, by the polynomials there are."""
-        from sysid.structures.linear.starts import starts_of
-
-        return starts_of(self, records, focus)
-
-    def stabilised(self, theta: Array) -> Array:
-        from sysid.structures.linear.starts import stabilised
-
-        return stabilised(self, theta)
-
-    def offset_entries(self) -> Index:
-        """Coefficients of the constant input, where there is one."""
-        from sysid.structures.linear.constant_input import constant_places
-
-        return constant_places(self)[0] if self.orders.constant else super().offset_entries()
-
-    def open_directions(self, records: Sequence[Record]) -> Array:
-        """What inputs in fixed proportion to each other leave open, (n, k)."""
-        from sysid.structures.linear.confounded import confounded
-
-        return confounded(self, records)
 
     def layout(self, i: int) -> RowLayout:
         """Orders of the equation of output ``i``."""
@@ -181,41 +149,6 @@ class PolynomialStructure(NamedStructure):
             for i, j in pairs:
                 num[i][j], den[i][j] = p.B[i][j], np.convolve(p.A[i][i], p.F[i][j])
         return TransferMatrix.build(num, den)
-
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem per output in prediction focus; one of all outputs in simulation focus."""
-        data = [(r.u, r.y) for r in records]
-        estimate = initial in (Initial.ESTIMATED, Initial.AUTO)
-        rows = [
-            RowErrors(self.layout(i), self.row_index(i), data, estimate, search=True)
-            for i in range(self.ny)
-        ]
-        problems: tuple[Problem, ...] = tuple(rows)
-        later: list[Problem] = []
-        if focus is Focus.SIMULATION and self.has_noise_model:
-            problems = self._free_run_problems(data, estimate)
-            known = self.deterministic_index()
-            later = [Remaining(row, known) for row in rows if not np.all(np.isin(row.index, known))]
-        if stable:
-            n = sum(self.layout(i).n for i in range(self.ny))
-            problems = (Stacked(problems, self.stable, n),)
-        return (*problems, *later)
-
-    def _free_run_problems(
-        self, data: Sequence[tuple[Array, Array]], estimate: bool
-    ) -> tuple[Problem, ...]:
-        if "f" not in self.letters:
-            return (FreeRunErrors(self, data, estimate),)
-        known = self.deterministic_index()
-        rows = []
-        for i in range(self.ny):
-            index = self.row_index(i)
-            output_error = replace(self.layout(i), nc=0, nd=0)
-            kept = index[np.isin(index, known)]
-            rows.append(RowErrors(output_error, kept, data, estimate, search=True))
-        return tuple(rows)
 
     def deterministic_index(self) -> Index:
         """Entries of θ that belong to A, B and F."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -30,9 +30,6 @@ from sysid.structures.narmax.options import SELECTIONS, explicit_terms, require_
 from sysid.structures.narmax.problems import ChunkedRuns, OneStep
 from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.orders import MAX_ORDER, spread
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
 
 
 @dataclass(frozen=True)
@@ -208,12 +205,6 @@ class NARMAX(RecursiveStructure):
         return max((f.lag for row in self.rows for t in row for f in t if f.kind != "e"), default=0)
 
     # ----------------------------------------------------------------- runs
-
-    def fitter(self) -> "Fitter":
-        """Terms chosen, then their coefficients."""
-        from sysid.structures.narmax.fit import fit_narmax
-
-        return fit_narmax
 
     def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
         """k-step-ahead predictions: free runs of k steps from the measured past, at every sample.

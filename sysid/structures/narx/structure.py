@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -29,9 +29,6 @@ from sysid.structures.narx.wavelet_network import (
 )
 from sysid.structures.orders import spread
 
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
-
 
 @dataclass(frozen=True)
 class NarxWavelet(RecursiveStructure):
@@ -56,9 +53,7 @@ class NarxWavelet(RecursiveStructure):
     )
     when: ClassVar[str] = "friction, dead zones, saturation: nonlinearities of unknown form"
     # products and units see their regressors clipped: what leaves the data comes back more often
-    takes_method: ClassVar[bool] = False
     runaway: ClassVar[float] = 3.0
-    has_losses: ClassVar[bool] = False  # linear algebra over thousands of units
     options: ClassVar[Mapping[str, str]] = narx_options.OPTIONS
 
     @property
@@ -164,12 +159,6 @@ class NarxWavelet(RecursiveStructure):
         return FreeRuns(self.free_run(), data, length)
 
     # ----------------------------------------------------------------- runs
-
-    def fitter(self) -> "Fitter":
-        """Regressors and units chosen, then everything together."""
-        from sysid.structures.narx.fit import fit_narx
-
-        return fit_narx
 
     def gradient_index(self, theta: Array, output: int) -> Index:
         """The output's entries of θ, without shape and place of units that cannot move."""

@@ -1,4 +1,4 @@
-"""From solved problems to the outcome of a fit: covariance, null directions, bounds."""
+"""What a fit gives: from solved problems to covariance, null directions and bounds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,11 +7,41 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.errors import Termination
+from sysid.fitting.outliers import Outliers
 from sysid.fitting.problem import Parameter, Problem
+from sysid.fitting.searchable import StartReport
 from sysid.fitting.solvers import Solution
 from sysid.fitting.uncertainty import Uncertainty, uncertainty
 from sysid.structures.base import Structure
-from sysid.structures.outcome import FitOutcome, StartReport
+
+
+@dataclass(frozen=True, eq=False)
+class FitOutcome:
+    """What a fit found.
+
+    Attributes:
+        structure: what was fitted; with what was read off the data, where a structure does that.
+        parameters: names, bounds and fixed values of θ.
+        theta: estimates, (n,).
+        covariance: their covariance, (n, n), infinite where the data say nothing.
+        null: directions without information, (n, n_null).
+        n_states: initial states that were estimated.
+        at_bound: names of the parameters that ended on a bound.
+        warnings: what the user should know.
+        outliers: what was left out of each record, empty where nothing was looked for.
+    """
+
+    structure: Structure
+    parameters: tuple[Parameter, ...]
+    theta: Array
+    covariance: Array
+    null: Array
+    n_states: int = 0
+    termination: Termination = Termination.CONVERGED_COST
+    at_bound: tuple[str, ...] = ()
+    starts: tuple[StartReport, ...] = ()
+    warnings: tuple[str, ...] = ()
+    outliers: tuple[Outliers, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,14 +13,15 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.fitting.profile import profiled
 from sysid.fitting.robust import huber_widths
+from sysid.fitting.searchable import InitialGuesses, StartReport
 from sysid.fitting.solvers import Solution
+from sysid.methods.grey_box_starts import Setting, cost_of, started
+from sysid.methods.method import Method
+from sysid.methods.outcome import FitOutcome, Part, outcome_of, with_covariance
 from sysid.structures.base import Structure
 from sysid.structures.grey_box.constants import Rung
 from sysid.structures.grey_box.runs import Masks
-from sysid.structures.grey_box.starts import Setting, cost_of, started
 from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.outcome import FitOutcome, InitialGuesses, StartReport
-from sysid.structures.solved import Part, outcome_of, with_covariance
 
 Mask = NDArray[np.bool_]
 
@@ -303,3 +304,6 @@ def _outcome(
         covariance[k, :] *= wider
         covariance[:, k] *= wider
     return replace(outcome, covariance=covariance)
+
+
+METHOD = Method(by_multi_start, takes_method=False)

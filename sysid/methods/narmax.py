@@ -11,7 +11,11 @@ from sysid.errors import DataError, Termination, UsageError, argument
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter, Problem
 from sysid.fitting.robust import huber_widths, weighted
+from sysid.fitting.searchable import StartReport
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
+from sysid.methods.held_out_error import free_run_error
+from sysid.methods.method import Method
+from sysid.methods.outcome import FitOutcome, outcome_of, with_covariance, worst
 from sysid.structures.base import Structure
 from sysid.structures.difference_equations.frols import forward, term_gram
 from sysid.structures.difference_equations.monomials import Term, is_noise
@@ -21,15 +25,12 @@ from sysid.structures.difference_equations.trials import (
     Estimate,
     start_report,
 )
-from sysid.structures.held_out_error import free_run_error
 from sysid.structures.narmax.noise_terms import with_noise_terms
 from sysid.structures.narmax.problems import ChunkedRuns
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narmax.term_search import search_terms
 from sysid.structures.narmax.term_trials import LADDER, Row
 from sysid.structures.orders import Orders
-from sysid.structures.outcome import FitOutcome, StartReport
-from sysid.structures.solved import outcome_of, with_covariance, worst
 
 SEARCH_EVALUATIONS = 20
 FINAL_EVALUATIONS = 60
@@ -334,3 +335,6 @@ def _outcome(
     return replace(
         outcome, termination=Termination.CLOSED_FORM if linear and ending.good else ending
     )
+
+
+METHOD = Method(fit_narmax)

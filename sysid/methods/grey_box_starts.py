@@ -14,10 +14,10 @@ from sysid.errors import ModelError, Termination
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
+from sysid.fitting.searchable import StartReport
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt, many_starts
 from sysid.structures.grey_box.runs import GreyErrors, Masks, scan
 from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.outcome import StartReport
 
 STARTS = 12
 """Starts of the search: the guesses read off the data, then variations of them."""

@@ -1,18 +1,22 @@
 """Fit of an augmented structure from its own values, by its free run."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.errors import ModelError
 from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Parameter
+from sysid.fitting.problem import Focus, Initial, Parameter, Problem
+from sysid.fitting.searchable import InitialGuesses, Searchable
 from sysid.fitting.uncertainty import with_infinite
+from sysid.methods.method import Method
+from sysid.methods.outcome import FitOutcome
+from sysid.methods.search import by_search
+from sysid.structures.augmented.runs import ChainRuns
+from sysid.structures.augmented.structure import Augmented
 from sysid.structures.base import Structure
-from sysid.structures.outcome import FitOutcome, InitialGuesses
-from sysid.structures.search import by_search
 
 EVALUATIONS = 40
 """Usual limit: the search starts where another one ended."""
@@ -26,6 +30,23 @@ allow, else its value) is not determined: such errors say how flat the slopes ar
 
 TAKES_PART = 0.1
 """Least weight of a parameter in such a combination."""
+
+
+@dataclass(frozen=True)
+class ChainSearch(Searchable):
+    """The search of an augmented structure's θ, by its free run."""
+
+    structure: Augmented
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """One: the errors of the free run, from the first measurements on.
+
+        The diagnosis finds effects and their first values in its full model; from there on the
+        structure is fitted like any other.
+        """
+        return (ChainRuns(self.structure, [(r.u, r.y) for r in records]),)
 
 
 def fit(
@@ -50,7 +71,9 @@ def fit(
         max_evaluations=options.limit(EVALUATIONS),
         tolerance=options.precision(TOLERANCE),
     )
-    outcome = by_search(structure, records, limited, parameters, initial_guesses)
+    assert isinstance(structure, Augmented)
+    search = ChainSearch(structure)
+    outcome = by_search(structure, records, limited, parameters, initial_guesses, search)
     more = _undetermined(outcome)
     if not more.size:
         return outcome
@@ -73,3 +96,6 @@ def _undetermined(outcome: FitOutcome) -> Array:
     directions = np.zeros((len(outcome.theta), int(np.sum(open_))))
     directions[at] = np.where(np.abs(vectors[:, open_]) > TAKES_PART, vectors[:, open_], 0.0)
     return directions
+
+
+METHOD = Method(fit, begins_at_values=True)

@@ -16,7 +16,11 @@ from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
 from sysid.fitting.robust import huber_widths
+from sysid.fitting.searchable import InitialGuesses, StartReport
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
+from sysid.methods.method import Method
+from sysid.methods.outcome import FitOutcome, outcome_of, with_covariance
+from sysid.methods.search import STATE_LEVEL
 from sysid.structures.base import Structure
 from sysid.structures.blocks import hammerstein_wiener_proposals, wiener_hammerstein_proposals
 from sysid.structures.blocks.gains import normalised
@@ -24,9 +28,6 @@ from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.structure import BlockStructure
 from sysid.structures.blocks.trials import ChainData, Effort, Trial, outer_abscissae
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
-from sysid.structures.outcome import FitOutcome, InitialGuesses, StartReport
-from sysid.structures.search import STATE_LEVEL
-from sysid.structures.solved import outcome_of, with_covariance
 
 EVALUATIONS = 100
 """Limit of the descent on the normal equations before the last search."""
@@ -260,3 +261,6 @@ class _LastSearch:
         data = self.data if states else self.at_rest
         part = with_covariance(data.problem(self.structure.chain), best, which)
         return outcome_of(self.structure, self.table, best.p[:n], [part], reports)
+
+
+METHOD = Method(fit, refit, takes_method=False)

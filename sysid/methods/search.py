@@ -19,6 +19,7 @@ from sysid.fitting.problem import (
     Problem,
 )
 from sysid.fitting.robust import UNBOUNDED, huber_widths, weighted
+from sysid.fitting.searchable import InitialGuesses, Searchable, StartReport
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
 from sysid.fitting.state_prior import (
     PriorStates,
@@ -27,9 +28,9 @@ from sysid.fitting.state_prior import (
     descend_with_prior,
 )
 from sysid.fitting.uncertainty import PART, with_infinite
+from sysid.methods.method import Method
+from sysid.methods.outcome import FitOutcome, Part, outcome_of, with_covariance
 from sysid.structures.base import Structure
-from sysid.structures.outcome import FitOutcome, InitialGuesses, StartReport
-from sysid.structures.solved import Part, outcome_of, with_covariance
 
 STATE_LEVEL = 0.99
 """Confidence beyond which initial states are estimated rather than taken as zero."""
@@ -60,11 +61,13 @@ class Search:
     def __init__(
         self,
         structure: Structure,
+        asked: Searchable,
         records: Sequence[Record],
         options: FitOptions,
         parameters: Sequence[Parameter],
     ) -> None:
-        self.structure, self.records, self.options = structure, records, options
+        self.structure, self.asked = structure, asked
+        self.records, self.options = records, options
         self.lower = np.array([p.lower for p in parameters])
         self.upper = np.array([p.upper for p in parameters])
         self.fixed = np.array([np.nan if p.fixed is None else p.fixed for p in parameters])
@@ -103,12 +106,12 @@ class Search:
         return theta, parts, tuple(reports)
 
     def _own_starts(self) -> Sequence[tuple[str, Array]]:
-        return self.structure.starts(self.records, self.options.focus)
+        return self.asked.starts(self.records, self.options.focus)
 
     def _problems(self, mode: Initial) -> tuple[Problem, ...]:
         mode = Initial.ESTIMATED if mode is Initial.BACKCAST else mode
         o = self.options
-        problems = self.structure.problems(self.records, o.focus, mode, o.stable)
+        problems = self.asked.problems(self.records, o.focus, mode, o.stable)
         return tuple(weighted(p, self.records) for p in problems)
 
     def _admissible(self, theta: Array) -> Array:
@@ -116,7 +119,7 @@ class Search:
         out = np.where(is_fixed, np.nan_to_num(self.fixed), theta)
         run_freely = self.options.stable or self.options.focus is Focus.SIMULATION
         if run_freely:
-            out = np.where(is_fixed, out, self.structure.stabilised(out))
+            out = np.where(is_fixed, out, self.asked.stabilised(out))
         return np.clip(out, self.lower, self.upper)
 
     @staticmethod
@@ -266,7 +269,7 @@ class Search:
 
     def _levels(self, problem: Problem) -> Index:
         """Entries of p that are levels: coefficients of a constant input."""
-        return np.flatnonzero(np.isin(problem.index, self.structure.offset_entries()))
+        return np.flatnonzero(np.isin(problem.index, self.asked.offset_entries()))
 
     @staticmethod
     def _state_columns(problem: Problem, p: Array, levels: Index) -> tuple[Array, Index]:
@@ -350,11 +353,27 @@ def by_search(
     options: FitOptions,
     parameters: tuple[Parameter, ...],
     initial_guesses: InitialGuesses,
+    asked: Searchable | None = None,
 ) -> FitOutcome:
-    """A search from every known start, problem after problem."""
-    theta, parts, starts = Search(structure, records, options, parameters).run(initial_guesses)
+    """A search from every known start, problem after problem.
+
+    Args:
+        asked: what the search asks of the structure; the structure itself where it says it.
+
+    Raises:
+        ModelError: no start gives a finite cost, or the structure is not searchable.
+    """
+    if asked is None:
+        if not isinstance(structure, Searchable):
+            raise ModelError(
+                f"{structure.name} has no method: derive it from Searchable too, or name a Method "
+                "in the entry-point group sysid.methods"
+            )
+        asked = structure
+    search = Search(structure, asked, records, options, parameters)
+    theta, parts, starts = search.run(initial_guesses)
     outcome = outcome_of(structure, parameters, theta, parts, starts)
-    more = structure.open_directions(records)
+    more = asked.open_directions(records)
     covariance, null = _with_open(more, outcome.covariance, outcome.null)
     return replace(outcome, covariance=covariance, null=null)
 
@@ -366,3 +385,6 @@ def _with_open(more: Array, covariance: Array, null: Array) -> tuple[Array, Arra
     covered = np.max(np.abs(more), axis=1) > PART
     fresh = [d for d in null.T if np.any(np.abs(d[~covered]) > PART)]
     return with_infinite(covariance, more), np.column_stack([*fresh, *more.T])
+
+
+METHOD = Method(by_search)
