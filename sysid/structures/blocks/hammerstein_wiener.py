@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sysid.data.record import Channel
@@ -14,10 +13,26 @@ from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY, Static
 from sysid.structures.blocks.static.options import RequestedStatics, option_names, requested_statics
-from sysid.structures.blocks.structure import BlockStructure, statics_from_json, statics_to_json
+from sysid.structures.blocks.structure import (
+    BlockStructure,
+    block_traits,
+    statics_from_json,
+    statics_to_json,
+)
 from sysid.structures.orders import Orders, spread
+from sysid.structures.traits import Traits
 
 FORMS = ("both", "hammerstein", "wiener")
+
+
+OPTIONS: Mapping[str, str] = {
+    "input": "static before the linear block, e.g. dead-zone, saturation, piecewise:8, "
+    "polynomial:3, or stages joined by commas; input[NAME]=… for one channel; auto "
+    "(default) chooses on held-out data",
+    "output": "static after it, e.g. abs,polynomial:3; output[NAME]=… for one channel; "
+    "auto (default) chooses on held-out data",
+    "form": "both (default), hammerstein (no output static) or wiener (no input static)",
+}
 
 
 @dataclass(frozen=True)
@@ -37,21 +52,12 @@ class HammersteinWiener(BlockStructure):
     """
 
     name: ClassVar[str] = "hammerstein-wiener"
-    title: ClassVar[str] = "Hammerstein-Wiener: a static before and after a linear block"
-    equation: ClassVar[str] = "y(t) = g(B(q)/F(q) f(u(t))) + e(t)"
-    when: ClassVar[str] = (
-        "dead zone, saturation or a curved gain at the actuator, a curved or sign-less sensor"
-    )
-    order_names: ClassVar[tuple[str, ...]] = ("nb", "nf", "nk")
-    options: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {
-            "input": "static before the linear block, e.g. dead-zone, saturation, piecewise:8, "
-            "polynomial:3, or stages joined by commas; input[NAME]=… for one channel; auto "
-            "(default) chooses on held-out data",
-            "output": "static after it, e.g. abs,polynomial:3; output[NAME]=… for one channel; "
-            "auto (default) chooses on held-out data",
-            "form": "both (default), hammerstein (no output static) or wiener (no input static)",
-        }
+    traits: ClassVar[Traits] = block_traits(
+        title="Hammerstein-Wiener: a static before and after a linear block",
+        equation="y(t) = g(B(q)/F(q) f(u(t))) + e(t)",
+        when="dead zone, saturation or a curved gain at the actuator, a curved or sign-less sensor",
+        order_names=("nb", "nf", "nk"),
+        options=OPTIONS,
     )
 
     orders: Orders
@@ -70,7 +76,7 @@ class HammersteinWiener(BlockStructure):
             UsageError: an order, option or static cannot be read.
         """
         given = dict(options or {})
-        refuse_options(cls.name, option_names(given), tuple(cls.options))
+        refuse_options(cls.name, option_names(given), tuple(cls.traits.options))
         form = given.pop("form", "both").lower()
         if form not in FORMS:
             raise UsageError(
@@ -135,7 +141,7 @@ class HammersteinWiener(BlockStructure):
         return replace(self, inputs=before.statics, outputs=after.statics)
 
     def order_values(self) -> dict[str, Any]:
-        names = ("nk",) if self.choose_orders else self.order_names
+        names = ("nk",) if self.choose_orders else self.traits.order_names
         return {name: self.orders.value(name) for name in names}
 
     def settings(self) -> dict[str, Any]:

@@ -156,5 +156,5 @@ def signless(
 def _label(s: HammersteinWiener) -> str:
     ins = " ".join(dict.fromkeys(f.text for f in s.inputs))
     outs = " ".join(dict.fromkeys(g.text for g in s.outputs))
-    orders = {n: s.orders.value(n) for n in s.order_names}
+    orders = {n: s.orders.value(n) for n in s.traits.order_names}
     return f"{orders_text(orders)}, input {ins}, output {outs}"

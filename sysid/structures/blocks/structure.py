@@ -3,7 +3,8 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +19,22 @@ from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import Static
 from sysid.structures.blocks.static.kinds import Stage, spline_knots
 from sysid.structures.linear.polynomial import _pole, _text
+from sysid.structures.motion import poles
+from sysid.structures.special_runs import stable_each
+from sysid.structures.traits import Traits
+
+# the edges of a static are values of the command itself
+block_traits = partial(
+    Traits,
+    tells="static curves (dead zone, saturation), and the poles between them",
+    stable_by_meaning=True,
+    from_zero=True,
+)
 
 
 @dataclass(frozen=True)
 class BlockStructure(NamedStructure):
     """Base of the block-oriented structures: everything follows from the chain of blocks."""
-
-    has_noise_model: ClassVar[bool] = False
-    tells: ClassVar[str] = "static curves (dead zone, saturation), and the poles between them"
-    stable_by_meaning: ClassVar[bool] = True
 
     @classmethod
     def candidate_orders(
@@ -48,11 +56,6 @@ class BlockStructure(NamedStructure):
     @abstractmethod
     def with_chain(self, chain: BlockChain) -> "BlockStructure":
         """This structure with the statics of another chain of the same layers."""
-
-    @property
-    def counts_from_zero(self) -> bool:
-        """Always: the edges of a static are values of the command itself."""
-        return True
 
     @property
     def nu(self) -> int:
@@ -117,10 +120,6 @@ class BlockStructure(NamedStructure):
     def n_states(self, theta: Array) -> int:
         return self.chain.n_states
 
-    def poles(self, theta: Array) -> NDArray[np.complex128]:
-        roots = [np.roots(F) for F in self.chain.denominators(theta)]
-        return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
-
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
         return self.chain.fitted_state(theta, u, y, samples)
 
@@ -147,9 +146,6 @@ class BlockStructure(NamedStructure):
         bounded inputs then give bounded outputs.
         """
         return self.chain.admissible(theta)
-
-    def stable_each(self, thetas: Array) -> NDArray[np.bool_]:
-        return self.chain.admissible_each(thetas)
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output's free run, (N, n)."""
@@ -215,8 +211,8 @@ class BlockStructure(NamedStructure):
                     }
                     for i, j, _, _, B, F in layer.entries(p)
                 ]
-        poles = [_pole(complex(z), dt) for z in self.poles(theta)]
-        return {"stable": self.stable(theta), "poles": poles, "blocks": blocks}
+        z_plane = [_pole(complex(z), dt) for z in poles(self, theta)]
+        return {"stable": self.stable(theta), "poles": z_plane, "blocks": blocks}
 
 
 def statics_to_json(statics: Sequence[Static]) -> list[dict[str, Any]]:
@@ -253,3 +249,14 @@ def _fresh(letter: str, n: int) -> list[str]:
 
 def _finite(top: float, bottom: float) -> float | None:
     return top / bottom if bottom else None
+
+
+@poles.register
+def _(s: BlockStructure, theta: Array) -> NDArray[np.complex128]:
+    roots = [np.roots(F) for F in s.chain.denominators(theta)]
+    return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
+
+
+@stable_each.register
+def _(s: BlockStructure, thetas: Array) -> NDArray[np.bool_]:
+    return s.chain.admissible_each(thetas)
