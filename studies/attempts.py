@@ -120,7 +120,7 @@ class Fitted:
 
 def attempts(record: str) -> tuple[Attempt, ...]:
     """By default options: the best linear structure, then every nonlinear one."""
-    nonlinear = [name for name in BUILT_IN if not structure_class(name).linear]
+    nonlinear = [name for name in BUILT_IN if not structure_class(name).traits.linear]
     names = (BEST_LINEAR, *(n for n in nonlinear if record in RIGS.get(n, (record,))))
     return tuple(Attempt(record, n, options=OPTIONS.get((record, n), {})) for n in names)
 

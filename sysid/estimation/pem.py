@@ -23,9 +23,9 @@ from sysid.methods.method import Fitter
 from sysid.methods.outcome import FitOutcome
 from sysid.methods.table import method_of
 from sysid.structures.base import Structure
-from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, Provenance, Source
+from sysid.structures.motion import initial_state_window
 from sysid.version import __version__
 
 
@@ -101,7 +101,7 @@ def offsets_of(structure: Structure, facts: LogFacts, detrend: Detrend | Offsets
         offsets = Offsets.of_detrend(detrend)
     elif isinstance(detrend, Offsets):
         offsets = detrend
-    elif structure.physical:
+    elif structure.traits.physical:
         return Offsets.none(structure.nu, structure.ny)
     else:
         # it tries models on held-out data, which are fitted here
@@ -166,7 +166,7 @@ def _constrained(
     Raises:
         UsageError: they do not fit the structure, or its free run has nothing to run on.
     """
-    if not structure.takes_inputs and options.focus is Focus.SIMULATION:
+    if not structure.traits.takes_inputs and options.focus is Focus.SIMULATION:
         raise UsageError(
             f"{structure.name} has no input, so that its free run from rest stays at zero; fit it "
             "with the focus on prediction"

@@ -15,7 +15,7 @@ from sysid.methods.method import Fitter
 from sysid.methods.outcome import FitOutcome
 from sysid.methods.table import method_of
 from sysid.structures.base import Structure
-from sysid.structures.initial_state_window import initial_state_window
+from sysid.structures.motion import initial_state_window
 
 ROUNDS = 4
 """Fits at most. Outliers are detected ever better as the model becomes free of them; from one

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.structures.base import Structure
-from sysid.structures.initial_state_window import initial_state_window
+from sysid.structures.motion import initial_state_window
 
 OUTLYING = 3.0
 """Errors beyond this many (robust) standard deviations are outliers to a robust score."""

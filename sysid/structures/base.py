@@ -1,52 +1,40 @@
-"""Structure: dynamics that can be fitted; NamedStructure: one that users choose by name."""
+"""Structure: what a model is; NamedStructure: one that users choose by name."""
 
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
+from functools import singledispatch
 from typing import Any, ClassVar, Self
 
-import numpy as np
-
-from sysid.data.record import Array, Channel, Index
+from sysid.data.record import Array, Channel
 from sysid.errors import UsageError
 from sysid.fitting.problem import Parameter
-from sysid.structures.dynamics import Dynamics
-from sysid.structures.orders import ORDER_WORDS
+from sysid.structures.traits import Traits
 
 
 @dataclass(frozen=True)
-class Structure(Dynamics):
-    """Dynamics with what a fit is judged by: parameters, prediction errors and their slopes.
+class Structure(ABC):
+    """A difference equation whose numbers are one vector θ, and its prediction errors.
 
-    Everything is a pure function of one parameter vector θ. Subclasses are frozen dataclasses.
-    Residuals of structures that are not ``linear`` are tested for what a nonlinear model may have
-    missed, too.
+        x(t+1) = f(x(t), u(t); θ),  y(t) = g(x(t), u(t); θ)
+
+    Everything is a pure function of θ. Subclasses are frozen dataclasses. How one is fitted stands
+    in ``sysid.methods``, other ways to run it in ``special_runs``, its poles in ``motion``, what it
+    says of a vehicle in ``physics``.
     """
 
-    order_names: ClassVar[tuple[str, ...]]
-    has_noise_model: ClassVar[bool]
-    tells: ClassVar[str] = "the response only, no physical parameters"
-    """What a person can read off its parameters, in a few words."""
-    physical: ClassVar[bool] = False
-    """Whether θ counts from the channels' own zeros, so that nothing may be removed from data."""
-    linear: ClassVar[bool] = False
-    stable_by_meaning: ClassVar[bool] = False
-    """Whether unstable parameters mean nothing: such a predictor cannot be evaluated for long."""
-    chooses_products: ClassVar[bool] = False
-    """Whether a fit chooses among products of past signals."""
-    takes_inputs: ClassVar[bool] = True
-    """Whether it is driven by inputs; one that is not models a signal from its own past."""
+    name: ClassVar[str] = ""
+    traits: ClassVar[Traits]
 
     @property
-    def counts_from_zero(self) -> bool:
-        """Whether what θ says is about the channels' own zeros, so that nothing may be removed."""
-        return self.physical
+    @abstractmethod
+    def nu(self) -> int:
+        """Number of inputs."""
 
     @property
-    def lacks_constant(self) -> str:
-        """Why a structure that counts from zero has no level of its own; empty where it has."""
-        return ""
+    @abstractmethod
+    def ny(self) -> int:
+        """Number of outputs."""
 
     @abstractmethod
     def parameters(
@@ -55,8 +43,36 @@ class Structure(Dynamics):
         """Names, units and bounds of θ."""
 
     @abstractmethod
+    def order_values(self) -> dict[str, Any]:
+        """Orders in their shortest form."""
+
+    def settings(self) -> dict[str, Any]:
+        """What besides orders makes the structure: options, and what was read off the data."""
+        return {}
+
+    @abstractmethod
+    def n_states(self, theta: Array) -> int:
+        """Number of states of the free run."""
+
+    @abstractmethod
     def first_sample(self) -> int:
         """First sample whose one-step prediction needs no value before the record."""
+
+    @abstractmethod
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """(x, u) → (x⁺, y): the free run sample by sample.
+
+        Written over the namespace of its arrays, ``xp = x.__array_namespace__()``, it runs in
+        NumPy and JAX, and an exporter can record it: C needs nothing else.
+        """
+
+    @abstractmethod
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0 (rest when None): outputs (N, ny), as ``step`` gives them."""
+
+    @abstractmethod
+    def stable(self, theta: Array) -> bool:
+        """Whether the free run is bounded for bounded inputs."""
 
     @abstractmethod
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
@@ -76,30 +92,22 @@ class Structure(Dynamics):
 
     @abstractmethod
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of one output's one-step prediction on a record, (N, k), zero rows where NaN."""
+        """∂ŷ/∂θ of one output's one-step prediction on a record, (N, n), zero rows where NaN."""
 
-    def gradient_index(self, theta: Array, output: int) -> Index:
-        """The k entries of θ that the columns of ``gradient_columns`` belong to; all by default."""
-        return np.arange(len(theta))
+    @abstractmethod
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """The equations with their numbers, one line each, as a person would write them."""
+
+    @abstractmethod
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Poles, zeros, static gain …: JSON-able facts that follow from θ, to be shown."""
 
 
 @dataclass(frozen=True)
 class NamedStructure(Structure):
     """A structure that users ask for by its ``name``; the registry holds nothing else."""
-
-    when: ClassVar[str]
-    """For which machines and logs, in a few words."""
-    options: ClassVar[Mapping[str, str]] = MappingProxyType({})
-    """Each option that ``from_orders`` accepts, with a sentence."""
-    order_words: ClassVar[Mapping[str, str]] = ORDER_WORDS
-    """What each order is, in a few words."""
-    by_default: ClassVar[bool] = False
-    """Whether it is fitted where the user names no structure."""
-    search_cost: ClassVar[float] = 1.0
-    """Rough cost of fitting one candidate order, against others: the longest searches go first."""
-    solved_at_once: ClassVar[bool] = False
-    """Whether all candidate orders share one pass of linear algebra, so that none is a start;
-    true of ARX and what derives from it."""
 
     @classmethod
     @abstractmethod
@@ -120,13 +128,21 @@ class NamedStructure(Structure):
         return ()
 
     @classmethod
-    def constant_words(cls) -> tuple[Mapping[str, str], ...]:
-        """Name, meaning, unit and estimation of each physical constant; none by default."""
-        return ()
-
-    @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
+        """What a file says of it, {orders, settings, nu, ny}: undo ``order_values, settings``."""
         return cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
+
+
+@singledispatch
+def counts_from_zero(structure: Structure) -> bool:
+    """Whether what θ says is about the channels' own zeros, so that nothing may be removed."""
+    return structure.traits.physical or structure.traits.from_zero
+
+
+@singledispatch
+def lacks_constant(structure: Structure) -> str:
+    """Why a structure that counts from zero has no offset of its own; empty where it has."""
+    return ""
 
 
 def refuse_options(structure: str, options: Mapping[str, str] | None, known: Sequence[str]) -> None:

@@ -26,8 +26,8 @@ from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.methods.search import LONG, Search
-from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.searchable import LinearSearch
+from sysid.structures.motion import initial_state_window
 from sysid.structures.registry import structure_class
 
 MEASURED = Path(os.environ.get("SYSID_DATA", "../shared/data"))
@@ -350,7 +350,7 @@ def test_a_long_record_is_searched_from_pieces_of_it(name: str) -> None:
 def test_a_method_that_does_not_act_is_refused(name: str) -> None:
     rng = np.random.default_rng(0)
     record = Record(rng.standard_normal((200, 1)), rng.standard_normal((200, 1)), 0.1)
-    orders = " ".join(f"{o}=1" for o in structure_class(name).order_names) or None
+    orders = " ".join(f"{o}=1" for o in structure_class(name).traits.order_names) or None
     request = Request(
         structures=(name,),
         orders=orders,

@@ -24,8 +24,8 @@ from sysid.structures.grey_box.constants import Constant, Rung
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.grey_box.tanks import Tanks
-from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.model import Model
+from sysid.structures.motion import initial_state_window
 from sysid.structures.registry import structure_class
 
 VOLTS = Channel("u", "V")

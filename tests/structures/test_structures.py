@@ -27,6 +27,7 @@ from sysid.structures.registry import (
     structure_class,
     structure_classes,
     structure_from_json,
+    structure_to_json,
 )
 
 every_focus = pytest.mark.parametrize("focus", list(Focus))
@@ -132,7 +133,7 @@ def test_a_saved_model_is_the_same_model(name: str, tmp_path: Path) -> None:
     assert again.parameter_table() == model.parameter_table()
     assert again.criteria == model.criteria
     assert again.termination is model.termination
-    assert structure_from_json(model.structure.to_json()) == model.structure
+    assert structure_from_json(structure_to_json(model.structure)) == model.structure
 
 
 def test_infinite_variance_and_unsearched_starts_survive_saving(tmp_path: Path) -> None:
@@ -369,9 +370,9 @@ def test_the_equation_is_written_as_a_person_would() -> None:
 def test_every_structure_says_what_it_is_and_when_to_use_it() -> None:
     for name, found in structure_classes().items():
         assert found.name == name
-        assert found.title
-        assert found.when
-        assert found.equation
+        assert found.traits.title
+        assert found.traits.when
+        assert found.traits.equation
     with pytest.raises(UsageError, match="choose one of"):
         structure_class("arxx")
     assert structure_class("ARMAX").name == "armax"

@@ -72,7 +72,7 @@ def fit_with_offset(
     """
     records = facts.records
     wide = with_constant(structure, offsets.estimated)
-    known = offsets.at_rest and len(records) == 1 and not structure.has_noise_model
+    known = offsets.at_rest and len(records) == 1 and not structure.traits.has_noise_model
     if known and options.initial is Initial.AUTO:
         # zero about the rest; estimated, they would be hard to distinguish from an offset. What a
         # noise model remembers of the time before the record is not known.

@@ -233,6 +233,6 @@ def _origin(model: Model, given: bool) -> str:
         return "fitted; it has no orders"
     if given:
         return "fitted with the orders given"
-    if model.structure.linear:
+    if model.structure.traits.linear:
         return "the only orders that so short a record bears"
     return "chosen by the structure's own search in the estimation data"

@@ -46,7 +46,9 @@ def plant_sources(
     code = "\n".join((*written.support, *written.body, *written.following))
     values = [v for _, v in places(written.parameters)]
     common = {
-        "title": f"{name}: {model.structure.title}" if name else model.structure.title,
+        "title": f"{name}: {model.structure.traits.title}"
+        if name
+        else model.structure.traits.title,
         "model": model,
         "step": written,
     }

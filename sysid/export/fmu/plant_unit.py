@@ -11,6 +11,7 @@ from sysid.export.c.step import tunable_parameters
 from sysid.export.fmu.description import Role, Unit, Variable, named_apart
 from sysid.export.templates import fill
 from sysid.structures.model import Model
+from sysid.structures.motion import time_constants
 from sysid.structures.plant import Plant
 
 _DEAD_AFTER = 40.0
@@ -80,7 +81,7 @@ def plant_unit(source: Source) -> Unit:
 
 def _settling_samples(model: Model) -> int:
     """Samples after which nothing moves any more under one input, where anything comes to rest."""
-    modes = model.structure.time_constants(model.theta)
+    modes = time_constants(model.structure, model.theta)
     slowest = max((float(t) for t in modes if math.isfinite(t)), default=0.0)
     delays = model.structure.n_states(model.theta) + 10  # a delay is a row of states
     return int(min(math.ceil(_DEAD_AFTER * slowest) + delays, _MOST_SETTLING))

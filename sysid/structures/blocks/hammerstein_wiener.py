@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sysid.errors import UsageError
@@ -12,10 +11,21 @@ from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY
 from sysid.structures.blocks.static.options import option_names, requested_statics
-from sysid.structures.blocks.structure import BlockStructure
+from sysid.structures.blocks.structure import BlockStructure, block_traits
 from sysid.structures.orders import spread
+from sysid.structures.traits import Traits
 
 FORMS = ("both", "hammerstein", "wiener")
+
+
+OPTIONS: Mapping[str, str] = {
+    "input": "static before the linear block, e.g. dead-zone, saturation, piecewise:8, "
+    "polynomial:3, or stages joined by commas; input[NAME]=… for one channel; auto "
+    "(default) chooses on held-out data",
+    "output": "static after it, e.g. abs,polynomial:3; output[NAME]=… for one channel; "
+    "auto (default) chooses on held-out data",
+    "form": "both (default), hammerstein (no output static) or wiener (no input static)",
+}
 
 
 @dataclass(frozen=True)
@@ -29,25 +39,16 @@ class HammersteinWiener(BlockStructure):
     """
 
     name: ClassVar[str] = "hammerstein-wiener"
-    title: ClassVar[str] = "Hammerstein-Wiener: a static before and after a linear block"
-    equation: ClassVar[str] = "y(t) = g(B(q)/F(q) f(u(t))) + e(t)"
-    when: ClassVar[str] = (
-        "dead zone, saturation or a curved gain at the actuator, a curved or sign-less sensor"
-    )
-    order_names: ClassVar[tuple[str, ...]] = ("nb", "nf", "nk")
-    options: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {
-            "input": "static before the linear block, e.g. dead-zone, saturation, piecewise:8, "
-            "polynomial:3, or stages joined by commas; input[NAME]=… for one channel; auto "
-            "(default) chooses on held-out data",
-            "output": "static after it, e.g. abs,polynomial:3; output[NAME]=… for one channel; "
-            "auto (default) chooses on held-out data",
-            "form": "both (default), hammerstein (no output static) or wiener (no input static)",
-        }
+    traits: ClassVar[Traits] = block_traits(
+        title="Hammerstein-Wiener: a static before and after a linear block",
+        equation="y(t) = g(B(q)/F(q) f(u(t))) + e(t)",
+        when="dead zone, saturation or a curved gain at the actuator, a curved or sign-less sensor",
+        order_names=("nb", "nf", "nk"),
+        options=OPTIONS,
     )
 
     layer_names: ClassVar[tuple[str, ...]] = ("input", "", "output")
-    places: ClassVar[Mapping[str, int]] = MappingProxyType({"input": 0, "output": 2})
+    places: ClassVar[Mapping[str, int]] = {"input": 0, "output": 2}
 
     @classmethod
     def from_orders(
@@ -59,7 +60,7 @@ class HammersteinWiener(BlockStructure):
             UsageError: an order, option or static cannot be read.
         """
         given = dict(options or {})
-        refuse_options(cls.name, option_names(given), tuple(cls.options))
+        refuse_options(cls.name, option_names(given), tuple(cls.traits.options))
         form = given.pop("form", "both").lower()
         if form not in FORMS:
             raise UsageError(
@@ -88,5 +89,5 @@ class HammersteinWiener(BlockStructure):
         )
 
     def order_values(self) -> dict[str, Any]:
-        names = ("nk",) if self.choose_orders else self.order_names
+        names = ("nk",) if self.choose_orders else self.traits.order_names
         return {name: self.orders.value(name) for name in names}

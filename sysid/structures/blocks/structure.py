@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -19,7 +20,18 @@ from sysid.structures.blocks.static.functions import IDENTITY, Static
 from sysid.structures.blocks.static.kinds import Stage, spline_knots
 from sysid.structures.blocks.static.options import RequestedStatics
 from sysid.structures.linear.polynomial import _pole, _text
+from sysid.structures.motion import poles
 from sysid.structures.orders import Orders, orders_text
+from sysid.structures.special_runs import stable_each
+from sysid.structures.traits import Traits
+
+# the edges of a static are values of the command itself
+block_traits = partial(
+    Traits,
+    tells="static curves (dead zone, saturation), and the poles between them",
+    stable_by_meaning=True,
+    from_zero=True,
+)
 
 
 @dataclass(frozen=True)
@@ -34,9 +46,6 @@ class BlockStructure(NamedStructure):
         choose_orders: whether the orders are open too.
     """
 
-    has_noise_model: ClassVar[bool] = False
-    tells: ClassVar[str] = "static curves (dead zone, saturation), and the poles between them"
-    stable_by_meaning: ClassVar[bool] = True
     layer_names: ClassVar[tuple[str, ...]]
     """What each layer is called in parameter names; empty for the main linear block."""
     places: ClassVar[Mapping[str, int]]
@@ -94,11 +103,6 @@ class BlockStructure(NamedStructure):
         kinds = [" ".join(dict.fromkeys(s.text for s in statics)) for statics in self.statics]
         at = (f"{place} {texts}" for place, texts in zip(self.places, kinds, strict=True))
         return ", ".join([orders_text(self.order_values()), *at])
-
-    @property
-    def counts_from_zero(self) -> bool:
-        """Always: the edges of a static are values of the command itself."""
-        return True
 
     @property
     def nu(self) -> int:
@@ -179,10 +183,6 @@ class BlockStructure(NamedStructure):
     def n_states(self, theta: Array) -> int:
         return self.chain.n_states
 
-    def poles(self, theta: Array) -> NDArray[np.complex128]:
-        roots = [np.roots(F) for F in self.chain.denominators(theta)]
-        return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
-
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
         return self.chain.fitted_state(theta, u, y, samples)
 
@@ -209,9 +209,6 @@ class BlockStructure(NamedStructure):
         bounded inputs then give bounded outputs.
         """
         return self.chain.admissible(theta)
-
-    def stable_each(self, thetas: Array) -> NDArray[np.bool_]:
-        return self.chain.admissible_each(thetas)
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output's free run, (N, n)."""
@@ -277,8 +274,8 @@ class BlockStructure(NamedStructure):
                     }
                     for i, j, _, _, B, F in layer.entries(p)
                 ]
-        poles = [_pole(complex(z), dt) for z in self.poles(theta)]
-        return {"stable": self.stable(theta), "poles": poles, "blocks": blocks}
+        z_plane = [_pole(complex(z), dt) for z in poles(self, theta)]
+        return {"stable": self.stable(theta), "poles": z_plane, "blocks": blocks}
 
 
 def _static_text(static: Static, p: Array, argument: str) -> str:
@@ -305,3 +302,14 @@ def _fresh(letter: str, n: int) -> list[str]:
 
 def _finite(top: float, bottom: float) -> float | None:
     return top / bottom if bottom else None
+
+
+@poles.register
+def _(s: BlockStructure, theta: Array) -> NDArray[np.complex128]:
+    roots = [np.roots(F) for F in s.chain.denominators(theta)]
+    return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
+
+
+@stable_each.register
+def _(s: BlockStructure, thetas: Array) -> NDArray[np.bool_]:
+    return s.chain.admissible_each(thetas)

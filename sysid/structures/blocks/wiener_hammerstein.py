@@ -12,8 +12,15 @@ from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY
 from sysid.structures.blocks.static.options import option_names, requested_statics
-from sysid.structures.blocks.structure import BlockStructure
+from sysid.structures.blocks.structure import BlockStructure, block_traits
 from sysid.structures.orders import ORDER_WORDS, Matrix, Orders, spread
+from sysid.structures.traits import Traits
+
+OPTIONS: Mapping[str, str] = {
+    "static": "static between the blocks, e.g. dead-zone, saturation-upper, piecewise:8, "
+    "spline:12, polynomial:3, or stages joined by commas; static[NAME]=… for one input; "
+    "auto (default) grows a spline as far as held-out data pay for it"
+}
 
 
 @dataclass(frozen=True)
@@ -27,29 +34,23 @@ class WienerHammerstein(BlockStructure):
     """
 
     name: ClassVar[str] = "wiener-hammerstein"
-    title: ClassVar[str] = "Wiener-Hammerstein: a static between two linear blocks"
-    equation: ClassVar[str] = "y(t) = B(q)/F(q) f(B1(q)/F1(q) u(t)) + e(t)"
-    when: ClassVar[str] = (
-        "a lag before the nonlinearity and one after it: driver, then dead zone, then motor"
-    )
-    order_names: ClassVar[tuple[str, ...]] = ("nb1", "nf1", "nb", "nf", "nk")
-    order_words: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {
-            **ORDER_WORDS,
-            "nb1": "input coefficients of the first block",
-            "nf1": "order of the first block's denominator",
-        }
-    )
-    options: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {
-            "static": "static between the blocks, e.g. dead-zone, saturation-upper, piecewise:8, "
-            "spline:12, polynomial:3, or stages joined by commas; static[NAME]=… for one input; "
-            "auto (default) grows a spline as far as held-out data pay for it"
-        }
+    traits: ClassVar[Traits] = block_traits(
+        title="Wiener-Hammerstein: a static between two linear blocks",
+        equation="y(t) = B(q)/F(q) f(B1(q)/F1(q) u(t)) + e(t)",
+        when="a lag before the nonlinearity and one after it: driver, then dead zone, then motor",
+        order_names=("nb1", "nf1", "nb", "nf", "nk"),
+        order_words=MappingProxyType(
+            {
+                **ORDER_WORDS,
+                "nb1": "input coefficients of the first block",
+                "nf1": "order of the first block's denominator",
+            }
+        ),
+        options=OPTIONS,
     )
 
     layer_names: ClassVar[tuple[str, ...]] = ("first", "static", "", "output")
-    places: ClassVar[Mapping[str, int]] = MappingProxyType({"static": 1})
+    places: ClassVar[Mapping[str, int]] = {"static": 1}
 
     @classmethod
     def from_orders(
@@ -63,18 +64,18 @@ class WienerHammerstein(BlockStructure):
         Raises:
             UsageError: an order, option or static cannot be read.
         """
-        refuse_options(cls.name, option_names(options), tuple(cls.options))
+        refuse_options(cls.name, option_names(options), tuple(cls.traits.options))
         requested = requested_statics("static", options or {})
-        known = {*cls.order_names}
+        known = {*cls.traits.order_names}
         for name in raw:
             if name not in known:
                 raise UsageError(
                     f"`orders`: {cls.name} has no order {name!r}; its orders are "
-                    f"{' '.join(cls.order_names)}"
+                    f"{' '.join(cls.traits.order_names)}"
                 )
         choose = not set(raw) - {"nk"}
         full = {"nb1": 1, "nf1": 1, "nb": 1, "nf": 1, **raw} if choose else dict(raw)
-        for name in cls.order_names[:-1]:
+        for name in cls.traits.order_names[:-1]:
             if name not in full:
                 raise UsageError(
                     f"`orders`: {cls.name} needs {name}; give all of nb1 nf1 nb nf (nk is 1 "

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from sysid.structures.linear.candidates import denominator_orders, numerators
-from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.polynomial import PolynomialStructure, linear_traits
+from sysid.structures.traits import Traits
 
 
 @dataclass(frozen=True)
@@ -13,16 +14,16 @@ class ARMAX(PolynomialStructure):
     """A(q) y(t) = B(q) u(t) + C(q) e(t) (Ljung 1999, eq. 4.14; thesis 3.19)."""
 
     name: ClassVar[str] = "armax"
-    title: ClassVar[str] = "ARMAX: ARX with moving-average noise"
-    equation: ClassVar[str] = "A(q) y(t) = B(q) u(t) + C(q) e(t)"
-    when: ClassVar[str] = (
-        "disturbances that enter early in the process, such as load and friction changes"
+    traits: ClassVar[Traits] = linear_traits(
+        title="ARMAX: ARX with moving-average noise",
+        equation="A(q) y(t) = B(q) u(t) + C(q) e(t)",
+        when="disturbances that enter early in the process, such as load and friction changes",
+        order_names=("na", "nb", "nc", "nk"),
+        has_noise_model=True,
+        by_default=True,
+        search_cost=2.0,
     )
-    order_names: ClassVar[tuple[str, ...]] = ("na", "nb", "nc", "nk")
-    has_noise_model: ClassVar[bool] = True
     letters: ClassVar[str] = "abc"
-    by_default: ClassVar[bool] = True
-    search_cost: ClassVar[float] = 2.0
 
     @classmethod
     def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from sysid.structures.linear.candidates import denominator_orders
-from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.polynomial import PolynomialStructure, linear_traits
+from sysid.structures.traits import Traits
 
 
 @dataclass(frozen=True)
@@ -13,15 +14,17 @@ class BJ(PolynomialStructure):
     """y(t) = B(q)/F(q) u(t) + C(q)/D(q) e(t) (Ljung 1999, eq. 4.31; thesis 3.23)."""
 
     name: ClassVar[str] = "bj"
-    title: ClassVar[str] = "BJ: Box-Jenkins"
-    equation: ClassVar[str] = "y(t) = B(q)/F(q) u(t) + C(q)/D(q) e(t)"
-    when: ClassVar[str] = "coloured sensor-side disturbances that share no dynamics with the plant"
-    order_names: ClassVar[tuple[str, ...]] = ("nb", "nc", "nd", "nf", "nk")
-    has_noise_model: ClassVar[bool] = True
+    traits: ClassVar[Traits] = linear_traits(
+        title="BJ: Box-Jenkins",
+        equation="y(t) = B(q)/F(q) u(t) + C(q)/D(q) e(t)",
+        when="coloured sensor-side disturbances that share no dynamics with the plant",
+        order_names=("nb", "nc", "nd", "nf", "nk"),
+        has_noise_model=True,
+        stable_by_meaning=True,
+        by_default=True,
+        search_cost=4.0,
+    )
     letters: ClassVar[str] = "bcdf"
-    by_default: ClassVar[bool] = True
-    stable_by_meaning: ClassVar[bool] = True
-    search_cost: ClassVar[float] = 4.0
 
     @classmethod
     def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from sysid.structures.linear.candidates import denominator_orders, numerators
-from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.polynomial import PolynomialStructure, linear_traits
+from sysid.structures.traits import Traits
 
 
 @dataclass(frozen=True)
@@ -13,17 +14,17 @@ class OE(PolynomialStructure):
     """y(t) = B(q)/F(q) u(t) + e(t) (Ljung 1999, eq. 4.25; thesis 3.21)."""
 
     name: ClassVar[str] = "oe"
-    title: ClassVar[str] = "OE: output error"
-    equation: ClassVar[str] = "y(t) = B(q)/F(q) u(t) + e(t)"
-    when: ClassVar[str] = (
-        "a model to simulate with: sensor noise only, e.g. encoders; no noise model"
+    traits: ClassVar[Traits] = linear_traits(
+        title="OE: output error",
+        equation="y(t) = B(q)/F(q) u(t) + e(t)",
+        when="a model to simulate with: sensor noise only, e.g. encoders; no noise model",
+        order_names=("nb", "nf", "nk"),
+        has_noise_model=False,
+        stable_by_meaning=True,
+        by_default=True,
+        search_cost=2.0,
     )
-    order_names: ClassVar[tuple[str, ...]] = ("nb", "nf", "nk")
-    has_noise_model: ClassVar[bool] = False
     letters: ClassVar[str] = "bf"
-    by_default: ClassVar[bool] = True
-    stable_by_meaning: ClassVar[bool] = True
-    search_cost: ClassVar[float] = 2.0
 
     @classmethod
     def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -14,10 +14,14 @@ from sysid.data.unit_words import ratio
 from sysid.fitting.normal_equations import residual_row
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import NamedStructure, refuse_options
+from sysid.structures.linear import many_thetas
 from sysid.structures.linear.candidates import affordable
 from sysid.structures.linear.predictor import RowErrors, RowLayout
 from sysid.structures.linear.transfer import TransferMatrix, adjugate, determinant
+from sysid.structures.motion import poles
 from sysid.structures.orders import Orders, spread
+from sysid.structures.special_runs import readout, stable_each, stable_parts, traced_step
+from sysid.structures.traits import Traits
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +35,9 @@ class Polynomials:
     F: list[list[Array]]
 
 
+linear_traits = partial(Traits, tells="gain, delay, time constants or poles", linear=True)
+
+
 @dataclass(frozen=True)
 class PolynomialStructure(NamedStructure):
     """Base of the four polynomial structures; each only says which polynomials it has.
@@ -41,8 +48,6 @@ class PolynomialStructure(NamedStructure):
 
     orders: Orders
     letters: ClassVar[str]
-    linear: ClassVar[bool] = True
-    tells: ClassVar[str] = "gain, delay, time constants or poles"
 
     @property
     def nu(self) -> int:
@@ -60,7 +65,7 @@ class PolynomialStructure(NamedStructure):
         return cls(spread(raw, cls.letters, nu, ny, cls.name))
 
     def order_values(self) -> dict[str, Any]:
-        return {name: self.orders.value(name) for name in self.order_names}
+        return {name: self.orders.value(name) for name in self.traits.order_names}
 
     @classmethod
     def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
@@ -176,37 +181,12 @@ class PolynomialStructure(NamedStructure):
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """x⁺ = A x + B u, y = C x + D u with the matrices of G(q)."""
         A, B, _, _ = self.transfer(theta).matrices
-        read = self.readout(theta)
+        read = readout(self, theta)
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             return A @ x + B @ u, read(x, u)
 
         return advance
-
-    def traced_step(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
-        """The same run in direct form, in the states that ``like`` has."""
-        from sysid.structures.linear.many_thetas import traced_step
-
-        return traced_step(self, theta, like)
-
-    def stable_each(self, thetas: Array) -> NDArray[np.bool_]:
-        from sysid.structures.linear.many_thetas import stable_each
-
-        return stable_each(self, thetas)
-
-    def stable_parts(self) -> tuple[Index, ...]:
-        paths: list[Index] = []
-        for i in range(self.ny):
-            row, (_, b, _, _, f) = self.row_index(i), self.layout(i).slices()
-            paths += [np.r_[row[p], row[q]] for p, q in zip(b, f, strict=True) if len(row[q])]
-        return tuple(paths)
-
-    def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
-        """y = C x + D u; D is zero wherever a command acts a sample later."""
-        _, _, C, D = self.transfer(theta).matrices
-        if not np.any(D):
-            return lambda x, u: C @ x
-        return lambda x, u: C @ x + D @ u
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """One-step errors; unknown initial states are fitted on the first ``window`` samples."""
@@ -234,7 +214,7 @@ class PolynomialStructure(NamedStructure):
 
         Without a noise model (H = 1) that is the free run, whatever the horizon.
         """
-        if not self.has_noise_model:
+        if not self.traits.has_noise_model:
             x0 = self.fitted_state(theta, u, y, window) if window > 0 else None
             return self.simulate(theta, u, x0)
         e = self.errors(theta, u, y, window)
@@ -275,27 +255,16 @@ class PolynomialStructure(NamedStructure):
         """Whether all poles of G(q) lie inside the unit circle."""
         if not np.all(np.isfinite(theta)):
             return False
-        return bool(np.all(np.abs(self.poles(theta)) < 1.0))
-
-    def poles(self, theta: Array) -> NDArray[np.complex128]:
-        """Poles of G(q); of H(q) = A⁻¹ C where there is no input."""
-        if self.nu:
-            return self.transfer(theta).poles()
-        bottom = np.trim_zeros(determinant(self.polynomials(theta).A), "b")
-        return np.roots(bottom).astype(np.complex128)
+        return bool(np.all(np.abs(poles(self, theta)) < 1.0))
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
-        lay = self.layout(output)
-        out = np.zeros((len(y), lay.n))
-        if len(y) <= lay.start + lay.nd:
-            return out
-        row = RowErrors(lay, self.row_index(output), [(u, y)], False)
-        out[row.skipped :] = -row.jacobian(row.initial_guess(theta))
+        lay, index = self.layout(output), self.row_index(output)
+        out = np.zeros((len(y), len(theta)))
+        if len(y) > lay.start + lay.nd:
+            row = RowErrors(lay, index, [(u, y)], False)
+            out[row.skipped :, index] = -row.jacobian(row.initial_guess(theta))
         return out
-
-    def gradient_index(self, theta: Array, output: int) -> Index:
-        return self.row_index(output)
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
@@ -328,7 +297,7 @@ class PolynomialStructure(NamedStructure):
         gain = g.static_gain()
         return {
             "stable": self.stable(theta),
-            "poles": [_pole(complex(z), dt) for z in self.poles(theta)],
+            "poles": [_pole(complex(z), dt) for z in poles(self, theta)],
             "zeros": [
                 {"output": i, "input": j, "re": float(z.real), "im": float(z.imag)}
                 for i in range(self.ny)
@@ -371,3 +340,34 @@ def _text(polynomial: Array) -> str:
 def _transfer_of(structure: PolynomialStructure, theta: bytes) -> TransferMatrix:
     """G(q) of the last few models: states, run, poles and gains of one are asked for in turn."""
     return structure._transfer(np.frombuffer(theta))
+
+
+@poles.register
+def _(s: PolynomialStructure, theta: Array) -> NDArray[np.complex128]:
+    """Poles of G(q); of H(q) = A⁻¹ C where there is no input."""
+    if s.nu:
+        return s.transfer(theta).poles()
+    bottom = np.trim_zeros(determinant(s.polynomials(theta).A), "b")
+    return np.roots(bottom).astype(np.complex128)
+
+
+@readout.register
+def _(s: PolynomialStructure, theta: Array) -> Callable[[Array, Array], Array]:
+    """y = C x + D u; D is zero wherever a command acts a sample later."""
+    _, _, C, D = s.transfer(theta).matrices
+    if not np.any(D):
+        return lambda x, u: C @ x
+    return lambda x, u: C @ x + D @ u
+
+
+@stable_parts.register
+def _(s: PolynomialStructure) -> tuple[Index, ...]:
+    paths: list[Index] = []
+    for i in range(s.ny):
+        row, (_, b, _, _, f) = s.row_index(i), s.layout(i).slices()
+        paths += [np.r_[row[p], row[q]] for p, q in zip(b, f, strict=True) if len(row[q])]
+    return tuple(paths)
+
+
+traced_step.register(PolynomialStructure, many_thetas.traced_step)
+stable_each.register(PolynomialStructure, many_thetas.stable_each)

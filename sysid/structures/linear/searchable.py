@@ -35,7 +35,7 @@ class LinearSearch(Searchable):
         ]
         problems: tuple[Problem, ...] = tuple(rows)
         later: list[Problem] = []
-        if focus is Focus.SIMULATION and s.has_noise_model:
+        if focus is Focus.SIMULATION and s.traits.has_noise_model:
             problems = self._free_run_problems(data, estimate)
             known = s.deterministic_index()
             later = [Remaining(row, known) for row in rows if not np.all(np.isin(row.index, known))]

@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 from sysid.structures.linear.armax import ARMAX
 from sysid.structures.linear.arx import ARX
-from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.polynomial import PolynomialStructure, linear_traits
+from sysid.structures.traits import Traits
 
 HIGHEST = 8
 """Highest order of an AR tried without being asked: the disturbances of machines need less."""
@@ -23,9 +24,6 @@ SAMPLES_EACH = 20
 class TimeSeries(PolynomialStructure):
     """What models of a signal without inputs have in common."""
 
-    takes_inputs: ClassVar[bool] = False
-    search_cost: ClassVar[float] = 1.0
-    solved_at_once: ClassVar[bool] = False
     highest: ClassVar[int] = HIGHEST_MIXED
 
     @classmethod
@@ -34,8 +32,8 @@ class TimeSeries(PolynomialStructure):
     ) -> tuple[Mapping[str, Any], ...]:
         """Every combination of orders from 1 to ``highest``, as far as the samples bear them."""
         orders = range(1, max(1, min(cls.highest, samples // SAMPLES_EACH)) + 1)
-        each = product(orders, repeat=len(cls.order_names))
-        return tuple(dict(zip(cls.order_names, values, strict=True)) for values in each)
+        each = product(orders, repeat=len(cls.traits.order_names))
+        return tuple(dict(zip(cls.traits.order_names, values, strict=True)) for values in each)
 
 
 @dataclass(frozen=True)
@@ -43,10 +41,15 @@ class AR(TimeSeries, ARX):
     """A(q) y(t) = e(t) (thesis 3.12)."""
 
     name: ClassVar[str] = "ar"
-    title: ClassVar[str] = "AR: a signal from its own past"
-    equation: ClassVar[str] = "A(q) y(t) = e(t)"
-    when: ClassVar[str] = "a log without inputs: vibration, drift, a disturbance; solved directly"
-    order_names: ClassVar[tuple[str, ...]] = ("na",)
+    traits: ClassVar[Traits] = linear_traits(
+        title="AR: a signal from its own past",
+        equation="A(q) y(t) = e(t)",
+        when="a log without inputs: vibration, drift, a disturbance; solved directly",
+        order_names=("na",),
+        has_noise_model=True,
+        takes_inputs=False,
+        by_default=True,
+    )
     letters: ClassVar[str] = "a"
     highest: ClassVar[int] = HIGHEST
 
@@ -56,10 +59,15 @@ class MA(TimeSeries, ARMAX):
     """y(t) = C(q) e(t) (thesis 3.11)."""
 
     name: ClassVar[str] = "ma"
-    title: ClassVar[str] = "MA: a moving average of white noise"
-    equation: ClassVar[str] = "y(t) = C(q) e(t)"
-    when: ClassVar[str] = "a log without inputs and with a memory of a few samples"
-    order_names: ClassVar[tuple[str, ...]] = ("nc",)
+    traits: ClassVar[Traits] = linear_traits(
+        title="MA: a moving average of white noise",
+        equation="y(t) = C(q) e(t)",
+        when="a log without inputs and with a memory of a few samples",
+        order_names=("nc",),
+        has_noise_model=True,
+        takes_inputs=False,
+        by_default=True,
+    )
     letters: ClassVar[str] = "c"
 
 
@@ -68,8 +76,13 @@ class ARMA(TimeSeries, ARMAX):
     """A(q) y(t) = C(q) e(t) (thesis 3.13)."""
 
     name: ClassVar[str] = "arma"
-    title: ClassVar[str] = "ARMA: AR with moving-average noise"
-    equation: ClassVar[str] = "A(q) y(t) = C(q) e(t)"
-    when: ClassVar[str] = "a log without inputs, measured by a noisy sensor"
-    order_names: ClassVar[tuple[str, ...]] = ("na", "nc")
+    traits: ClassVar[Traits] = linear_traits(
+        title="ARMA: AR with moving-average noise",
+        equation="A(q) y(t) = C(q) e(t)",
+        when="a log without inputs, measured by a noisy sensor",
+        order_names=("na", "nc"),
+        has_noise_model=True,
+        takes_inputs=False,
+        by_default=True,
+    )
     letters: ClassVar[str] = "ac"
