@@ -193,7 +193,6 @@ def _drives(log: SensorLog) -> list[tuple[float, float]]:
 
 
 def _check(columns: Mapping[str, Array], log: SensorLog) -> None:
-    """Refuse an estimate that is no number."""
     for name in ESTIMATE[:3]:
         lost = np.flatnonzero(np.logical_not(np.isfinite(columns[name])))
         if len(lost):
@@ -204,7 +203,6 @@ def _check(columns: Mapping[str, Array], log: SensorLog) -> None:
 
 
 def _errors(columns: Mapping[str, Array], pose: Array) -> dict[str, float]:
-    """Errors against the true pose, where that is known."""
     known = np.isfinite(pose).all(axis=1)
     distance = np.hypot(columns["x_est"] - pose[:, 0], columns["y_est"] - pose[:, 1])[known]
     angle = wrap_angle((columns["psi_est"] - pose[:, 2])[known])

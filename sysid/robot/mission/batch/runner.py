@@ -177,7 +177,6 @@ class BatchRunner(ABC):
 
     @property
     def _nothing(self) -> Any:
-        """Figures of runs that have not begun."""
         jnp = jax_module().numpy
         zeros = [jnp.zeros(self.batch_size)] * (len(self.figures._fields) - 1)  # type: ignore[attr-defined]
         return self.figures(jnp.zeros(self.batch_size, jnp.int64), *zeros)
@@ -204,7 +203,6 @@ class BatchRunner(ABC):
         return self._programs[patterns]
 
     def _block(self, patterns: tuple[Pattern, ...]) -> Callable[..., Any]:
-        """All runs through a block of samples."""
         jax = jax_module()
         jnp, types = jax.numpy, self._types
         branches = [jax.vmap(self._sampled(p), in_axes=(0, 0, None, 0)) for p in patterns]

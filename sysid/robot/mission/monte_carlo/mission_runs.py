@@ -125,7 +125,6 @@ class MissionRuns:
 
     @property
     def sentence(self) -> str:
-        """How surely it arrives, in one sentence."""
         arrived, time = self.outcomes["arrived"], self.time_s
         runs = f"{self.n:,}".replace(",", " ") + " runs" if self.n != 1 else "1 run"
         if not arrived.count:

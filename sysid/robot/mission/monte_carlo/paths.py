@@ -90,7 +90,6 @@ _Part = tuple[Array, Array, float]
 
 
 def _all_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
-    """Side by side."""
     batch_size = min(BATCH_SIZE, len(seeds))
     compiled = [VariedRuns(setup, k, batch_size) for k in range(len(setup.plants))]
     parts = []
@@ -109,7 +108,6 @@ def _all_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
 
 
 def _single_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
-    """One after the other."""
     parts = []
     for seed in seeds:
         try:

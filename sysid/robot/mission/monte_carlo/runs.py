@@ -103,6 +103,5 @@ def simulate_runs(
 
 
 def _in_order(parts: Sequence[Chunk], results: Sequence[ChunkResult]) -> Figures:
-    """Figures of all runs by their numbers."""
     order = np.argsort([k for chunk in parts for k in chunk.runs])
     return joined([r.figures for r in results], order)

@@ -55,7 +55,6 @@ class Consistency:
 
     @property
     def sentence(self) -> str:
-        """What it means and what to do."""
         verdicts = {m.verdict for m in (self.nis, self.nees) if m is not None}
         if "over-confident" in verdicts:
             return (

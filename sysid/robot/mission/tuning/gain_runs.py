@@ -140,7 +140,6 @@ class GainRuns(BatchRunner):
         return closed_loop(mission, robot, self.variant.scene, xp, self.variant.shaper)
 
     def _with_gains(self, gains: Any) -> Mission:
-        """The mission with gains, numbers or traced ones."""
         mission = self.setup.mission
         named = {name: gains[k] for k, name in enumerate(self.names)}
         control = cast(TunedSettings, mission.control).with_gains(named)
