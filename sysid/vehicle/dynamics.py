@@ -271,7 +271,6 @@ class _Model(NamedTuple):
         )
 
     def _contacts(self, now: VehicleState, load: Pair, heading: Pair) -> tuple[_Contact, _Contact]:
-        """Both tracks on what lies under their middles."""
         car = self.vehicle
         half = 0.5 * car.geometry.B
         places = tracks_at(now.x, now.y, heading, car)
@@ -418,6 +417,5 @@ def _with_forces(known: _Part, free: _Speeds, forces: Forces, car: TrackedVehicl
 
 
 def _nothing_sticks(speeds: _Speeds, xp: Any) -> tuple[Pair, Pair, Pair, Real]:
-    """Truth values, all false, of the namespace."""
     no = speeds.vx != speeds.vx
     return (no, no), (no, no), (no, no), no

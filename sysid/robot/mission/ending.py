@@ -121,7 +121,6 @@ def _stuck(mission: Mission, log: Mapping[str, Array], last: References) -> tupl
 
 
 def _gave_up(mission: Mission, hold: Hold, x: float, y: float) -> tuple[StuckReason, str]:
-    """Guidance itself found no way on."""
     advice = mission.guidance.advice
     if hold is Hold.NO_WAY_THROUGH:
         change = _either("move the goal or what walls it off", advice.closer)
@@ -136,7 +135,6 @@ def _gave_up(mission: Mission, hold: Hold, x: float, y: float) -> tuple[StuckRea
 
 
 def _misled(mission: Mission, log: Mapping[str, Array], said: str) -> tuple[StuckReason, str]:
-    """It stands still, or its course does not lead to the goal."""
     t, x, y, to_go = log["t"], log["x"], log["y"], _to_goal(mission, log)
     guidance, control = mission.guidance.advice, mission.control.advice
     last = t >= t[-1] - STUCK.time

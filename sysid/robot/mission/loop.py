@@ -249,7 +249,6 @@ class Loop:
 
     @property
     def draws(self) -> tuple[int, ...]:
-        """Standard normal numbers that each sensor needs a sample."""
         return tuple(sensor.draws for sensor in self.scene.sensors.values())
 
     def sample(
@@ -402,7 +401,6 @@ class Loop:
         )
 
     def _judged(self, state: LoopState, body: Body, tick: Tick) -> tuple[Progress, Real]:
-        """The figures after a sample, and whether the run is over."""
         xp, scene, last = self.xp, self.scene, state.progress
         passed = step_clearance(scene, state.body.pose, body.pose, tick.t, tick.dt, xp)
         clearance = xp.minimum(last.clearance, passed)

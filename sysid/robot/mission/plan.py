@@ -161,7 +161,6 @@ def plan(mission: Mission) -> Plan:
 
 
 def _map(scene: Scene) -> tuple[Array, Array]:
-    """The part of the plane that matters, with room around it."""
     places = [(scene.start.x, scene.start.y, 0.0), (*scene.goal, 0.0)]
     places += [(o.x, o.y, o.radius) for o in scene.obstacles]
     places += [(*p, 0.0) for w in scene.walls for p in w.points]
@@ -234,7 +233,6 @@ def _ends(
 
 
 def _varied(law: PotentialField, gain: str) -> tuple[tuple[float, ...], list[PotentialField]]:
-    """The law at several values of one gain."""
     values = tuple(f * getattr(law, gain) for f in FACTORS)
     return values, [law.model_copy(update={gain: v}) for v in values]
 

@@ -46,7 +46,6 @@ class Stuck:
     place: tuple[float, float]
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for a JSON document."""
         x, y = self.place
         return {"reason": self.reason.value, "place": {"x": x, "y": y}}
 
@@ -86,7 +85,6 @@ class MissionResult:
     stuck: Stuck | None = None
 
     def summary(self) -> dict[str, Any]:
-        """Return everything but the log as plain values for a JSON document."""
         return {
             "outcome": self.outcome.value,
             "sentence": self.sentence,

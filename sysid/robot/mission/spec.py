@@ -233,7 +233,6 @@ class Mission(Settings):
 
     @model_validator(mode="after")
     def _sees(self) -> "Mission":
-        """Navigation has what it reads."""
         sentence = lacking(self.navigation, self.sensors)
         if sentence:
             raise sentence_at(("navigation",), sentence)
@@ -270,7 +269,6 @@ class Mission(Settings):
 
     @model_validator(mode="after")
     def _clear(self) -> "Mission":
-        """Nothing drives out of an obstacle, or into one, without touching it."""
         scene = self.scene()
         standing = tuple(o for o in scene.obstacles if o.vx == o.vy == 0)
         places: list[tuple[tuple[str | int, ...], str, Place, tuple[Disc, ...]]] = [
@@ -293,7 +291,6 @@ class Mission(Settings):
 
     @model_validator(mode="after")
     def _one_way(self) -> "Mission":
-        """A path and waypoints are two ways to say one thing."""
         if self.path and self.waypoints:
             raise sentence_at(("waypoints",), "a path leads past its own points: keep one of them")
         return self
@@ -414,7 +411,6 @@ _LINES_FORM = "write {}: [[[x, y], [x, y], [x, y]]]"
 
 
 def _points(value: Any, name: str, at_least: int) -> tuple[Any, ...]:
-    """The points of a list, of which there must be enough."""
     key = name.partition("[")[0]
     form = f"write {name}: [[x, y], [x, y]]" if key == name else _LINES_FORM.format(key)
     if not isinstance(value, list | tuple):

@@ -209,7 +209,6 @@ def _empirical(traction: Traction, radius: float) -> float:
 def _spread(
     traction: Traction, values: Callable[[Traction], Mapping[str, float]]
 ) -> dict[str, Quantity]:
-    """Values with their standard deviations, from those of the soil's numbers."""
     nominal = values(traction)
     parts: dict[str, Mapping[str, float]] = {}
     for name, std in traction.soil.std:

@@ -202,7 +202,6 @@ class Vehicle:
         return angles
 
     def _known(self, given: Mapping[str, float] | None) -> None:
-        """Every name is that of a wheel."""
         names = [w.name for w in self.wheels]
         for name in given or {}:
             if name not in names:

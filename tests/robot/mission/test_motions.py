@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from mission_cases import Robot, goal
 
+from benchmarks.agreement import TOLERANCE, agreement
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
 from sysid.errors import DataError, ModelError
+from sysid.robot.mission.batch.sampler import run_seeds
+from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import Body, MotionInputs, Pose, SensorInputs
-from sysid.robot.mission.monte_carlo.agreement import TOLERANCE, agreement
 from sysid.robot.mission.monte_carlo.chunks import Runner, chunks
-from sysid.robot.mission.monte_carlo.sampler import run_seeds
-from sysid.robot.mission.monte_carlo.setup import Setup
 from sysid.robot.mission.motion.slip import Slip
 from sysid.robot.mission.sensors.accelerometer import Accelerometer
 from sysid.robot.mission.simulator import scene_of, simulate

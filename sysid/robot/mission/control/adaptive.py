@@ -78,11 +78,9 @@ class Adaptive(AxisSettings):
 
     @property
     def uses_plant(self) -> bool:
-        """Adaptation starts from the identified plant."""
         return True
 
     def start(self, scene: Any, xp: Any) -> Followed | Estimated:
-        """The nominal gains."""
         if self.method == "model-reference":
             return Followed(0.0, 0.0, 0.0, 0.0)
         return Estimated(0.0, 0.0, 0.0, (UNSURE, 0.0, 0.0, UNSURE, 0.0, UNSURE), 0.0, 0.0)
@@ -90,7 +88,6 @@ class Adaptive(AxisSettings):
     def step(
         self, state: Any, inputs: AxisInputs, dt: Real, xp: Any
     ) -> tuple[Followed | Estimated, Real]:
-        """The command, and the gains a period later."""
         reachable = target(inputs, self.outer, xp).motion / inputs.plant.gain
         asked = xp.clip(reachable, inputs.low, inputs.high)
         motion = inputs.motion / inputs.plant.gain

@@ -119,11 +119,9 @@ class P(AxisSettings):
         return self.feed_forward > 0.0
 
     def start(self, scene: Any, xp: Any) -> PIDState:
-        """Nothing yet."""
         return PIDState(0.0, 0.0, 0.0)
 
     def step(self, state: PIDState, inputs: AxisInputs, dt: Real, xp: Any) -> tuple[PIDState, Real]:
-        """The command, by the gains that the kind has."""
         keys = type(self).model_fields
         terms = PIDTerms(**{n: getattr(self, n) for n in PIDTerms._fields if n in keys})
         return pid_step(state, inputs, dt, terms, xp)

@@ -62,7 +62,6 @@ class ModelBased(AxisSettings):
         return True
 
     def start(self, scene: Any, xp: Any) -> Real:
-        """No integral yet."""
         return 0.0
 
     @abstractmethod
@@ -70,7 +69,6 @@ class ModelBased(AxisSettings):
         """The command before its limits [drive]."""
 
     def step(self, state: Real, inputs: AxisInputs, dt: Real, xp: Any) -> tuple[Real, Real]:
-        """The command within its limits."""
         asked = target(inputs, self.outer, xp)
         grown = state + (asked.motion - inputs.motion) * dt
         command = self.command(asked, grown, inputs, dt, xp)
@@ -94,7 +92,6 @@ class ComputedTorque(ModelBased):
     ki: Annotated[Gain, Search(0.0, 10.0)] = 1.0
 
     def command(self, asked: Target, integral: Real, inputs: AxisInputs, dt: Real, xp: Any) -> Real:
-        """What the plant needs to accelerate as wanted."""
         wanted = asked.rate + self.bandwidth * (asked.motion - inputs.motion) + self.ki * integral
         lag = sampled_lag(inputs.plant.lag, dt, xp)
         return (inputs.motion + lag * wanted) / inputs.plant.gain

@@ -18,15 +18,12 @@ class AroundLaw:
 
     @property
     def reach(self) -> float:
-        """The law's."""
         return self.law.reach
 
     @property
     def advice(self) -> GuidanceAdvice:
-        """The law's."""
         return self.law.advice
 
     @property
     def traits(self) -> GuidanceTraits:
-        """The law's."""
         return self.law.traits

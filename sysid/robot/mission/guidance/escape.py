@@ -71,13 +71,10 @@ class WayOut(Protocol):
 
     def step(
         self, out: Any, trapped: Any, watch: Watch, inputs: GuidanceInputs, dt: Real, xp: Any
-    ) -> tuple[Any, Scene]:
-        """Its next state, and the scene that the field is to see."""
-        ...
+    ) -> tuple[Any, Scene]: ...
 
     def lead(self, out: Any, references: References, inputs: GuidanceInputs, xp: Any) -> References:
         """The field's references as this way out changes them."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -94,17 +91,14 @@ class Escaping:
 
     @property
     def reach(self) -> float:
-        """The field's."""
         return self.field.reach
 
     @property
     def advice(self) -> GuidanceAdvice:
-        """The field's."""
         return self.field.advice
 
     @property
     def traits(self) -> GuidanceTraits:
-        """The field's."""
         return self.field.traits
 
     def start(self, scene: Scene, xp: Any) -> EscapeState:
@@ -117,7 +111,6 @@ class Escaping:
     def step(
         self, state: EscapeState, inputs: GuidanceInputs, dt: Real, xp: Any
     ) -> tuple[EscapeState, References]:
-        """The field's references, or those of the way out."""
         pose, t = inputs.estimate.pose, inputs.t
         turning = state.turn.remaining(pose.psi, xp) > 0.0
         pushed = is_pushed(pose, inputs.scene, t, self.field, xp)
@@ -135,7 +128,6 @@ class Escaping:
         return EscapeState(turn, watch, hold, out), references
 
     def to_go(self, state: EscapeState, pose: Pose, scene: Scene, xp: Any) -> Real:
-        """The field's."""
         return self.field.to_go(state.turn, pose, scene, xp)
 
 
@@ -182,7 +174,6 @@ class VirtualObstacles:
         self, out: VirtualState, trapped: Any, watch: Watch, inputs: GuidanceInputs, dt: Real,
         xp: Any,
     ) -> tuple[VirtualState, Scene]:  # fmt: skip
-        """One more where the robot is trapped."""
         scene = inputs.scene
         rho = scene.to_goal(inputs.estimate.pose, xp)
         free = xp.logical_not(is_pushed(inputs.estimate.pose, scene, inputs.t, self.field, xp))

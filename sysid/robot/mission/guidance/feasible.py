@@ -38,13 +38,11 @@ class Feasible(AroundLaw):
     """
 
     def start(self, scene: Scene, xp: Any) -> FeasibleState:
-        """At rest in the start heading."""
         return FeasibleState(self.law.start(scene, xp), 0.0, scene.start.psi, 0.0)
 
     def step(
         self, state: FeasibleState, inputs: GuidanceInputs, dt: Real, xp: Any
     ) -> tuple[FeasibleState, References]:
-        """The law's references as far as the plant can follow them."""
         law, wanted = self.law.step(state.law, inputs, dt, xp)
         limits = inputs.scene.limits
         speed = xp.minimum(wanted.speed, limits.speed)
@@ -60,7 +58,6 @@ class Feasible(AroundLaw):
         return FeasibleState(law, speed, psi, rate), wanted._replace(speed=speed, psi=psi)
 
     def to_go(self, state: FeasibleState, pose: Pose, scene: Scene, xp: Any) -> Real:
-        """The law's."""
         return self.law.to_go(state.law, pose, scene, xp)
 
 

@@ -130,7 +130,6 @@ class PotentialField(GuidanceSettings):
         return GuidanceTraits(top_speed=self.v_max)
 
     def start(self, scene: Scene, xp: Any) -> InitialTurn:
-        """The initial turn."""
         return InitialTurn.plan(scene.start, scene.goal, xp)
 
     def step(

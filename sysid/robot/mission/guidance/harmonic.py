@@ -65,7 +65,6 @@ class Harmonic(GuidanceSettings):
     def step(
         self, state: Real, inputs: GuidanceInputs, dt: Real, xp: Any
     ) -> tuple[Real, References]:
-        """References up the potential of this leg."""
         scene, body = inputs.scene, inputs.estimate
         pose, grid = body.pose, self._grid(scene)
         gx, gy, goal_x, goal_y = grid.direction(state, pose.x, pose.y, xp)
@@ -96,7 +95,6 @@ class Harmonic(GuidanceSettings):
         return self._grid(scene).height(0, x, y, xp)
 
     def _grid(self, scene: Scene) -> HarmonicGrid:
-        """The grid of a scene, which is solved once."""
         still = tuple(o for o in scene.obstacles if not moves(o))
         try:
             return solved(

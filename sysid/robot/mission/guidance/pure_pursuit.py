@@ -50,17 +50,14 @@ class PurePursuit(GuidanceSettings):
 
     @property
     def traits(self) -> GuidanceTraits:
-        """It follows paths, within what the plant can do."""
         return GuidanceTraits(follows_path=True, feasible=True, top_speed=self.v_max)
 
     def start(self, scene: Scene, xp: Any) -> OnCourse:
-        """At the beginning."""
         return OnCourse(0.0, scene.start.x, scene.start.y)
 
     def step(
         self, state: OnCourse, inputs: GuidanceInputs, dt: Real, xp: Any
     ) -> tuple[OnCourse, References]:
-        """References towards the point ahead."""
         scene, pose = inputs.scene, inputs.estimate.pose
         course = _course(state, scene)
         done, _ = _nearest(course, pose, state.done, state.done + 2.0 * self.lookahead, xp)

@@ -30,7 +30,6 @@ class PassingWaypoints(AroundLaw):
     """
 
     def start(self, scene: Scene, xp: Any) -> LegState:
-        """The law on its way to the first waypoint."""
         first = scene._replace(goal=scene.targets[0], way=())
         return LegState(0, self.law.start(first, xp))
 
@@ -66,7 +65,6 @@ def way_length(start: Pose, places: Sequence[Point]) -> float:
 
 
 def _on_leg(scene: Scene, leg: Real, xp: Any) -> Scene:
-    """The scene of one leg: its end is the goal."""
     places = scene.targets
     goal = (pick([p[0] for p in places], leg, xp), pick([p[1] for p in places], leg, xp))
     return scene._replace(goal=goal, way=())

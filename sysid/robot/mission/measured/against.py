@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from sysid.data.record import Record
+from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import SteppablePlant
 from sysid.robot.mission.measured.drive import MeasuredDrive, nominal_command_begins
 from sysid.robot.mission.measured.fan import Comparison, compared
 from sysid.robot.mission.monte_carlo.paths import run_paths
-from sysid.robot.mission.monte_carlo.setup import Setup
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.variation import Spread, StartSpread

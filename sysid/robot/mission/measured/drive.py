@@ -158,7 +158,6 @@ def nominal_command_begins(nominal: MissionResult) -> float:
 
 
 def _first_command(record: Record, moves: float) -> tuple[float, str]:
-    """When the drive begins, and by what that is seen."""
     if not record.nu or not np.isfinite(record.u).all():
         return moves, "motion"
     t, u = record.t - record.t0, record.u

@@ -107,7 +107,6 @@ class Comparison:
 
     @property
     def sentence(self) -> str:
-        """Whether and where it leaves, in words."""
         fan, until = self.fan, float(self.fan.t[-1])
         short = until < self.ended_s - SPEED_OVER
         end = f" up to its end at {until:.1f} s, before the last run has ended" if short else ""
@@ -127,7 +126,6 @@ class Comparison:
         )
 
     def summary(self) -> dict[str, object]:
-        """{leaves_at_s, quantity, where, inside_share, offset_s, sentence} as plain values."""
         where = self.where
         return {
             "log": self.name,

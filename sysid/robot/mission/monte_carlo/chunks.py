@@ -1,26 +1,18 @@
 """Runs in chunks of fixed size: inputs and results of a worker."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.robot.mission.batch.runner import BATCH_SIZE, FAILED
+from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.compiled import CompiledRuns
-from sysid.robot.mission.monte_carlo.figures import (
-    FAILED,
-    Figures,
-    stacked,
-)
-from sysid.robot.mission.monte_carlo.sampler import Samples
-from sysid.robot.mission.monte_carlo.setup import Setup, figures_alone
+from sysid.robot.mission.monte_carlo.figures import Figures, stacked
 from sysid.robot.mission.monte_carlo.variance_shares import Moments, moments
-
-BATCH_SIZE = 1024
-"""Runs of a chunk. Their states fit into a core's cache, and a call of compiled code costs little
-beside them. The result of a run does not depend on it beyond rounding."""
+from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns, figures_alone
 
 BATCH_SIZE_ALONE = 16
 """Runs of a chunk where they go one after the other: little is lost with a worker."""
@@ -71,32 +63,26 @@ class Runner:
     """Runs chunks of a setup, all runs of one at once, or one after the other in NumPy.
 
     Attributes:
-        setup: mission, plants, what varies.
         compiled: for each plant, its runs side by side; empty: one after the other.
     """
 
     setup: Setup
-    compiled: tuple[CompiledRuns, ...]
+    compiled: tuple[VariedRuns, ...]
 
     @staticmethod
     def of(setup: Setup, at_once: bool = True) -> "Runner":
         """A runner of compiled runs, or of single ones."""
         plants = range(len(setup.plants)) if at_once else ()
-        return Runner(setup, tuple(CompiledRuns(setup, k, BATCH_SIZE) for k in plants))
+        return Runner(setup, tuple(VariedRuns(setup, k, BATCH_SIZE) for k in plants))
 
     def run(self, chunk: Chunk) -> ChunkResult:
         """The runs of a chunk, to their ends."""
         sampler = self.setup.plant_variants[chunk.which].sampler
-        samples = sampler.draw(chunk.seeds)
+        samples, varying = sampler.draw(chunk.seeds), sampler.varying
         if self.compiled:
-            figures = self.compiled[chunk.which].figures(samples)
+            figures = self.compiled[chunk.which].of(samples)
         else:
             figures = stacked([figures_alone(self.setup, s) for s in chunk.seeds])
-        return self._summed(samples, figures, sampler.varying)
-
-    def _summed(
-        self, samples: Samples, figures: Figures, varying: Sequence[tuple[str, tuple[int, ...]]]
-    ) -> ChunkResult:
         error = figures.final_error_m(self.setup.mission.goal)
         arrived: Array = figures.verdict == Verdict.ARRIVED
         ended: Array = figures.verdict != FAILED
@@ -107,3 +93,8 @@ class Runner:
             moments(samples.inputs, varying, figures.time_s, arrived),
             moments(samples.inputs, varying, error, ended),
         )
+
+
+def runner_of(given: tuple[Setup, bool]) -> Callable[[Chunk], ChunkResult]:
+    """What runs the chunks of a setup, side by side or not, on a worker."""
+    return Runner.of(*given).run

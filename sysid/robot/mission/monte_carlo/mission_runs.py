@@ -3,13 +3,16 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sysid.data.files import write_atomic
 from sysid.data.record import Array
+from sysid.robot.mission.batch.runner import FAILED
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.figures import FAILED, OUTCOMES, Figures
+from sysid.robot.mission.monte_carlo.figures import OUTCOMES, Figures
 from sysid.robot.mission.monte_carlo.variance_shares import Shares
 
 CONFIDENT = 1.959963984540054
@@ -122,7 +125,6 @@ class MissionRuns:
 
     @property
     def sentence(self) -> str:
-        """How surely it arrives, in one sentence."""
         arrived, time = self.outcomes["arrived"], self.time_s
         runs = f"{self.n:,}".replace(",", " ") + " runs" if self.n != 1 else "1 run"
         if not arrived.count:
@@ -187,6 +189,29 @@ class MissionRuns:
                 {"seed": w.seed, "outcome": w.outcome, "time_s": w.time_s} for w in self.worst
             ],
         }
+
+
+COLUMNS = (
+    "seed", "outcome", "time_s", "x", "y", "psi", "path_length_m", "min_clearance_m",
+    "max_deviation_m",
+)  # fmt: skip
+
+
+def write_runs(batch: MissionRuns, path: Path) -> Path:
+    """Write a CSV with the figures of every run, numbers unrounded; empty where there is none.
+
+    Args:
+        path: the file; it appears complete or not at all.
+
+    Raises:
+        DataError: the file cannot be written there.
+    """
+    columns = [column.tolist() for column in batch.figures[1:]]
+    lines = [",".join(COLUMNS)]
+    for k, (seed, row) in enumerate(zip(batch.seeds, zip(*columns, strict=True), strict=True)):
+        numbers = ("" if abs(v) == float("inf") or v != v else repr(v) for v in row)
+        lines.append(",".join((str(seed), batch.figures.outcome(k), *numbers)))
+    return write_atomic(path, ("\n".join(lines) + "\n").encode("ascii"))
 
 
 def wilson(count: int, n: int) -> tuple[float, float]:

@@ -6,15 +6,23 @@ from time import perf_counter
 import numpy as np
 
 from sysid.errors import UsageError
+from sysid.robot.mission.batch.pool import PROCESSES, Job
+from sysid.robot.mission.batch.runner import BATCH_SIZE
+from sysid.robot.mission.batch.sampler import run_seeds
+from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.clearance import has_surfaces
 from sysid.robot.mission.contracts import SteppablePlant
-from sysid.robot.mission.monte_carlo.chunks import Chunk, ChunkResult
+from sysid.robot.mission.monte_carlo.chunks import (
+    BATCH_SIZE_ALONE,
+    Chunk,
+    ChunkResult,
+    chunks,
+    runner_of,
+)
 from sysid.robot.mission.monte_carlo.figures import Figures, joined
 from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
-from sysid.robot.mission.monte_carlo.sampler import run_seeds
-from sysid.robot.mission.monte_carlo.setup import Setup
 from sysid.robot.mission.monte_carlo.variance_shares import added, shares
-from sysid.robot.mission.monte_carlo.workers import results, why_not_at_once
+from sysid.robot.mission.monte_carlo.varied_runs import why_not_at_once
 from sysid.robot.mission.spec import Mission
 from sysid.structures.model import Model
 
@@ -64,8 +72,10 @@ def simulate_runs(
     setup = Setup.of(mission, plants, vary)
     seeds = run_seeds(seed, runs)
     alone = why_not_at_once(setup)
-    parts, coming = results(setup, seeds, scheduler, alone)
+    parts = chunks(setup, seeds, BATCH_SIZE_ALONE if alone else BATCH_SIZE)
     chunk_results: list[ChunkResult] = []
+    job = Job(runner_of, (setup, not alone))
+    coming = job.results(parts, PROCESSES if alone and scheduler is None else scheduler)
     for chunk, result in zip(parts, coming, strict=True):
         chunk_results.append(result)
         if progress is not None:
@@ -93,6 +103,5 @@ def simulate_runs(
 
 
 def _in_order(parts: Sequence[Chunk], results: Sequence[ChunkResult]) -> Figures:
-    """Figures of all runs by their numbers."""
     order = np.argsort([k for chunk in parts for k in chunk.runs])
     return joined([r.figures for r in results], order)

@@ -134,7 +134,6 @@ _remembered = lru_cache(maxsize=64)(_design)
 
 
 def _used(read: dict[str, Figures], compass: Compass, linear: bool) -> dict[str, Figures]:
-    """The measurements of one sensor that a filter takes."""
     if not linear:
         return read
     if {"mag_x", "mag_y"} <= read.keys():  # an angle: σ_ψ = σ/H

@@ -25,7 +25,6 @@ class Inertial(Settings):
     needs: ClassVar[tuple[str, ...]] = ("gyroscope", "accelerometer")
 
     def start(self, scene: Scene, xp: Any) -> InertialState:
-        """At rest in the start pose, which is known."""
         return InertialState(Body(scene.start, 0.0, 0.0), 0.0)
 
     def step(
@@ -43,5 +42,4 @@ class Inertial(Settings):
 
 
 def _read(value: Real, last: Real, xp: Any) -> Real:
-    """A measurement, or the last one where nothing was read."""
     return xp.where(xp.isnan(value), last, value)

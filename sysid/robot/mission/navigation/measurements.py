@@ -66,7 +66,6 @@ def _wheel(side: float, way: str, turn: str) -> Expectation:
 
 
 def _state(name: str) -> Expectation:
-    """A measurement of a state itself."""
     return lambda s, c, compass, xp: Expected(s[name], {name: 1.0})
 
 

@@ -115,7 +115,6 @@ class ImperfectSensor(Settings):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What it reads."""
         return self.measured
 
     @property
@@ -255,7 +254,6 @@ class ImperfectSensor(Settings):
         return tuple(b + xp.where(dt > 0, walk * root, std) * z for b, std, walk, z in figures)
 
     def _rounded(self, measurements: Reals, xp: Any) -> Reals:
-        """The measurements in steps of the resolution."""
         if not any(self.resolution):
             return measurements
         steps = (*each(self.resolution, len(self.measured)), *(0.0,) * len(measurements))

@@ -31,7 +31,6 @@ class GroundedPlant(TrackChannels):
 
     @property
     def ground(self) -> Ground:
-        """Nothing more between tracks and ground."""
         return Ground()
 
     def initial_state(self) -> Array:

@@ -96,7 +96,6 @@ def answer(plant: SteppablePlant, geometry: Geometry, axis: Axis) -> AxisAnswer:
 
 
 def _run(plant: SteppablePlant, state: Array, u: Array) -> Array:
-    """The wheel speeds from a state on, until they rest."""
     rows: list[Array] = []
     block = 256
     while True:

@@ -71,7 +71,6 @@ class FilterTuning:
 
     @property
     def sentence(self) -> str:
-        """What was gained."""
         gained = self.log_likelihood[1] - self.log_likelihood[0]
         text = f"The log likelihood of the measurements rose by {gained:.4g}"
         figures = self.after.consistency
@@ -85,7 +84,6 @@ class FilterTuning:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for a JSON document."""
         return {
             "q": dict(self.q),
             "r": dict(self.r),
@@ -203,7 +201,6 @@ def _knobs(law: Filter, scene: Any) -> tuple[Knob, ...]:
 
 
 def _cut(log: SensorLog, most: int) -> SensorLog:
-    """The rows that the search uses."""
     rows = slice(0, most)
     measurements = {name: values[rows] for name, values in log.measurements.items()}
     pose = None if log.pose is None else log.pose[rows]

@@ -55,7 +55,6 @@ class GainSet:
     axes: tuple[str, ...] = ()
 
     def summary(self) -> dict[str, Any]:
-        """As plain values."""
         facts: dict[str, Any] = {
             "gains": dict(self.gains),
             "criteria": dict(self.criteria),
@@ -120,7 +119,6 @@ class Tuning:
 
     @property
     def sentence(self) -> str:
-        """What is proposed and why, in words."""
         named = ", ".join(f"{name} {value:g}" for name, value in self.best.gains.items())
         why = "nearest to the best of every criterion"
         if self.best.margins and SAFE.kept(self.best.margins):

@@ -131,7 +131,6 @@ def section(role: str, control: Any) -> dict[str, Any]:
 
 
 def _keys(law: Any) -> dict[str, Any]:
-    """Keys of a law that are gains, or no defaults."""
     gains = {name.partition(".")[0] for name in law.gains} if isinstance(law, TunedSettings) else {}
     said = law.model_dump()
     return {
@@ -167,7 +166,6 @@ def _last_line(node: yaml.Node, line: int) -> int:
 
 
 def _block(role: str, law: dict[str, Any]) -> str:
-    """A section, each axis and key on a line of its own."""
     lines = []
     for key, value in law.items():
         shown = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=1000)

@@ -50,7 +50,6 @@ class PhysicsSampler:
 
     @cached_property
     def _asked(self) -> Sequence[str]:
-        """The numbers that the motion takes."""
         asked: Sequence[str] = getattr(self.mission.motion, "wanted", ())
         return asked
 
@@ -77,7 +76,6 @@ class PhysicsSampler:
 
     @property
     def size(self) -> int:
-        """Standard normal numbers that a draw needs."""
         return int(self._varies_mass) + len(self._numbers)
 
     @property

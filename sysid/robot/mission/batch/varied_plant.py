@@ -45,28 +45,21 @@ class VariedPlant(Protocol):
 
     def drawn(self, z: Array, friction: Array) -> Array:
         """θ (K, n) from standard normal numbers (K, size) and factors of dry friction (K,)."""
-        ...
 
     def feasible(self, thetas: Array) -> Flags:
         """Which rows are inside their bounds and stable, (K,)."""
-        ...
 
     def settled(self, thetas: Array) -> Array:
         """θ (K, n) with the parts as estimated that would be unstable."""
-        ...
 
     def pulled(self, z: Array, friction: Array) -> Array:
         """θ (K, n) as ``drawn``, but less far where it would not be feasible."""
-        ...
 
     @property
-    def has_friction(self) -> bool:
-        """Whether it has numbers of dry friction."""
-        ...
+    def has_friction(self) -> bool: ...
 
     def plant(self, theta: Any) -> SteppablePlant:
         """The plant of a θ of numbers, or of one that a compiler traces."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,32 +73,25 @@ class FixedPlant:
 
     @property
     def name(self) -> str:
-        """What kind of thing it is."""
         return type(self.given).__name__
 
     @property
     def theta(self) -> Array:
-        """No numbers."""
         return np.zeros(0)
 
     def drawn(self, z: Array, friction: Array) -> Array:
-        """Nothing to draw."""
         return np.zeros((len(z), 0))
 
     def settled(self, thetas: Array) -> Array:
-        """Nothing to change."""
         return thetas
 
     def feasible(self, thetas: Array) -> Flags:
-        """Always."""
         return np.ones(len(thetas), dtype=bool)
 
     def pulled(self, z: Array, friction: Array) -> Array:
-        """Nothing to draw."""
         return self.drawn(z, friction)
 
     def plant(self, theta: Any) -> SteppablePlant:
-        """The plant itself."""
         return self.given
 
 
@@ -124,7 +110,6 @@ class ModelPlant:
 
     @property
     def name(self) -> str:
-        """The structure's name."""
         return self.model.structure.name
 
     @property
@@ -158,12 +143,10 @@ class ModelPlant:
 
     @property
     def size(self) -> int:
-        """Rank of the covariance."""
         return int(self._root.shape[1])
 
     @property
     def has_friction(self) -> bool:
-        """Whether the structure says which of its parameters are dry friction."""
         return bool(friction_entries(self.model.structure))
 
     def drawn(self, z: Array, friction: Array) -> Array:
@@ -211,7 +194,6 @@ class ModelPlant:
         return changed
 
     def feasible(self, thetas: Array) -> Flags:
-        """Inside the bounds of what is estimated, and stable."""
         inside = np.ones(len(thetas), dtype=bool)
         for k, p in enumerate(self.model.parameters):
             if p.fixed is None:

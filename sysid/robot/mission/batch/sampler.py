@@ -9,10 +9,10 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.errors import ModelError
+from sysid.robot.mission.batch.physics import PhysicsSampler
+from sysid.robot.mission.batch.varied_plant import Flags, VariedPlant
 from sysid.robot.mission.clearance import inside
 from sysid.robot.mission.contracts import TurnsTracks
-from sysid.robot.mission.monte_carlo.physics import PhysicsSampler
-from sysid.robot.mission.monte_carlo.varied_plant import Flags, VariedPlant
 from sysid.robot.mission.noise import generator
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.variation import Variation
