@@ -15,12 +15,12 @@ from sysid.fitting.profile import profiled
 from sysid.fitting.robust import huber_widths
 from sysid.fitting.searchable import InitialGuesses, StartReport
 from sysid.fitting.solvers import Solution
+from sysid.methods.grey_box_starts import Setting, cost_of, started
 from sysid.methods.method import Method
 from sysid.methods.outcome import FitOutcome, Part, outcome_of, with_covariance
 from sysid.structures.base import Structure
 from sysid.structures.grey_box.constants import Rung
 from sysid.structures.grey_box.runs import Masks
-from sysid.structures.grey_box.starts import Setting, cost_of, started
 from sysid.structures.grey_box.structure import GreyBox
 
 Mask = NDArray[np.bool_]

@@ -14,14 +14,13 @@ from scipy.linalg import cho_factor, cho_solve, hankel
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
 from sysid.fitting.problem import Focus
-from sysid.structures.blocks.chain import BlockChain
-from sysid.structures.blocks.fit import ChainData, descend
-from sysid.structures.blocks.layers import LinearLayer, StaticLayer
+from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.static.functions import IDENTITY
+from sysid.structures.blocks.trials import ChainData, Effort, Trial
 from sysid.structures.linear.oe import OE
 from sysid.structures.linear.output_error import reflected
 from sysid.structures.linear.starts import starts_of
-from sysid.structures.orders import Orders
+from sysid.structures.orders import Orders, spread
 
 DECAYS = (0.8, 0.9, 0.95, 0.98, 0.99)
 RIDGES = (1e-6, 1e-4, 1e-2, 1.0)
@@ -53,14 +52,11 @@ def linear_starts(records: Sequence[Record], orders: Orders) -> list[tuple[str, 
     ]
 
 
-def impulse_response(records: Sequence[Record], output: int, lags: int) -> tuple[Array, float]:
+def _impulse_response(records: Sequence[Record], output: int, lags: int) -> Array:
     """Regularised impulse responses from all inputs to one output, (nu, lags), by the evidence.
 
     min ‖y − Φ g‖² + σ² gᵀ P⁻¹ g with P the tuned-correlated kernel c·λ^max(k,l) (Chen, Ohlsson &
     Ljung 2012, Automatica 48); λ and c/σ² from a grid by marginal likelihood.
-
-    Returns:
-        (impulse responses, share of the output's power left unexplained).
     """
     nu = records[0].nu
     gram = np.zeros((nu * lags, nu * lags))
@@ -100,12 +96,10 @@ def impulse_response(records: Sequence[Record], output: int, lags: int) -> tuple
             evidence = samples * np.log(unexplained / samples) + logdet
             if evidence < best[0]:
                 best = (evidence, g)
-    g = best[1]
-    unexplained = power - 2.0 * float(right @ g) + float(g @ gram @ g)
-    return g.reshape(nu, lags), max(unexplained / max(power, 1e-300), 0.0)
+    return best[1].reshape(nu, lags)
 
 
-def realised_denominator(responses: Array, order: int) -> Array:
+def _realised_denominator(responses: Array, order: int) -> Array:
     """Denominator 1 + f₁q⁻¹ + … of order ``order`` behind impulse responses (m, lags).
 
     Ho & Kalman (1966) with the singular value decomposition of Kung (1978): the shift of the
@@ -120,46 +114,22 @@ def realised_denominator(responses: Array, order: int) -> Array:
     return reflected(np.real(np.poly(np.linalg.eigvals(A))))
 
 
-def numerator_for(
-    records: Sequence[Record], output: int, denominator: Array, nk: int, nb: int
-) -> tuple[Array, float]:
-    """Least-squares numerators for given poles, (nu, nb), and the share of power left."""
-    nu = records[0].nu
-    gram, right, power = np.zeros((nu * nb + 1,) * 2), np.zeros(nu * nb + 1), 0.0
-    for r in centred(records):
-        x = np.ones((nu * nb + 1, len(r)))
-        for j in range(nu):
-            base = lfilter([1.0], denominator, r.u[:, j])
-            for k in range(nb):
-                lag = nk + k
-                row = x[j * nb + k]
-                row[:lag], row[lag:] = 0.0, base[: len(r) - lag]
-        y = r.y[:, output]
-        gram += x @ x.T
-        right += x @ y
-        power += float(y @ y)
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    b = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
-    unexplained = power - float(right @ b)
-    return b[:-1].reshape(nu, nb), max(unexplained / max(power, 1e-300), 0.0)
-
-
 def input_denominators(
     records: Sequence[Record], orders: Sequence[int], *, refine: bool
 ) -> list[Array]:
     """For each input the denominator of that order behind its responses in all outputs.
 
-    Regularised impulse responses, realised (``realised_denominator``); with ``refine`` then
+    Regularised impulse responses, realised; with ``refine`` then
     fitted as an output-error model where there is one input and one output.
     """
     longest = max((len(r) for r in records), default=1)
     lags = int(min(LONGEST_RESPONSE // max(records[0].nu, 1), longest // 4))
     lags = max(lags, 2 * max(orders) + 4)
-    responses = [impulse_response(records, i, lags)[0] for i in range(records[0].ny)]
+    responses = [_impulse_response(records, i, lags) for i in range(records[0].ny)]
     single = records[0].nu == records[0].ny == 1
     denominators = []
     for j, order in enumerate(orders):
-        denominator = realised_denominator(np.array([g[j] for g in responses]), order)
+        denominator = _realised_denominator(np.array([g[j] for g in responses]), order)
         denominators.append(_refined(records, denominator) if refine and single else denominator)
     return denominators
 
@@ -167,9 +137,21 @@ def input_denominators(
 def _refined(records: Sequence[Record], denominator: Array) -> Array:
     """The denominator after a fit of the output-error model that starts from it."""
     order = len(denominator) - 1
-    b, _ = numerator_for(records, 0, denominator, 0, order + 1)
-    layer = LinearLayer(((order + 1,),), ((order,),), ((0,),))
-    chain = BlockChain((layer, StaticLayer((IDENTITY,), last=True)), 1)
-    theta = np.concatenate([b[0], denominator[1:], [0.0]])
-    solution = descend(chain, theta, ChainData.of(centred(records)), evaluations=60, tolerance=1e-6)
-    return np.concatenate([[1.0], solution.theta[order + 1 : 2 * order + 1]])
+    middle = centred(records)
+    gram, right = np.zeros((order + 2, order + 2)), np.zeros(order + 2)
+    for r in middle:
+        x = np.ones((order + 2, len(r)))
+        base = lfilter([1.0], denominator, r.u[:, 0])
+        for lag in range(order + 1):
+            x[lag, :lag], x[lag, lag:] = 0.0, base[: len(r) - lag]
+        gram += x @ x.T
+        right += x @ r.y[:, 0]
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    b = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
+    orders = spread({"nb": order + 1, "nf": order, "nk": 0}, "bf", 1, 1, OE.name)
+    start = Trial(
+        HammersteinWiener((orders,), ((IDENTITY,), (IDENTITY,))),
+        np.concatenate([b[:-1], denominator[1:], [0.0]]),
+    )
+    theta = start.descended(ChainData.of(middle), Effort(60, 1e-6)).theta
+    return np.concatenate([[1.0], theta[order + 1 : -1]])
