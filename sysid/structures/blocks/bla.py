@@ -18,7 +18,7 @@ from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.fit import ChainData, descend
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY
-from sysid.structures.linear.oe import OE
+from sysid.structures.linear.families import OE
 from sysid.structures.linear.output_error import reflected
 from sysid.structures.linear.starts import starts_of
 from sysid.structures.orders import Orders
