@@ -19,7 +19,7 @@ import numpy as np
 from sysid.errors import ModelError
 from sysid.vehicle.ground.drawbar import Traction
 from sysid.vehicle.kinematics import Real
-from sysid.vehicle.quadrature import axes_of, integrate
+from sysid.vehicle.pressure import axes_of, integrate
 from sysid.vehicle.shear import largest_stress, mobilised_share
 
 _STANDING = 1e-9

@@ -18,7 +18,6 @@ from sysid.fitting.compiled import compiled, jax_module
 from sysid.robot.mission.batch.clock import BLOCK, Block, Clock, Pattern
 from sysid.robot.mission.batch.setup import PlantVariant, Setup
 from sysid.robot.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict
-from sysid.robot.mission.noise import block as noise_block
 from sysid.robot.mission.noise import generator
 from sysid.robot.mission.simulator import LIMITS
 
@@ -243,6 +242,6 @@ class BatchRunner(ABC):
         while True:
             arrays = []
             for streams, n in named:
-                numbers = {s: noise_block(stream, n, BLOCK) for s, stream in streams.items()}
+                numbers = {s: stream.standard_normal((BLOCK, n)) for s, stream in streams.items()}
                 arrays.append(jnp.asarray(np.stack([numbers[s] for s in seeds], axis=1)))
             yield tuple(arrays)

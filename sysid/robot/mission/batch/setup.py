@@ -131,7 +131,7 @@ class Setup:
 
     def __reduce__(self) -> tuple[type["Setup"], tuple[Any, ...]]:
         """Without what was worked out from it, to be sent to another process."""
-        plants = tuple(replace(p) for p in self.plants)  # type: ignore[type-var]
+        plants = tuple(replace(p) for p in self.plants)
         return Setup, (self.mission, plants, self.variation)
 
     @cached_property

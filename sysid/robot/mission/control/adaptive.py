@@ -72,11 +72,6 @@ class Adaptive(AxisSettings):
     memory: Annotated[float, Field(ge=0.1, le=1e4)] = 10.0
 
     @property
-    def outer(self) -> float:
-        """K_ψ: motion asked for per error [1/s]; none along the speed, which is a motion itself."""
-        return 0.0
-
-    @property
     def uses_plant(self) -> bool:
         return True
 
@@ -88,7 +83,7 @@ class Adaptive(AxisSettings):
     def step(
         self, state: Any, inputs: AxisInputs, dt: Real, xp: Any
     ) -> tuple[Followed | Estimated, Real]:
-        reachable = target(inputs, self.outer, xp).motion / inputs.plant.gain
+        reachable = target(self, inputs, xp).motion / inputs.plant.gain
         asked = xp.clip(reachable, inputs.low, inputs.high)
         motion = inputs.motion / inputs.plant.gain
         by = self._followed if self.method == "model-reference" else self._scheduled
@@ -164,11 +159,6 @@ class YawAdaptive(Adaptive):
     """
 
     angle_gain: Annotated[AngleGain, Search(0.5, 5.0)] = 1.5
-
-    @property
-    def outer(self) -> float:
-        """K_ψ."""
-        return self.angle_gain
 
 
 def _near(departure: Real, xp: Any) -> Real:

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+from sysid.runners.trees import mapped
+
 
 def compiled(xp: Any) -> bool:
     """Whether numbers are traced, by JAX or to become C: they decide nothing about what is done."""
@@ -12,15 +14,6 @@ def compiled(xp: Any) -> bool:
 def recorded(xp: Any) -> bool:
     """Whether operations are recorded one by one, to become C."""
     return getattr(xp, "__name__", "") == "recorded as C"
-
-
-def mapped(f: Callable[..., Any], *trees: Any) -> Any:
-    """``f`` of every number or array in tuples and named tuples of one structure."""
-    first = trees[0]
-    if not isinstance(first, tuple):
-        return f(*trees)
-    parts = [mapped(f, *branches) for branches in zip(*trees, strict=True)]
-    return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
 
 
 def repeated(

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from sysid.robot.mission.navigation.compass import compass_heading
+from sysid.robot.mission.navigation.dead_reckoning import compass_heading
 from sysid.robot.mission.navigation.process import States, is_angle, matrix, over_ground
 from sysid.vehicle.kinematics import Geometry, Real, wrap_angle
 

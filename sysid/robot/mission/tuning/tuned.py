@@ -7,7 +7,7 @@ from typing import Any
 
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tuning.criteria import StepTest
-from sysid.robot.mission.tuning.margins import Margins
+from sysid.robot.mission.tuning.linear_loops import Margins
 
 
 @dataclass(frozen=True)
