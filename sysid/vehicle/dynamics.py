@@ -81,7 +81,6 @@ class Scheme(NamedTuple):
     """How finely a step is computed.
 
     Attributes:
-        substeps: parts that it is divided into.
         rounds: over the blocks of friction in each. Each leaves about a quarter of what the
             velocities still err by, and the frictions of the last part are a good beginning.
     """
@@ -175,8 +174,6 @@ def step(
         state: before; :class:`VehicleState` with its defaults is at rest in the origin.
         drive: share of full drive of the left and the right motor [1].
         dt: duration [s]; 0 changes nothing.
-        vehicle: lengths, mass and inertia.
-        floor: soil, patches, slope.
 
     Returns:
         The state after it, with the forces of its last part.

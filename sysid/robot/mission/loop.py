@@ -52,7 +52,6 @@ def on_ground(
         ground: what stands between tracks and ground.
         omega: speeds of the left and the right track [rad/s].
         at: instant, and time since the sample before [s].
-        scene: what the run is about.
 
     Returns:
         What the ground remembers then, and the inputs of the motion.
@@ -210,9 +209,7 @@ class Loop:
 
     Attributes:
         plant: two PWM inputs [µs], two wheel speeds [rad/s].
-        scene: what the run is about.
         timeout: it is given up after this time [s].
-        xp: array namespace of all laws.
         shaper: makes PWM of both tracks [µs] of a command, and says what of the command it gives.
         feed: what battery and bridge make of that PWM; None for nothing.
     """

@@ -275,7 +275,6 @@ def first_problem(error: ValidationError, source: YamlSource, model: type[BaseMo
     """Word the problem that comes first in the file, and name the lines of the others.
 
     Args:
-        source: the file, for line numbers.
         model: the model of the whole file, for the keys there are.
 
     Returns:

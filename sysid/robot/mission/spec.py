@@ -159,7 +159,6 @@ class Mission(Settings):
         guidance, control, navigation, motion: the laws of the loop; in a file each is a section
             whose ``kind`` names the law and whose other keys are that law's own.
         sensors: what navigation reads besides the wheels, by kind.
-        vehicle: lengths and scales.
         limits: what the references of guidance are kept within.
         vary: quantities that vary between many runs, and by how much.
     """

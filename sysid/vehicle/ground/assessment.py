@@ -72,11 +72,9 @@ class SoilAssessment:
     """What a soil does to a vehicle.
 
     Attributes:
-        traction: soil, vehicle, pressure and slope.
         quantities: thrust, sinkage, resistances, slopes.
         pulls: drawbar pull against slip, on the level.
         turns: turning resistance against radius, on the level.
-        notes: what to beware of, a sentence each.
     """
 
     traction: Traction

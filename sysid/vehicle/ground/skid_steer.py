@@ -157,7 +157,6 @@ def steady_turn(traction: Traction, radius: float, speed: float = 0.1) -> Steady
     it turns, but on the radius alone; power goes with the speed.
 
     Args:
-        traction: vehicle, soil and pressure on level ground.
         radius: R of the path of the centre of mass [m], at least 0; to the left.
         speed: of the body over its outer track, ψ̇ (R + B/2) [m/s], above 0; slow by default.
 

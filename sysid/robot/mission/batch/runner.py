@@ -38,7 +38,6 @@ class BatchRunner(ABC):
     """The runs of one setup by one of its plants; a kind says what differs and what is kept.
 
     Attributes:
-        which: of the plants.
         batch_size: runs side by side; fewer are padded.
         figures: named tuple of what a run comes to, its ``verdict`` first.
     """

@@ -79,10 +79,6 @@ class Sampler:
     the distribution on the condition that it can be driven. Where hardly any draw of a plant is
     feasible, because its log does not determine some directions of θ, those are drawn less far; a
     path of one input that would be unstable by itself stays as estimated.
-
-    Attributes:
-        mission: nominal.
-        variation: what varies, and by how much.
     """
 
     mission: Mission

@@ -42,7 +42,6 @@ class Estimated(NamedTuple):
         a, b, c: departure of μ⁺ = a μ + b d + c from the nominal numbers.
         variance: of these, the upper half row by row: aa, ab, ac, bb, bc, cc.
         motion: μ of the instant before.
-        begun: whether there was one.
     """
 
     a: Real

@@ -25,11 +25,7 @@ from sysid.vehicle.kinematics import Real, wrap_angle
 
 @dataclass(frozen=True)
 class AroundLaw:
-    """A law of guidance around another, whose reach, advice and traits it has.
-
-    Attributes:
-        law: from a pose to references.
-    """
+    """A law of guidance around another, whose reach, advice and traits it has."""
 
     law: Guidance
 
@@ -62,7 +58,6 @@ class FeasibleState(NamedTuple):
     """The last references and what the law remembers.
 
     Attributes:
-        law: the law's state.
         speed: last reference of speed [m/s].
         psi: last reference of yaw [rad].
         rate: at which that turned [rad/s].

@@ -114,7 +114,6 @@ class VirtualState(NamedTuple):
 
     Attributes:
         places: of each [m]; far away where there is none.
-        used: how many there have been.
         rho: distance to the goal where the first of these was put [m].
         way: driven since then [m].
         active: whether the robot has not yet come nearer than that.
@@ -198,7 +197,6 @@ class WallState(NamedTuple):
     """Where and how a surface is followed.
 
     Attributes:
-        following: whether it is.
         side: 1 with the surface on the left, −1 on the right.
         rho: distance to the goal where it began [m].
         way: driven since then [m].

@@ -92,7 +92,6 @@ class Comparison:
         inside_share: of the instants; those while a quantity is outside for long do not count.
         offset_s: time of the log at which t is 0 [s].
         ended_s: when the last run had ended [s].
-        notes: what was done to compare, in sentences.
     """
 
     name: str
@@ -156,7 +155,6 @@ def compared(drive: MeasuredDrive, paths: RunPaths, begins: float, seed: int = 0
     """Lay a measured drive over the runs that were predicted for it.
 
     Args:
-        paths: of the runs, which start where it does.
         begins: when the first command of the runs comes [s].
         seed: of the noise that the runs are read with: that of the log's measurements.
 
@@ -285,7 +283,6 @@ def against_runs(
     The start is measured, so it varies no more than its measurement is uncertain.
 
     Args:
-        record: the log of the drive, with a pose.
         mission: what it drove; its ``vary`` says what else varies.
         plants: as of :func:`sysid.robot.mission.monte_carlo.runs.simulate_runs`.
         vary: names of what varies instead.

@@ -27,8 +27,6 @@ class OutcomeShare:
     """How many runs ended in one way.
 
     Attributes:
-        count: runs.
-        share: of all.
         interval: 95 % interval of the probability, Wilson's.
     """
 
@@ -51,13 +49,11 @@ class MissionRuns:
     """What many runs of a mission came to.
 
     Attributes:
-        seconds: wall time, compilation included.
         goal: of the mission [m].
         figures: of the runs, in the order of ``seeds``.
         redrawn: draws that were not feasible and were made again.
         time_drivers, error_drivers: what the variance of the time of runs that arrived, and of the
             final error, comes from; None for too few runs.
-        notes: sentences about what was assumed.
     """
 
     seed: int

@@ -72,9 +72,6 @@ class RunPaths:
 def run_paths(setup: Setup, runs: int, seed: int = 0) -> RunPaths:
     """Drive so many runs and keep their paths, 24 bytes a sample of each.
 
-    Args:
-        setup: mission, plants and what varies.
-
     Raises:
         ModelError: the plant is none that could drive, or cannot be drawn.
     """

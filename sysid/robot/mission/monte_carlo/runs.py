@@ -28,11 +28,7 @@ BATCH_SIZE_ALONE = 16
 
 
 class Chunk(NamedTuple):
-    """Some runs of one plant.
-
-    Attributes:
-        runs: numbers of the runs in the batch.
-    """
+    """Some runs of one plant."""
 
     which: int
     runs: tuple[int, ...]
@@ -140,7 +136,6 @@ def simulate_runs(
         vary: names of what varies, in the sizes of the mission; None for what the mission says.
         scheduler: who runs the chunks: None for threads of this process, ``processes``, or the
             address of a Dask scheduler.
-        progress: called when runs are done.
 
     Returns:
         Outcomes with intervals, quantiles, what matters, and the worst runs.

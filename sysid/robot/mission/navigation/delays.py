@@ -35,7 +35,6 @@ class History(NamedTuple):
     """The last samples, the newest last; leaves have them along axis 0.
 
     Attributes:
-        samples: what was given.
         beliefs: what the filter believed after each.
     """
 

@@ -24,9 +24,7 @@ def repeated(
     Args:
         xp: array namespace; on ``jax.numpy`` it is one compiled loop.
         step: pure.
-        first: the carry before the first row.
         rows: a tree whose leaves have the rows along axis 0.
-        begin: row to begin with.
 
     Returns:
         The last carry, and the outputs, row after row along axis 0.

@@ -245,7 +245,6 @@ class Group:
         Args:
             z: the numbers, (m,); NaN where nothing was read.
             x: states, (n,), those of ``names`` in front.
-            setting: what expected values are computed with.
         """
         at = {name: i for i, name in enumerate(names)}
         expected = self.expected({name: x[i] for name, i in at.items()}, setting, xp)

@@ -40,7 +40,6 @@ class Margins:
         delay_s: dead time that may be added [s].
         crossover: frequency where the loop's gain is 1 [rad/s]; 0 where it never is.
         peak: largest sensitivity |1/(1 + L)|: below 2 is robust, above 4 is fragile.
-        stable: whether the closed loop is.
     """
 
     gain: float
@@ -176,7 +175,6 @@ class RuleGains(NamedTuple):
 
     Attributes:
         axes: for which it has gains; the others keep the mission's.
-        gains: of the controller, by name.
     """
 
     name: str
