@@ -57,7 +57,7 @@ def timed(plant: Path) -> Timing:
     from sysid.fitting.compiled import jax_module
     from sysid.robot.mission.batch.pool import threaded
     from sysid.robot.mission.batch.sampler import run_seeds
-    from sysid.robot.mission.monte_carlo.chunks import Runner, chunks
+    from sysid.robot.mission.monte_carlo.runs import Runner, chunks
 
     setup = _setup(plant)
     jax_module().config.update("jax_enable_compilation_cache", False)

@@ -61,7 +61,6 @@ class AxisInputs(NamedTuple):
         motion: motion that navigation believes [m/s, rad/s].
         low, high: limits of the command [drive].
         applied: what of the last command acted, as far as is known [drive].
-        plant: the identified plant along this axis.
     """
 
     t: Real

@@ -42,12 +42,7 @@ def sentence(
     log: Mapping[str, Array],
     last: References = STANDING,
 ) -> str:
-    """One sentence on the end of a mission, with the next step.
-
-    Args:
-        mission: what was to be done, by which laws.
-        last: references at the end.
-    """
+    """One sentence on the end of a mission, with the next step."""
     guidance = mission.guidance.advice
     if outcome in (Outcome.ARRIVED, Outcome.MISSED):
         return _arrived(outcome, mission, float(_to_goal(mission, log)[-1]))
@@ -75,12 +70,7 @@ def _arrived(outcome: Outcome, mission: Mission, away: float) -> str:
 
 
 def stuck(mission: Mission, log: Mapping[str, Array], last: References) -> Stuck:
-    """Why and where a robot got nowhere.
-
-    Args:
-        mission: what was to be done, by which laws.
-        last: references at the end.
-    """
+    """Why and where a robot got nowhere."""
     place = float(log["x"][-1]), float(log["y"][-1])
     return Stuck(_stuck(mission, log, last)[0], place)
 

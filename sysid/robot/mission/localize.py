@@ -55,7 +55,6 @@ class Localization:
             empty where the law reports no covariance.
         errors: of the estimate where the log holds the true pose: ``position_rms_m``,
             ``position_end_m``, ``heading_rms_rad``, ``heading_end_rad``; empty elsewhere.
-        notes: what was assumed.
     """
 
     log: SensorLog
@@ -81,7 +80,6 @@ def localize(
         path: log with the wheel speeds and with columns of sensors.
         mission: its navigation, sensors, geometry and start.
         columns: reading → column, where the names differ; ``-column`` where its sign does.
-        options: how to read the log.
 
     Raises:
         DataError: the log cannot be read, or holds no wheel speed and no sensor.

@@ -67,7 +67,6 @@ class MissionResult:
         log: columns of equal length by name (:data:`sysid.robot.mission.loop.COLUMNS`), one row a
         plant
             sample; read-only.
-        sentence: how it ended, with the next step.
         stuck: why and where it got nowhere; None where it did not.
     """
 

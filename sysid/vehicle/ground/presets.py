@@ -21,13 +21,7 @@ from sysid.vehicle.soil import NUMBERS, Shear, Soil
 
 @dataclass(frozen=True)
 class Preset:
-    """A soil with a name.
-
-    Attributes:
-        name: how it is asked for.
-        title: what ground it is.
-        soil: its numbers, with standard deviations and source.
-    """
+    """A soil with a name."""
 
     name: str
     title: str

@@ -27,7 +27,6 @@ class Number(NamedTuple):
 
     Attributes:
         soil: 0 for the floor's own, then the patches'.
-        value, std: nominal value and standard deviation.
     """
 
     soil: int
@@ -38,12 +37,7 @@ class Number(NamedTuple):
 
 @dataclass(frozen=True)
 class PhysicsSampler:
-    """How mass and soils of the runs of one mission are drawn; mass first, then soil by soil.
-
-    Attributes:
-        mission: nominal.
-        variation: what varies, and by how much.
-    """
+    """How mass and soils of the runs of one mission are drawn; mass first, then soil by soil."""
 
     mission: Mission
     variation: Variation

@@ -18,7 +18,6 @@ from sysid.fitting.compiled import compiled, jax_module
 from sysid.robot.mission.batch.clock import BLOCK, Block, Clock, Pattern
 from sysid.robot.mission.batch.setup import PlantVariant, Setup
 from sysid.robot.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict
-from sysid.robot.mission.noise import block as noise_block
 from sysid.robot.mission.noise import generator
 from sysid.robot.mission.simulator import LIMITS
 
@@ -39,7 +38,6 @@ class BatchRunner(ABC):
     """The runs of one setup by one of its plants; a kind says what differs and what is kept.
 
     Attributes:
-        which: of the plants.
         batch_size: runs side by side; fewer are padded.
         figures: named tuple of what a run comes to, its ``verdict`` first.
     """
@@ -243,6 +241,6 @@ class BatchRunner(ABC):
         while True:
             arrays = []
             for streams, n in named:
-                numbers = {s: noise_block(stream, n, BLOCK) for s, stream in streams.items()}
+                numbers = {s: stream.standard_normal((BLOCK, n)) for s, stream in streams.items()}
                 arrays.append(jnp.asarray(np.stack([numbers[s] for s in seeds], axis=1)))
             yield tuple(arrays)

@@ -31,9 +31,7 @@ class PlantVariant:
     mean. Only the state at rest follows the run's own parameters.
 
     Attributes:
-        sampler: how its runs are drawn.
         robot: the robot of the estimated plant.
-        warnings: what was assumed to make it one.
         settling_steps: samples without drive after which it is at rest; 0 where it rests as it is.
     """
 
@@ -91,7 +89,6 @@ class Setup:
     """What many runs of one mission have in common.
 
     Attributes:
-        mission: nominal.
         plants: what may drive it, one or several of a comparison.
         variation: what varies; several plants where it says so.
     """
@@ -131,7 +128,7 @@ class Setup:
 
     def __reduce__(self) -> tuple[type["Setup"], tuple[Any, ...]]:
         """Without what was worked out from it, to be sent to another process."""
-        plants = tuple(replace(p) for p in self.plants)  # type: ignore[type-var]
+        plants = tuple(replace(p) for p in self.plants)
         return Setup, (self.mission, plants, self.variation)
 
     @cached_property

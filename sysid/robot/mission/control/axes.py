@@ -19,10 +19,8 @@ class AxesState(NamedTuple):
     """What both axes remember.
 
     Attributes:
-        speed, yaw: states of the laws.
         moved: forward speed at the last instant [m/s].
         asked: V_ref [m/s] and ψ_ref [rad] of the last instant.
-        begun: whether there was an instant before.
     """
 
     speed: State

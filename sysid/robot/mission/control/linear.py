@@ -67,7 +67,6 @@ def pid_step(
     (d_acted − d_asked) T/T_t to the integral, d_acted as far as it is known of the instant before.
 
     Args:
-        inputs: what is asked and believed.
         dt: T, time since then [s].
     """
     integral = state.integral

@@ -54,7 +54,6 @@ class MeasuredDrive:
         t: instants since its first row [s], (N,); rows without a pose are left out.
         pose: x, y [m], ψ [rad] at these, (N, 3).
         noise: standard deviation of a measurement, (3,).
-        clock: when it set off.
         start: the pose in which it stood before, (3,).
         start_error: standard error of that, (3,).
     """

@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.files import write_atomic
 from sysid.data.record import Array
 from sysid.robot.mission.batch.runner import FAILED
 from sysid.robot.mission.loop import Verdict
 from sysid.robot.mission.monte_carlo.figures import OUTCOMES, Figures
 from sysid.robot.mission.monte_carlo.variance_shares import Shares
-
-CONFIDENT = 1.959963984540054
-"""Standard deviations to either side of a 95 % interval."""
+from sysid.robot.mission.result import write_columns
 
 WORST = 5
 """Runs that are named as the worst."""
@@ -30,8 +27,6 @@ class OutcomeShare:
     """How many runs ended in one way.
 
     Attributes:
-        count: runs.
-        share: of all.
         interval: 95 % interval of the probability, Wilson's.
     """
 
@@ -54,13 +49,11 @@ class MissionRuns:
     """What many runs of a mission came to.
 
     Attributes:
-        seconds: wall time, compilation included.
         goal: of the mission [m].
         figures: of the runs, in the order of ``seeds``.
         redrawn: draws that were not feasible and were made again.
         time_drivers, error_drivers: what the variance of the time of runs that arrived, and of the
             final error, comes from; None for too few runs.
-        notes: sentences about what was assumed.
     """
 
     seed: int
@@ -206,12 +199,10 @@ def write_runs(batch: MissionRuns, path: Path) -> Path:
     Raises:
         DataError: the file cannot be written there.
     """
-    columns = [column.tolist() for column in batch.figures[1:]]
-    lines = [",".join(COLUMNS)]
-    for k, (seed, row) in enumerate(zip(batch.seeds, zip(*columns, strict=True), strict=True)):
-        numbers = ("" if abs(v) == float("inf") or v != v else repr(v) for v in row)
-        lines.append(",".join((str(seed), batch.figures.outcome(k), *numbers)))
-    return write_atomic(path, ("\n".join(lines) + "\n").encode("ascii"))
+    outcomes = [batch.figures.outcome(k) for k in range(batch.n)]
+    numbers = (np.where(np.isfinite(column), column, np.nan) for column in batch.figures[1:])
+    columns = (np.array(batch.seeds), np.array(outcomes), *numbers)
+    return write_columns(dict(zip(COLUMNS, columns, strict=True)), path)
 
 
 def wilson(count: int, n: int) -> tuple[float, float]:
@@ -220,11 +211,10 @@ def wilson(count: int, n: int) -> tuple[float, float]:
     (p + z²/2n ± z √(p(1 − p)/n + z²/4n²)) / (1 + z²/n): inside 0 … 1, and of some width even where
     all runs or none ended so.
     """
-    z2, p = CONFIDENT * CONFIDENT, count / n
-    middle = p + z2 / (2 * n)
-    half = CONFIDENT * math.sqrt(p * (1 - p) / n + z2 / (4 * n * n))
-    low, high = (middle - half) / (1 + z2 / n), (middle + half) / (1 + z2 / n)
-    return (0.0 if count == 0 else low, 1.0 if count == n else high)
+    from scipy.stats import binomtest
+
+    low, high = binomtest(count, n).proportion_ci(method="wilson")
+    return float(low), float(high)
 
 
 def quantiles(values: Array) -> dict[str, float] | None:

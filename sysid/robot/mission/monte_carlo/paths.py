@@ -13,7 +13,7 @@ from sysid.robot.mission.batch.runner import BATCH_SIZE, FAILED
 from sysid.robot.mission.batch.sampler import run_seeds
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.chunks import chunks
+from sysid.robot.mission.monte_carlo.runs import chunks
 from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns, why_not_at_once
 
 
@@ -71,9 +71,6 @@ class RunPaths:
 
 def run_paths(setup: Setup, runs: int, seed: int = 0) -> RunPaths:
     """Drive so many runs and keep their paths, 24 bytes a sample of each.
-
-    Args:
-        setup: mission, plants and what varies.
 
     Raises:
         ModelError: the plant is none that could drive, or cannot be drawn.

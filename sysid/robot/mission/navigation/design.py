@@ -59,7 +59,6 @@ class Design:
     """A filter laid out for one set of sensors.
 
     Attributes:
-        process: its states and how they move.
         groups: its measurements, in the order in which those of one instant are used.
         start: variances at t = 0, (n,).
         since: of each group, what its measurement does to the state (n, n) for the next one of its
@@ -92,9 +91,7 @@ def design(
     """Lay a filter out.
 
     Args:
-        sensors: of the mission, by kind.
         dt: time between two samples [s].
-        noises: what the filter's keys say.
         linear: leave out whatever is not linear in the state: slip, and acceleration to the left.
     """
     listed = tuple(sensors.items())

@@ -67,10 +67,8 @@ class Sight(NamedTuple):
     """One group of measurements at one sample, ready to be used.
 
     Attributes:
-        group: what they are.
         z: the numbers, (m,); NaN where nothing was read.
         variance: of each, (m,).
-        setting: what their expected values are computed with.
         quantiles: the gate, by the number of measurements that came.
     """
 

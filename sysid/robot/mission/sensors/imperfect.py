@@ -38,7 +38,6 @@ class Remembered(NamedTuple):
     """What a sensor remembers.
 
     Attributes:
-        memory: what its kind needs besides.
         bias: of each measured quantity, now.
         taken: the last instant at which it measured [s].
         late: measurements on their way, the next to come first.
@@ -170,7 +169,6 @@ class ImperfectSensor(Settings):
         """What it would measure without errors, asked at every sample of the plant.
 
         Args:
-            inputs: what it is exposed to.
             since: time since it measured last [s]; 0 at first.
             dt: time since the sample before [s]; 0 at first.
 

@@ -29,7 +29,6 @@ class WorkingPoint:
         change: size of the step of either command [drive]: small beside the working point, far
             above rounding.
         settled: the answer counts as over when it stays within this share of its final value.
-        longest: samples of an answer at most.
     """
 
     drive: float = 0.5

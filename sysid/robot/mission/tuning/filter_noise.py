@@ -55,9 +55,7 @@ class FilterTuning:
         r: variances of measurements, by name.
         gate: the filter's, opened (1) where it would reject much with this noise.
         log_likelihood: of the measurements before and after.
-        before, after: what the filter makes of the whole log.
         at_bound: keys whose value went as far as it may.
-        notes: what was assumed.
     """
 
     q: Mapping[str, float]
@@ -117,7 +115,6 @@ def tuned_filter(
     Args:
         mission: whose navigation is a filter with q and r.
         columns: reading → column, where the names differ.
-        options: how to read the log.
 
     Raises:
         DataError: the navigation has no noise to tune, or the log cannot serve.

@@ -84,14 +84,10 @@ class Judge:
     """Drives sets of gains with several plants, through the steps and through the mission.
 
     Args:
-        mission: what to do.
         plant: a fitted model, or a plant that is the same in every run.
-        options: how much.
 
     Attributes:
-        variant: mission and estimated plant.
         plants: parameters of the plants, (M, n).
-        notes: sentences about what was assumed.
     """
 
     def __init__(
@@ -149,7 +145,6 @@ def tune(
     Args:
         mission: what to do; its controller's gains are where the search is compared with.
         plant: a fitted model, or a plant that is the same in every run.
-        progress: called when sets were driven.
 
     Raises:
         UsageError: the controller has no gains to be tuned.

@@ -26,7 +26,6 @@ def write_mission(source: Path, target: Path, mission: Mission, role: str = "con
     Comments and order of the file stay; what stood in the section of the law goes.
 
     Args:
-        source: the file that the mission is from.
         role: the section, ``control`` or ``navigation``.
 
     Raises:
@@ -64,7 +63,6 @@ def write_vehicle(source: Path, target: Path, sections: Sections) -> Path:
     that is no rolling is left as it is.
 
     Args:
-        source: the file of the mission.
         sections: ``vehicle``, and ``motion`` where it slips.
 
     Raises:

@@ -17,8 +17,13 @@ from sysid.robot.mission.batch.pool import PROCESSES, Job
 from sysid.robot.mission.batch.sampler import run_seeds
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import Command, ControlInputs, Scene
-from sysid.robot.mission.monte_carlo.chunks import ChunkResult, Runner, chunks, runner_of
-from sysid.robot.mission.monte_carlo.runs import simulate_runs
+from sysid.robot.mission.monte_carlo.runs import (
+    ChunkResult,
+    Runner,
+    chunks,
+    runner_of,
+    simulate_runs,
+)
 from sysid.robot.mission.monte_carlo.varied_runs import why_not_at_once
 from sysid.robot.mission.settings import ControlSettings
 
