@@ -9,7 +9,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.fitting.marquardt import Conditions, Method, loss, marquardt
 from sysid.fitting.problem import Focus, Initial
 from sysid.report.markdown import table
-from sysid.structures.linear.oe import OE
+from sysid.structures.linear.families import OE
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.searchable import LinearSearch
 

@@ -15,13 +15,13 @@ from sysid.structures.base import NamedStructure, Structure
 from sysid.structures.orders import require_orders
 
 BUILT_IN = {
-    "arx": "linear.arx:ARX",
-    "armax": "linear.armax:ARMAX",
-    "oe": "linear.oe:OE",
-    "bj": "linear.bj:BJ",
-    "ar": "linear.time_series:AR",
-    "arma": "linear.time_series:ARMA",
-    "ma": "linear.time_series:MA",
+    "arx": "linear.families:ARX",
+    "armax": "linear.families:ARMAX",
+    "oe": "linear.families:OE",
+    "bj": "linear.families:BJ",
+    "ar": "linear.families:AR",
+    "arma": "linear.families:ARMA",
+    "ma": "linear.families:MA",
     "narx-wavelet": "narx.structure:NarxWavelet",
     "narmax": "narmax.structure:NARMAX",
     "hammerstein-wiener": "blocks.hammerstein_wiener:HammersteinWiener",

@@ -13,7 +13,7 @@ from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.export.c.step import c_step
 from sysid.structures import special_runs
-from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.families import ARX
 from sysid.structures.special_runs import CStep
 
 Step = Callable[[Any, Any], tuple[Any, Any]]

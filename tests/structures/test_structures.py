@@ -17,7 +17,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError, UsageError
 from sysid.estimation.pem import fit
 from sysid.fitting.problem import Focus, Initial, Problem
-from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.families import ARX
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.predictor import HUGE
 from sysid.structures.model import Model

@@ -17,7 +17,7 @@ from sysid.fitting.problem import Focus
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.static.functions import IDENTITY
 from sysid.structures.blocks.trials import ChainData, Effort, Trial
-from sysid.structures.linear.oe import OE
+from sysid.structures.linear.families import OE
 from sysid.structures.linear.output_error import reflected
 from sysid.structures.linear.starts import starts_of
 from sysid.structures.orders import Orders, spread

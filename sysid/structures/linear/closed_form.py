@@ -17,7 +17,7 @@ from sysid.fitting.uncertainty import (
     sandwich,
     with_infinite,
 )
-from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.families import ARX
 from sysid.structures.linear.predictor import RowLayout
 
 SANDWICH_SAMPLES = 100_000

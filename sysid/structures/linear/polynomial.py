@@ -35,7 +35,9 @@ class Polynomials:
     F: list[list[Array]]
 
 
-linear_traits = partial(Traits, tells="gain, delay, time constants or poles", linear=True)
+linear_traits = partial(
+    Traits, tells="gain, delay, time constants or poles", linear=True, by_default=True
+)
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.errors import ModelError
+from sysid.robot.mission.batch.sampler import Sampler, Samples
+from sysid.robot.mission.batch.varied_plant import FixedPlant, ModelPlant, VariedPlant
 from sysid.robot.mission.contracts import Scene, SteppablePlant
 from sysid.robot.mission.loop import CommandShaper
-from sysid.robot.mission.monte_carlo.figures import NOTHING, figures_of
-from sysid.robot.mission.monte_carlo.sampler import Sampler, Samples
-from sysid.robot.mission.monte_carlo.varied_plant import FixedPlant, ModelPlant, VariedPlant
 from sysid.robot.mission.noise import generator
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.simulator import check_robot, scene_of, shaper_of, simulate
@@ -33,9 +31,7 @@ class PlantVariant:
     mean. Only the state at rest follows the run's own parameters.
 
     Attributes:
-        sampler: how its runs are drawn.
         robot: the robot of the estimated plant.
-        warnings: what was assumed to make it one.
         settling_steps: samples without drive after which it is at rest; 0 where it rests as it is.
     """
 
@@ -93,7 +89,6 @@ class Setup:
     """What many runs of one mission have in common.
 
     Attributes:
-        mission: nominal.
         plants: what may drive it, one or several of a comparison.
         variation: what varies; several plants where it says so.
     """
@@ -131,10 +126,10 @@ class Setup:
             variation,
         )
 
-    def plain(self) -> "Setup":
-        """The same without what was worked out from it, to be sent to another process."""
-        plants = tuple(replace(p) for p in self.plants)  # type: ignore[type-var]
-        return Setup(self.mission, plants, self.variation)
+    def __reduce__(self) -> tuple[type["Setup"], tuple[Any, ...]]:
+        """Without what was worked out from it, to be sent to another process."""
+        plants = tuple(replace(p) for p in self.plants)
+        return Setup, (self.mission, plants, self.variation)
 
     @cached_property
     def plant_variants(self) -> tuple[PlantVariant, ...]:
@@ -213,14 +208,6 @@ class Setup:
     def known(self, seed: int) -> RobotPlant:
         """The robot that control takes a run's for: that of the estimated plant."""
         return self.plant_variants[self.choice(seed)].robot
-
-
-def figures_alone(setup: Setup, seed: int) -> tuple[float, ...]:
-    """Figures of one run, driven alone in NumPy; those of a failed run where it cannot end."""
-    try:
-        return figures_of(setup.simulated(seed))
-    except ModelError:
-        return NOTHING
 
 
 def varied_mission(sampler: Sampler, samples: Samples) -> Mission:

@@ -9,13 +9,13 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.errors import ModelError
-from sysid.robot.mission.clearance import inside
+from sysid.robot.mission.batch.physics import PhysicsSampler
+from sysid.robot.mission.batch.varied_plant import Flags, VariedPlant
 from sysid.robot.mission.contracts import TurnsTracks
-from sysid.robot.mission.monte_carlo.physics import PhysicsSampler
-from sysid.robot.mission.monte_carlo.varied_plant import Flags, VariedPlant
 from sysid.robot.mission.noise import generator
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.variation import Variation
+from sysid.vehicle.floor import Polygon
 
 TRIES = 200
 """Draws of a start and of obstacles, of which one must be free: where one in twenty is, all of
@@ -79,10 +79,6 @@ class Sampler:
     the distribution on the condition that it can be driven. Where hardly any draw of a plant is
     feasible, because its log does not determine some directions of θ, those are drawn less far; a
     path of one input that would be unstable by itself stays as estimated.
-
-    Attributes:
-        mission: nominal.
-        variation: what varies, and by how much.
     """
 
     mission: Mission
@@ -200,7 +196,7 @@ class Sampler:
             apart = np.hypot(*np.moveaxis(obstacles - point[:, None], -1, 0))
             free &= np.all((apart > radii) | ~counts, axis=1)
         for polygon in mission.polygons:
-            free &= [not inside(polygon, (x, y)) for x, y, _ in start.tolist()]
+            free &= ~Polygon(polygon).contains(start[:, 0], start[:, 1], np)
         return free
 
     @cached_property

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,57 +21,9 @@ HALVINGS = 6
 """Times that the way along a direction is halved until a plant is feasible; then it is left out."""
 
 
-class VariedPlant(Protocol):
-    """What is asked of a plant that many runs drive.
-
-    Attributes:
-        name: for sentences.
-        size: standard normal numbers that a draw of its parameters needs.
-        unknown: names of parameters about which the data say nothing; they stay as they are.
-        theta: its estimated parameters, (n,).
-    """
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def size(self) -> int: ...
-
-    @property
-    def unknown(self) -> tuple[str, ...]: ...
-
-    @property
-    def theta(self) -> Array: ...
-
-    def drawn(self, z: Array, friction: Array) -> Array:
-        """θ (K, n) from standard normal numbers (K, size) and factors of dry friction (K,)."""
-        ...
-
-    def feasible(self, thetas: Array) -> Flags:
-        """Which rows are inside their bounds and stable, (K,)."""
-        ...
-
-    def settled(self, thetas: Array) -> Array:
-        """θ (K, n) with the parts as estimated that would be unstable."""
-        ...
-
-    def pulled(self, z: Array, friction: Array) -> Array:
-        """θ (K, n) as ``drawn``, but less far where it would not be feasible."""
-        ...
-
-    @property
-    def has_friction(self) -> bool:
-        """Whether it has numbers of dry friction."""
-        ...
-
-    def plant(self, theta: Any) -> SteppablePlant:
-        """The plant of a θ of numbers, or of one that a compiler traces."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class FixedPlant:
-    """A plant without a covariance: the same in every run."""
+    """A plant without a covariance: the same in every run, with no numbers to draw."""
 
     given: SteppablePlant
     size = 0
@@ -80,32 +32,25 @@ class FixedPlant:
 
     @property
     def name(self) -> str:
-        """What kind of thing it is."""
         return type(self.given).__name__
 
     @property
     def theta(self) -> Array:
-        """No numbers."""
         return np.zeros(0)
 
     def drawn(self, z: Array, friction: Array) -> Array:
-        """Nothing to draw."""
         return np.zeros((len(z), 0))
 
     def settled(self, thetas: Array) -> Array:
-        """Nothing to change."""
         return thetas
 
     def feasible(self, thetas: Array) -> Flags:
-        """Always."""
         return np.ones(len(thetas), dtype=bool)
 
     def pulled(self, z: Array, friction: Array) -> Array:
-        """Nothing to draw."""
         return self.drawn(z, friction)
 
     def plant(self, theta: Any) -> SteppablePlant:
-        """The plant itself."""
         return self.given
 
 
@@ -124,7 +69,6 @@ class ModelPlant:
 
     @property
     def name(self) -> str:
-        """The structure's name."""
         return self.model.structure.name
 
     @property
@@ -158,12 +102,10 @@ class ModelPlant:
 
     @property
     def size(self) -> int:
-        """Rank of the covariance."""
         return int(self._root.shape[1])
 
     @property
     def has_friction(self) -> bool:
-        """Whether the structure says which of its parameters are dry friction."""
         return bool(friction_entries(self.model.structure))
 
     def drawn(self, z: Array, friction: Array) -> Array:
@@ -211,7 +153,6 @@ class ModelPlant:
         return changed
 
     def feasible(self, thetas: Array) -> Flags:
-        """Inside the bounds of what is estimated, and stable."""
         inside = np.ones(len(thetas), dtype=bool)
         for k, p in enumerate(self.model.parameters):
             if p.fixed is None:
@@ -241,3 +182,7 @@ class ModelPlant:
 def _output(step: Callable[[Any, Any], tuple[Any, Any]]) -> Callable[[Any, Any], Any]:
     """y alone: a compiler leaves out what is not asked for."""
     return lambda x, u: step(x, u)[1]
+
+
+VariedPlant = FixedPlant | ModelPlant
+"""A plant that many runs drive."""

@@ -27,7 +27,6 @@ class Number(NamedTuple):
 
     Attributes:
         soil: 0 for the floor's own, then the patches'.
-        value, std: nominal value and standard deviation.
     """
 
     soil: int
@@ -38,19 +37,13 @@ class Number(NamedTuple):
 
 @dataclass(frozen=True)
 class PhysicsSampler:
-    """How mass and soils of the runs of one mission are drawn; mass first, then soil by soil.
-
-    Attributes:
-        mission: nominal.
-        variation: what varies, and by how much.
-    """
+    """How mass and soils of the runs of one mission are drawn; mass first, then soil by soil."""
 
     mission: Mission
     variation: Variation
 
     @cached_property
     def _asked(self) -> Sequence[str]:
-        """The numbers that the motion takes."""
         asked: Sequence[str] = getattr(self.mission.motion, "wanted", ())
         return asked
 
@@ -77,7 +70,6 @@ class PhysicsSampler:
 
     @property
     def size(self) -> int:
-        """Standard normal numbers that a draw needs."""
         return int(self._varies_mass) + len(self._numbers)
 
     @property
