@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from sysid.data.record import Record
 from sysid.fitting.problem import Focus, Initial, Problem
-from sysid.structures.augmented.fit import ChainSearch
+from sysid.methods.augmented import ChainSearch
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.base import Structure
 from sysid.structures.blocks.errors import ChainErrors

@@ -12,14 +12,9 @@ METHODS: Mapping[str, str] = {
     "linear.polynomial:PolynomialStructure": "sysid.methods.linear:METHOD",
     "narx.structure:NarxWavelet": "sysid.methods.narx:METHOD",
     "narmax.structure:NARMAX": "sysid.methods.narmax:METHOD",
-    "blocks.hammerstein_wiener:HammersteinWiener": (
-        "sysid.structures.blocks.hammerstein_wiener_fit:METHOD"
-    ),
-    "blocks.wiener_hammerstein:WienerHammerstein": (
-        "sysid.structures.blocks.wiener_hammerstein_fit:METHOD"
-    ),
-    "grey_box.structure:GreyBox": "sysid.structures.grey_box.fit:METHOD",
-    "augmented.structure:Augmented": "sysid.structures.augmented.fit:METHOD",
+    "blocks.structure:BlockStructure": "sysid.methods.blocks:METHOD",
+    "grey_box.structure:GreyBox": "sysid.methods.grey_box:METHOD",
+    "augmented.structure:Augmented": "sysid.methods.augmented:METHOD",
 }
 """Class (below ``sysid.structures``) → its method, imported when asked for."""
 

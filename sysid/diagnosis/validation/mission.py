@@ -55,7 +55,6 @@ class PathTrace:
     """A measured path and those of both models under the same commands.
 
     Attributes:
-        name: of the record.
         t: instants [s], (N,).
         measured, before, after: x, y [m], ψ [rad], (N, 3).
     """
@@ -73,8 +72,6 @@ class MissionProof:
 
     Attributes:
         facts: JSON-able: ``mission``, ``open_loop``, ``closed_loop``, ``sentence``, ``warnings``.
-        traces: open-loop paths.
-        mission: what was driven.
         driven: the mission by each plant, ``before`` and ``after``; one that cannot is left out.
     """
 
@@ -149,8 +146,6 @@ def not_this_mission(record: Record, mission: Mission, channels: tuple[int, int]
     its wheels counts as well as the measured one.
 
     Args:
-        record: a log with pose.
-        mission: what it is said to have driven.
         channels: outputs of the left and of the right track.
 
     Returns:
