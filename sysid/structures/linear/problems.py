@@ -8,13 +8,13 @@ from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
 from sysid.fitting.problem import Problem
 from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.polynomials import adjugate, determinant
 from sysid.structures.linear.predictor import (
     HUGE,
     RowErrors,
     largest_radius,
     roots_inside,
 )
-from sysid.structures.linear.transfer import adjugate, determinant
 
 
 class FreeRunErrors(Problem):
@@ -49,7 +49,7 @@ class FreeRunErrors(Problem):
     def residual(self, p: Array) -> Array:
         """y − ŷ, output after output, experiment after experiment."""
         det = determinant(self._structure.polynomials(self._theta(p)).A)
-        if not roots_inside(det[1:], self._radius):
+        if not roots_inside(np.array(det[1:]), self._radius):
             return np.full(sum(self.lengths), HUGE)
         with np.errstate(all="ignore"):
             e = np.concatenate(
