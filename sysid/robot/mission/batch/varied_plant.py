@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from sysid.data.record import Array, Index
 from sysid.robot.mission.contracts import SteppablePlant
 from sysid.structures.model import Model
+from sysid.structures.physics import friction_entries, ground_effects, torques
 from sysid.structures.plant import Plant
+from sysid.structures.special_runs import stable_each, stable_parts, traced_step
 
 Flags = NDArray[np.bool_]
 
@@ -104,7 +106,7 @@ class ModelPlant:
 
     @property
     def has_friction(self) -> bool:
-        return bool(self.model.structure.friction_entries())
+        return bool(friction_entries(self.model.structure))
 
     def drawn(self, z: Array, friction: Array) -> Array:
         """θ̂ + factor·L z, the entries of dry friction times their factor."""
@@ -113,7 +115,7 @@ class ModelPlant:
         for k in range(self.size):  # not a product of matrices: one run alone gives the same bits
             change += z[:, k, None] * self._root[:, k]
         thetas[:, self._free] += self.factor * change
-        entries = list(self.model.structure.friction_entries())
+        entries = list(friction_entries(self.model.structure))
         thetas[:, entries] *= friction[:, None]
         return thetas
 
@@ -144,10 +146,10 @@ class ModelPlant:
         the numerator that they were estimated with, they would make it do much.
         """
         structure, changed = self.model.structure, thetas.copy()
-        for part in structure.stable_parts():
+        for part in stable_parts(structure):
             alone = np.repeat(self.theta[None], len(thetas), axis=0)
             alone[:, part] = thetas[:, part]
-            changed[np.ix_(~structure.stable_each(alone), part)] = self.theta[part]
+            changed[np.ix_(~stable_each(structure, alone), part)] = self.theta[part]
         return changed
 
     def feasible(self, thetas: Array) -> Flags:
@@ -155,7 +157,7 @@ class ModelPlant:
         for k, p in enumerate(self.model.parameters):
             if p.fixed is None:
                 inside &= (thetas[:, k] >= p.lower) & (thetas[:, k] <= p.upper)
-        inside[inside] = self.model.structure.stable_each(thetas[inside])
+        inside[inside] = stable_each(self.model.structure, thetas[inside])
         return inside
 
     @cached_property
@@ -167,13 +169,13 @@ class ModelPlant:
         if isinstance(theta, np.ndarray):
             return replace(self.model, theta=theta).plant()
         structure = self.model.structure
-        step = structure.traced_step(theta, self.theta)
+        step = traced_step(structure, theta, self.theta)
         return replace(
             self._nominal,
             core=step,
             core_readout=_output(step),
-            ground=structure.ground(theta),
-            torque=structure.torque(theta),
+            ground=ground_effects(structure, theta),
+            torque=torques(structure, theta),
         )
 
 
