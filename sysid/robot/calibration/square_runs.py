@@ -224,8 +224,8 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     measured = np.concatenate([np.mean([r.found for r in g], axis=0) for g in groups])
 
     def predicted(p: Array) -> Array:
-        return np.concatenate(
-            [np.mean([r.predicted(*p.tolist()) for r in g], axis=0) for g in groups]
+        return np.asarray(
+            np.concatenate([np.mean([r.predicted(*p.tolist()) for r in g], axis=0) for g in groups])
         )
 
     def away(p: Array) -> Array:
