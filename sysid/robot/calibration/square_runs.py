@@ -224,12 +224,12 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     measured = np.concatenate([np.mean([r.found for r in g], axis=0) for g in groups])
 
     def predicted(p: Array) -> Array:
-        return np.asarray(
-            np.concatenate([np.mean([r.predicted(*p.tolist()) for r in g], axis=0) for g in groups])
+        return np.concatenate(
+            [np.mean([r.predicted(*p.tolist()) for r in g], axis=0) for g in groups]
         )
 
     def away(p: Array) -> Array:
-        return predicted(p) - measured
+        return np.asarray(predicted(p) - measured)
 
     def jacobian(p: Array) -> Array:
         return slopes(predicted, p, np.full(2, 1e-5))
