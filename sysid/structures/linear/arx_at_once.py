@@ -82,9 +82,7 @@ def _row(gram: ne.LagGram, target: int, columns: Sequence[int]) -> Array:
     if solved is not None:
         return solved.theta
     H = gram.matrix[np.ix_(columns, columns)]
-    scale = np.sqrt(np.maximum(np.diag(H), 1e-300))
-    right = gram.matrix[list(columns), target] / scale
-    return np.asarray(np.linalg.lstsq(H / np.outer(scale, scale), right, rcond=1e-12)[0] / scale)
+    return ne.scaled_solution(H, gram.matrix[list(columns), target])
 
 
 def _log_det(covariance: Array) -> float:

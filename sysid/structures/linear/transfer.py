@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array
+from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.structures.linear.polynomials import Matrix
 
 
@@ -112,10 +113,7 @@ class TransferMatrix:
         keep = np.isfinite(target) & np.all(np.isfinite(basis), axis=1)
         if not keep.any():
             return np.zeros(self.n_states)
-        scale = np.linalg.norm(basis[keep], axis=0)
-        scale[scale == 0] = 1.0
-        state = np.linalg.lstsq(basis[keep] / scale, target[keep], rcond=1e-12)[0] / scale
-        return np.asarray(state, dtype=np.float64)
+        return scaled_lstsq(basis[keep], target[keep])
 
     @cached_property
     def matrices(self) -> tuple[Array, Array, Array, Array]:
