@@ -15,7 +15,6 @@ from sysid.fitting.normal_equations import residual_row
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.linear import many_thetas
-from sysid.structures.linear.candidates import affordable
 from sysid.structures.linear.polynomials import Polynomials, adjugate, determinant
 from sysid.structures.linear.predictor import RowErrors, RowLayout
 from sysid.structures.linear.transfer import TransferMatrix
@@ -57,17 +56,6 @@ class PolynomialStructure(NamedStructure):
 
     def order_values(self) -> dict[str, Any]:
         return {name: self.orders.value(name) for name in self.traits.order_names}
-
-    @classmethod
-    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
-        """Orders that are tried, without delay, whether or not the samples bear them."""
-        return ()
-
-    @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
-        return affordable(cls, cls.order_grid(nu, ny, samples), nu, ny, samples, delay)
 
     def layout(self, i: int) -> RowLayout:
         """Orders of the equation of output ``i``."""
