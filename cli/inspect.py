@@ -61,7 +61,7 @@ def _document(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", ve
         {
             "records": [_facts(r) for r in records],
             "read_as": decided(records),
-            "findings": [f.to_json() for f in findings],
+            "findings": findings,
             "verdict": verdict,
         }
     )

@@ -153,6 +153,7 @@ def _show(stored: "StoredModel") -> None:
 
 def _steps(stored: "StoredModel") -> "tuple[str, ...]":
     """Step responses of the model in words; computed again for models of older versions."""
+    from sysid.data.schema import checked
     from sysid.estimation.assessment.own_motion import own_modes
     from sysid.estimation.assessment.step_response import StepResponse, step_responses
     from sysid.report.step_words import mode_sentences, step_sentences
@@ -163,7 +164,7 @@ def _steps(stored: "StoredModel") -> "tuple[str, ...]":
     kept = stored.report.get("step_response")
     if kept is None:
         return step_sentences(step_responses(stored.model))
-    return step_sentences([StepResponse.from_json(s) for s in kept])
+    return step_sentences(checked(tuple[StepResponse, ...], kept))
 
 
 def _pole(pole: dict[str, float]) -> str:

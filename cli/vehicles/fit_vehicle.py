@@ -228,7 +228,7 @@ def _returned(given: Squares, geometry: "Geometry | None", logs: list[Path], jso
     if logs:
         raise UsageError("--returns replaces a LOG; give one of them")
     squares = square_result(read_returns(given.returns, given.side, geometry or Geometry()))
-    render.document({"squares": squares.to_json()}) if json else show_squares(squares)
+    render.document({"squares": squares}) if json else show_squares(squares)
 
 
 def _refuse_without(logs: list[Path]) -> None:

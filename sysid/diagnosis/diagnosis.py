@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import Gap
 from sysid.diagnosis.named_effects import NamedEffect, RejectedEffect
@@ -37,18 +38,8 @@ class Experiment:
     purpose: str
     effects: tuple[str, ...]
     columns: tuple[str, ...]
-    rows: tuple[tuple[float, ...], ...]
+    rows: tuple[tuple[float, ...], ...] = field(metadata={"alias": "schedule"})
     file: str = ""
-
-    def to_json(self) -> dict[str, Any]:
-        """{purpose, effects, columns, schedule, file}."""
-        return {
-            "purpose": self.purpose,
-            "effects": list(self.effects),
-            "columns": list(self.columns),
-            "schedule": [list(r) for r in self.rows],
-            "file": self.file,
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,30 +139,32 @@ class Diagnosis:
         Args:
             before, after: ids under which the models are kept in the workspace.
         """
-        return {
-            "verdict": self.verdict,
-            "story": self.story,
-            "changes": list(self.changes),
-            "base": self.base_words,
-            "added_to": self.baseline_words or self.base_words,
-            "geometry": None if self.geometry is None else self.geometry.to_json(),
-            "effects": [e.to_json() for e in self.effects],
-            "minor": list(self.minor),
-            "rejected": [d.to_json() for d in self.rejected],
-            "excess_error": None if self.excess_error is None else self.excess_error.to_json(),
-            **self.several.to_json(),
-            "candidates": [{"id": k, "score": v} for k, v in self.candidates],
-            "where": [r.to_json() for r in self.where],
-            "where_after": [r.to_json() for r in self.where_after],
-            "gap": self.gap.to_json(),
-            "detectable": self.detectable,
-            "next_experiments": [e.to_json() for e in self.next_experiments],
-            "original_model": before,
-            "augmented_model": after,
-            "residual_tests": [r.to_json() for r in self.residuals],
-            "description": self.description,
-            "reading": list(self.reading),
-            "warnings": list(self.warnings),
-            "path": self.path,
-            "seconds": self.seconds,
-        }
+        return plain_object(
+            {
+                "verdict": self.verdict,
+                "story": self.story,
+                "changes": self.changes,
+                "base": self.base_words,
+                "added_to": self.baseline_words or self.base_words,
+                "geometry": self.geometry,
+                "effects": self.effects,
+                "minor": self.minor,
+                "rejected": self.rejected,
+                "excess_error": self.excess_error,
+                **by_field(self.several),
+                "candidates": [{"id": k, "score": v} for k, v in self.candidates],
+                "where": self.where,
+                "where_after": self.where_after,
+                "gap": self.gap,
+                "detectable": self.detectable,
+                "next_experiments": self.next_experiments,
+                "original_model": before,
+                "augmented_model": after,
+                "residual_tests": self.residuals,
+                "description": self.description,
+                "reading": self.reading,
+                "warnings": self.warnings,
+                "path": self.path,
+                "seconds": self.seconds,
+            }
+        )

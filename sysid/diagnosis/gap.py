@@ -1,8 +1,7 @@
 """The gap: how much of the error beyond the noise the added effects close on held-out data."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,18 +53,6 @@ class Gap:
     interval: tuple[float, float]
     channels: dict[str, ChannelGap]
     parts: dict[str, float] = field(default_factory=dict)
-
-    def to_json(self) -> dict[str, Any]:
-        """JSON-able values."""
-        return {
-            "before": self.before,
-            "after": self.after,
-            "noise_floor": self.noise_floor,
-            "closed_percent": self.closed_percent,
-            "interval": list(self.interval),
-            "parts": self.parts,
-            "channels": {k: asdict(c) for k, c in self.channels.items()},
-        }
 
 
 def measure_gap(

@@ -1,6 +1,6 @@
 """Results of a diagnosis of several logs: what each shows, what agrees, what differs."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 SIGNIFICANT, ABSENT, INCONCLUSIVE = "significant", "absent", "inconclusive"
@@ -42,10 +42,6 @@ class LogParameter:
             return f"{self.value:.4g}{unit}"
         return f"{self.value:.4g} ± {self.std_error:.2g}{unit}"
 
-    def to_json(self) -> dict[str, Any]:
-        """{name, value, std_error, unit}."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class LogEffect:
@@ -68,7 +64,7 @@ class LogEffect:
         """{state, parameters, error_ratio}."""
         return {
             "state": self.state,
-            "parameters": [n.to_json() for n in self.parameters],
+            "parameters": self.parameters,
             "error_ratio": self.error_ratio,
         }
 
@@ -96,8 +92,8 @@ class LogView:
         return {
             "name": self.name,
             "validation": self.validation,
-            "effects": {e.id: e.to_json() for e in self.effects},
-            "base": [n.to_json() for n in self.base],
+            "effects": {e.id: e for e in self.effects},
+            "base": self.base,
             "noise": self.noise,
         }
 
@@ -127,10 +123,6 @@ class Constancy:
     same: bool
     sentence: str
 
-    def to_json(self) -> dict[str, Any]:
-        """As ``diagnosis.json`` holds it."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class Difference:
@@ -147,21 +139,10 @@ class Difference:
 
     id: str
     channels: tuple[str, ...]
-    parameters: dict[str, tuple[LogParameter, ...]]
+    parameters: dict[str, tuple[LogParameter, ...]] = field(metadata={"alias": "logs"})
     p_value: float
     error_ratio_without: float
     sentence: str
-
-    def to_json(self) -> dict[str, Any]:
-        """As ``diagnosis.json`` holds it."""
-        return {
-            "id": self.id,
-            "channels": list(self.channels),
-            "logs": {k: [n.to_json() for n in v] for k, v in self.parameters.items()},
-            "p_value": self.p_value,
-            "error_ratio_without": self.error_ratio_without,
-            "sentence": self.sentence,
-        }
 
 
 @dataclass(frozen=True)
@@ -177,14 +158,6 @@ class SeveralLogs:
     logs: tuple[LogView, ...] = ()
     constancy: tuple[Constancy, ...] = ()
     differences: tuple[Difference, ...] = field(default=())
-
-    def to_json(self) -> dict[str, Any]:
-        """{logs, constancy, differences}."""
-        return {
-            "logs": [v.to_json() for v in self.logs],
-            "constancy": [c.to_json() for c in self.constancy],
-            "differences": [d.to_json() for d in self.differences],
-        }
 
 
 ONE_LOG = SeveralLogs()

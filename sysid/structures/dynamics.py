@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.documents import plain_object
 from sysid.data.record import Array, Channel, Index
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
@@ -145,13 +146,15 @@ class Dynamics(ABC):
 
     def to_json(self) -> dict[str, Any]:
         """{structure, orders, settings, nu, ny}: what ``from_json`` needs."""
-        return {
-            "structure": self.name,
-            "orders": self.order_values(),
-            "settings": self.settings(),
-            "nu": self.nu,
-            "ny": self.ny,
-        }
+        return plain_object(
+            {
+                "structure": self.name,
+                "orders": self.order_values(),
+                "settings": self.settings(),
+                "nu": self.nu,
+                "ny": self.ny,
+            }
+        )
 
     @classmethod
     def upgraded(cls, raw: Mapping[str, Any]) -> Mapping[str, Any]:

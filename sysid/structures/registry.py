@@ -7,7 +7,6 @@ from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Le
 
-from sysid.data.documents import plain
 from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, UsageError
 from sysid.extensions import loaded, points, unusable
@@ -103,7 +102,7 @@ def structure_from_json(raw: Mapping[str, Any]) -> Structure:
         cls = _load(MADE[name]) if name in MADE else structure_class(name)
         raw = cls.upgraded(raw)
         structure = cls.from_json(raw)
-        written = plain(structure.to_json())
+        written = structure.to_json()
         for key in ("nu", "ny", "settings"):
             if raw.get(key) and not _holds(written[key], raw[key]):
                 raise ValueError(f"its {key} are not those of {name}")
@@ -136,9 +135,9 @@ def require_readable(structure: Structure) -> None:
     """
     if type(structure).__module__.startswith("sysid."):
         return
-    written = plain(structure.to_json())
+    written = structure.to_json()
     try:
-        same = plain(structure_from_json(written).to_json()) == written
+        same = structure_from_json(written).to_json() == written
     except ModelError:
         same = False
     if not same:

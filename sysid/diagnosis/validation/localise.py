@@ -1,8 +1,7 @@
 """Where simulation and data disagree: the excess error by regime, with its uncertainty."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,10 +45,6 @@ class Region:
             f"{100 * self.share_of_samples:.0f} % of samples where {self.region} "
             f"(90 % interval {100 * self.interval[0]:.0f}–{100 * self.interval[1]:.0f} %)."
         )
-
-    def to_json(self) -> dict[str, Any]:
-        """{region, share_of_excess, share_of_samples, interval}."""
-        return asdict(self)
 
 
 def localise(

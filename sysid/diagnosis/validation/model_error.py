@@ -14,7 +14,6 @@ Source: Ljung (1999), "Model validation and model error modeling".
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -59,10 +58,6 @@ class ResidualVerdict:
     model: str
     p_value: float
     share: float
-
-    def to_json(self) -> dict[str, Any]:
-        """{model, p_value, share}."""
-        return {"model": self.model, "p_value": self.p_value, "share": self.share}
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY, Static
 from sysid.structures.blocks.static.options import RequestedStatics, option_names, requested_statics
-from sysid.structures.blocks.structure import BlockStructure, statics_from_json, statics_to_json
+from sysid.structures.blocks.structure import BlockStructure
 from sysid.structures.orders import Orders, spread
 
 if TYPE_CHECKING:
@@ -148,15 +148,15 @@ class HammersteinWiener(BlockStructure):
         return {name: self.orders.value(name) for name in names}
 
     def settings(self) -> dict[str, Any]:
-        return {"input": statics_to_json(self.inputs), "output": statics_to_json(self.outputs)}
+        return {"input": self.inputs, "output": self.outputs}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "HammersteinWiener":
         plain = cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
         structure = replace(
             plain,
-            inputs=statics_from_json(raw["settings"]["input"]),
-            outputs=statics_from_json(raw["settings"]["output"]),
+            inputs=tuple(map(Static.from_json, raw["settings"]["input"])),
+            outputs=tuple(map(Static.from_json, raw["settings"]["output"])),
             requested=None,
             choose_orders=False,
         )

@@ -241,16 +241,6 @@ class BlockStructure(NamedStructure):
         return {"stable": self.stable(theta), "poles": poles, "blocks": blocks}
 
 
-def statics_to_json(statics: Sequence[Static]) -> list[dict[str, Any]]:
-    """The statics of a layer as JSON-able values."""
-    return [s.to_json() for s in statics]
-
-
-def statics_from_json(raw: Sequence[Mapping[str, Any]]) -> tuple[Static, ...]:
-    """Undo ``statics_to_json``."""
-    return tuple(Static.from_json(r) for r in raw)
-
-
 def static_text(static: Static, p: Array, argument: str) -> str:
     """The static with its numbers, e.g. ``dead-zone(u; d_low=-0.1, d_high=0.2)``."""
     for stage, part in zip(static.stages, static.slices(), strict=True):

@@ -14,7 +14,7 @@ from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY, Static
 from sysid.structures.blocks.static.options import RequestedStatics, option_names, requested_statics
-from sysid.structures.blocks.structure import BlockStructure, statics_from_json, statics_to_json
+from sysid.structures.blocks.structure import BlockStructure
 from sysid.structures.orders import ORDER_WORDS, Matrix, Orders, spread
 
 if TYPE_CHECKING:
@@ -169,12 +169,12 @@ class WienerHammerstein(BlockStructure):
         return {**{k: v[0] if len(set(v)) == 1 else v for k, v in rows.items()}, **second}
 
     def settings(self) -> dict[str, Any]:
-        return {"static": statics_to_json(self.statics)}
+        return {"static": self.statics}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "WienerHammerstein":
         plain = cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
-        statics = statics_from_json(raw["settings"]["static"])
+        statics = tuple(map(Static.from_json, raw["settings"]["static"]))
         if len(statics) != plain.nu:
             raise ValueError("its statics do not fit its channels")
         return replace(plain, statics=statics, requested=None, choose_orders=False)
