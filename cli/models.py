@@ -2,14 +2,13 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
 from . import reading, render
+from .options import argument, command
 
 if TYPE_CHECKING:
     from sysid.workspace.store import StoredModel
@@ -27,16 +26,14 @@ class Action(StrEnum):
     REMOVE = "remove"
 
 
+@command
 def models(
-    action: Annotated[Action, typer.Argument(help="What to do.")] = Action.LIST,
-    id: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[ID]", help="Id of the model, its beginning, or best (the default of export)."
-        ),
-    ] = None,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    action: Action = argument(None, "What to do.", default=Action.LIST),
+    id: str | None = argument(
+        "[ID]", "Id of the model, its beginning, or best (the default of export).", default=None
+    ),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """List, show or remove the models of the workspace."""
     if (id is None) != (action is Action.LIST):

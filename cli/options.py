@@ -15,13 +15,16 @@ what that returns, as a rule an object of the library.
 """
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import partial
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
+from sysid.errors import UsageError
+
+Value = TypeVar("Value")
 Parse = Callable[[Any], Any]
 
 
@@ -33,6 +36,7 @@ class Declared:
     names: tuple[str, ...]
     words: Mapping[str, Any]
     parse: Parse | None = None
+    read_as: Any = None
 
 
 def option(
@@ -41,6 +45,7 @@ def option(
     *names: str,
     default: Any = None,
     parse: Parse | None = None,
+    kind: Any = None,
     **more: Any,
 ) -> Any:
     """An option, called as its field or parameter unless names are given.
@@ -49,10 +54,11 @@ def option(
         metavar: what stands for its value in the help; None for a flag.
         names: what is typed, such as ``-o`` and ``--out``.
         parse: what the command gets of a value that is not the default.
+        kind: what typer reads where ``parse`` makes something else of it.
         more: further words for typer, such as ``min``.
     """
     words = {"metavar": metavar, "help": help, **more}
-    declared = Declared(typer.Option, names, words, parse)
+    declared = Declared(typer.Option, names, words, parse, kind)
     return field(default=default, metadata={"declared": declared})
 
 
@@ -141,10 +147,53 @@ def _parameter(name: str, kind: Any, declared: "Field[Any]") -> inspect.Paramete
         name,
         inspect.Parameter.KEYWORD_ONLY,
         default=default,
-        annotation=Annotated[kind, told.kind(*names, **told.words)],
+        annotation=Annotated[told.read_as or kind, told.kind(*names, **told.words)],
     )
 
 
 def _parsed(declared: "Field[Any]", value: Any) -> Any:
     parse = declared.metadata["declared"].parse
     return value if parse is None or value == declared.default else parse(value)
+
+
+def pairs(
+    given: Sequence[str],
+    option: str,
+    advice: str,
+    read: Callable[[str], Value],
+    *,
+    sep: str | None = ",",
+) -> dict[str, Value]:
+    """``NAME=VALUE`` texts, as a rule several joined by commas, as name → value.
+
+    Args:
+        advice: what to write instead of a text that cannot be read.
+        read: the value of a text; a ValueError refuses it.
+
+    Raises:
+        UsageError: a text cannot be read, or a name stands twice.
+    """
+    values: dict[str, Value] = {}
+    for pair in (p for item in given for p in (item.split(sep) if sep else [item])):
+        name, sign, text = (part.strip() for part in pair.partition("="))
+        try:
+            if not (name and sign and text):
+                raise ValueError
+            value = read(text)
+        except ValueError:
+            raise UsageError(f"{option} cannot read {pair.strip()!r}; write {advice}") from None
+        if name in values:
+            raise UsageError(f"{option} names {name} twice; give it once")
+        values[name] = value
+    return values
+
+
+def one_of(given: str, allowed: Sequence[str], option: str) -> str:
+    """``given`` in lower case if it is one of the allowed words.
+
+    Raises:
+        UsageError: it is not.
+    """
+    if given.lower() not in allowed:
+        raise UsageError(f"{option} is one of {', '.join(allowed)}, got {given!r}")
+    return given.lower()

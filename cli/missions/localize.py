@@ -1,57 +1,52 @@
 """``sysid localize``: a robot's path from a log of its sensors."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
+from ..options import argument, command, group, option, pairs
 from ..read_as import decided, show_decisions
-from .law_options import LawChoice, Navigation
+from .law_options import NAVIGATION, LawChoice
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Array
     from sysid.robot.mission.localize import Localization
 
 
+def _columns(given: Sequence[str]) -> dict[str, str]:
+    return pairs(given, "--sensor", "NAME=COLUMN, as gyro_z=imu_wz", str)
+
+
+def sensor_option(help: str) -> Any:
+    """The option that says which column is which measurement."""
+    return option("NAME=COLUMN", help, parse=_columns, kind=list[str] | None)
+
+
+def sensor_reading() -> Any:
+    """The options of reading a log of sensors."""
+    return group(reading.Reading, "time", "ts", "units", "map", "stamps", "latency")
+
+
+@command
 def localize(
-    log: Annotated[
-        Path, typer.Argument(metavar="LOG", help="A log of the sensors: CSV, Parquet or bag.")
-    ],
-    mission: Annotated[
-        Path,
-        typer.Option(
-            "--mission", metavar="M.yaml", help="Mission: sensors, navigation, vehicle, start."
-        ),
-    ],
-    navigation: Navigation = None,
-    sensor: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=COLUMN",
-            help="Column that holds a measurement (omega_l, gyro_z, mag_x, vo_x, fix_x, …).",
-        ),
-    ] = None,
-    time: reading.Time = None,
-    ts: reading.SampleTime = None,
-    units: reading.Units = None,
-    map: reading.Map = None,
-    stamps: reading.Stamps = "auto",
-    latency: reading.Latency = None,
-    to: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME_localized.csv]."),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the path: .svg or .png.")
-    ] = None,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    log: Path = argument("LOG", "A log of the sensors: CSV, Parquet or bag."),
+    mission: Path = option("M.yaml", "Mission: sensors, navigation, vehicle, start."),
+    navigation: str | None = NAVIGATION(),
+    sensor: dict[str, str] | None = sensor_option(
+        "Column that holds a measurement (omega_l, gyro_z, mag_x, vo_x, fix_x, …)."
+    ),
+    read: "ReadOptions" = sensor_reading(),
+    to: Path | None = option("FILE", "CSV to write [WORKSPACE/missions/NAME_localized.csv]."),
+    plot: Path | None = option("FILE", "Draw the path: .svg or .png."),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Localize a robot from a log of its sensors: its path, with the uncertainty."""
     from sysid.robot.mission.localize import localize as follow
@@ -66,11 +61,8 @@ def localize(
     if target.exists() and log.exists() and target.samefile(log):
         raise UsageError(f"--to {target} would overwrite the log; name another file")
     given = LawChoice(navigation=navigation).applied(load_mission(mission))
-    options = reading.read_options(
-        time=time, ts=ts, units=units, map=map, stamps=stamps, latency=latency
-    )
     with render.progress(f"Following {log.name}"):
-        localization = follow(log, given, columns_of(sensor or []), options)
+        localization = follow(log, given, sensor or {}, read)
     targets.make_folder(target, "--to")
     facts: dict[str, Any] = {
         "navigation": kind_of("navigation", given.navigation),
@@ -86,21 +78,6 @@ def localize(
         _draw(plot, log.stem, localization)
         facts["plot"] = plot
     render.document(facts) if json else _show(log.name, facts)
-
-
-def columns_of(given: list[str]) -> dict[str, str]:
-    """Reading → column, as ``NAME=COLUMN`` says.
-
-    Raises:
-        UsageError: one has another form.
-    """
-    columns: dict[str, str] = {}
-    for pair in (p for item in given for p in item.split(",")):
-        name, sign, column = (part.strip() for part in pair.partition("="))
-        if not (name and sign and column):
-            raise UsageError(f"--sensor cannot read {pair!r}; write NAME=COLUMN, as gyro_z=imu_wz")
-        columns[name] = column
-    return columns
 
 
 def _show(name: str, facts: dict[str, Any]) -> None:

@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 
 from .. import render, targets
+from ..options import changed, option
 
 if TYPE_CHECKING:
     from sysid.data.record import Array
@@ -20,6 +19,10 @@ if TYPE_CHECKING:
     from sysid.robot.mission.spec import Mission
     from sysid.structures.model import Model
     from sysid.workspace.store import Workspace
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(","))
 
 
 @dataclass(frozen=True)
@@ -34,21 +37,44 @@ class Repeats:
         measured: log of a drive to lay over the runs; None for none.
     """
 
-    runs: int | None = None
-    seed: int | None = None
-    vary: tuple[str, ...] | None = None
-    scheduler: str | None = None
-    measured: Path | None = None
+    runs: int | None = option("N", "Number of simulated runs, each with its own draws.")
+    seed: int | None = option(
+        "N",
+        "Seed of the runs [0]; without --runs, of the sensor noise or of the run to replay.",
+        min=0,
+    )
+    vary: tuple[str, ...] | None = option(
+        "LIST",
+        "Quantities that vary: parameters, noise, start, obstacles, friction, soil, "
+        "mass, models [as the mission says].",
+        parse=_names,
+        kind=str | None,
+    )
+    scheduler: str | None = option(
+        "WHO", "With --runs: processes, or the address of a Dask scheduler [threads]."
+    )
+    measured: Path | None = option(
+        "LOG", "Log of a measured drive of this mission, with its pose, to compare with the runs."
+    )
 
-    def refuse_for_log(self, log: Path) -> None:
-        """A log is replayed once.
+    def __post_init__(self) -> None:
+        """Refuse options that belong to others."""
+        if self.vary is not None and (self.runs, self.seed, self.measured) == (None,) * 3:
+            raise UsageError("--vary belongs to --runs, or to the --seed of one run; add one")
+        if self.scheduler is not None and self.runs is None:
+            raise UsageError("--scheduler belongs to --runs; add --runs")
+
+    def refuse(self, why: str) -> None:
+        """Refuse the options of many runs.
+
+        Args:
+            why: with ``{}`` for the option.
 
         Raises:
-            UsageError: an option of runs is given.
+            UsageError: one of them is given.
         """
-        for name in ("runs", "seed", "vary", "scheduler", "measured"):
-            if getattr(self, name) is not None:
-                raise UsageError(f"{log} is a log to replay; omit --{name}")
+        for name in changed(self):
+            raise UsageError(why.format(f"--{name}"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,53 +93,6 @@ class Ride:
     warnings: tuple[str, ...]
     seed: int
     noise_seed: int
-
-
-def repeats(
-    runs: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Number of simulated runs, each with its own draws."),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            metavar="N",
-            help="Seed of the runs [0]; without --runs, of the sensor noise or of the run to "
-            "replay.",
-        ),
-    ] = None,
-    vary: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LIST",
-            help="Quantities that vary: parameters, noise, start, obstacles, friction, soil, "
-            "mass, models [as the mission says].",
-        ),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WHO",
-            help="With --runs: processes, or the address of a Dask scheduler [threads].",
-        ),
-    ] = None,
-    measured: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="LOG",
-            help="Log of a measured drive of this mission, with its pose, to compare with the "
-            "runs.",
-        ),
-    ] = None,
-) -> Repeats:
-    """The options of many runs."""
-    if vary is not None and runs is None and seed is None and measured is None:
-        raise UsageError("--vary belongs to --runs, or to the --seed of one run; add one")
-    if scheduler is not None and runs is None:
-        raise UsageError("--scheduler belongs to --runs; add --runs")
-    names = None if vary is None else tuple(name.strip() for name in vary.split(","))
-    return Repeats(runs, seed, names, scheduler, measured)
 
 
 def candidates(

@@ -2,15 +2,14 @@
 
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
 from ..field_options import Command
-from .law_options import Guidance, LawChoice
+from ..options import argument, command, option
+from .law_options import GUIDANCE, LawChoice
 
 if TYPE_CHECKING:
     from sysid.robot.mission.plan import Curves, Plan
@@ -26,27 +25,25 @@ class PlotMayStandAlone(Command):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the place in the workspace behind a ``--plot`` that ends the line or an option."""
         filled: list[str] = []
-        for k, argument in enumerate(args):
-            filled.append(argument)
+        for k, word in enumerate(args):
+            filled.append(word)
             following = args[k + 1] if k + 1 < len(args) else "--"
-            if argument == "--plot" and following.startswith("-"):
+            if word == "--plot" and following.startswith("-"):
                 filled.append(str(_IN_WORKSPACE))
         return super().parse_args(ctx, filled)
 
 
+@command
 def plan(
-    mission: Annotated[Path, typer.Argument(metavar="MISSION", help="A mission (YAML).")],
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="[FILE]",
-            help="Draw field lines, potential, forces and speeds: .svg or .png "
-            "[WORKSPACE/missions/NAME_plan.svg].",
-        ),
-    ] = None,
-    guidance: Guidance = None,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    mission: Path = argument("MISSION", "A mission (YAML)."),
+    plot: Path | None = option(
+        "[FILE]",
+        "Draw field lines, potential, forces and speeds: .svg or .png "
+        "[WORKSPACE/missions/NAME_plan.svg].",
+    ),
+    guidance: str | None = GUIDANCE(),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Show where the guidance of a mission leads, and where it would end, without a plant."""
     if plot is not None and plot != _IN_WORKSPACE:

@@ -1,21 +1,20 @@
 """``sysid simulate``: the exported plant in a closed-loop mission, or on the inputs of a log."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import ModelError, UsageError
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
-from ..mission_options import AcceptChanges
+from ..mission_options import accept_changes as changes_accepted
+from ..options import argument, command, group, option
 from ..read_as import decided, show_decisions
-from .guided import facts_of, guide_over_ros, refuse_many
-from .law_options import LawChoice, law_choice, refuse_for_log
-from .many_runs import Repeats, Ride, candidates, drive_many, repeats, ride, show_files, show_many
+from .guided import facts_of, guide_over_ros
+from .law_options import LawChoice
+from .many_runs import Repeats, Ride, candidates, drive_many, ride, show_files, show_many
 from .measured import draw_measured, lay_over, show_measured
-from .ros_options import OverRos, over_ros
+from .ros_options import OverRos
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
@@ -25,37 +24,22 @@ if TYPE_CHECKING:
 _MISSION_FILES = (".yaml", ".yml")
 
 
-@reading.composed(read=reading.read_options, laws=law_choice, how=repeats, over=over_ros)
+@command
 def simulate(
-    mission: Annotated[
-        Path, typer.Argument(metavar="MISSION|LOG", help="A mission (YAML), or a log to replay.")
-    ],
-    plant: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Plant package, folder or zip [WORKSPACE/plant]."),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the result: .svg or .png.")
-    ] = None,
-    log: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME.csv]."),
-    ] = None,
-    bag: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Also write a recording of ROS: .bag (ROS 1), .mcap, or a folder (ROS 2).",
-        ),
-    ] = None,
-    accept_changes: AcceptChanges = False,
-    *,
-    read: "ReadOptions",
-    laws: LawChoice,
-    how: Repeats,
-    over: OverRos,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    mission: Path = argument("MISSION|LOG", "A mission (YAML), or a log to replay."),
+    plant: Path | None = option("PATH", "Plant package, folder or zip [WORKSPACE/plant]."),
+    plot: Path | None = option("FILE", "Draw the result: .svg or .png."),
+    log: Path | None = option("FILE", "CSV to write [WORKSPACE/missions/NAME.csv]."),
+    bag: Path | None = option(
+        "FILE", "Also write a recording of ROS: .bag (ROS 1), .mcap, or a folder (ROS 2)."
+    ),
+    accept_changes: bool = changes_accepted(),
+    read: "ReadOptions" = group(reading.Reading),
+    laws: LawChoice = group(LawChoice),
+    how: Repeats = group(Repeats),
+    over: OverRos = group(OverRos),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Drive the exported plant through a mission, once or many times, or replay a log through it.
 
@@ -74,8 +58,8 @@ def simulate(
     if drives and how.measured is None and read != ReadOptions():
         raise UsageError(f"{mission} is a mission; omit the options that read a log")
     if not drives:
-        refuse_for_log(laws, mission)
-        how.refuse_for_log(mission)
+        laws.refuse_for_log(mission)
+        how.refuse(f"{mission} is a log to replay; omit {{}}")
         over.refuse_for_log(mission)
     _check_bag(bag, drives and how.runs is None)
     kind = "_replay" if not drives else "" if how.runs is None else "_runs"
@@ -188,7 +172,7 @@ def _guided(
     """Once, with the robot at the other end of ROS."""
     from sysid.robot.mission.spec import load_mission
 
-    refuse_many(how)
+    how.refuse("{} does not apply with --ros; the other node drives the robot")
     mission = laws.applied(load_mission(path))
     result, notes = guide_over_ros(path, mission, package, over)
     return facts_of(path, mission, result, files, 0) | {"warnings": list(notes)}

@@ -1,50 +1,34 @@
 """``sysid bench power``: battery and H-bridge before the robot drives."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 
 from .. import reading, render, targets
+from ..options import argument, command, group, option
 
 if TYPE_CHECKING:
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.testbench.power.study import PowerBench
 
 
+@command
 def power(
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="FILE...",
-            help="CSV, Parquet or bag: battery's voltage and current at rest and under load, or a "
-            "staircase of PWM with the motor's voltage, speed or current, or all in one.",
-        ),
-    ],
-    full_current: Annotated[
-        float | None,
-        typer.Option(
-            metavar="A", help="Current of both motors at full drive [the largest of the logs]."
-        ),
-    ] = None,
-    to: Annotated[
-        Path | None,
-        typer.Option(metavar="MISSION", help="Mission in which to fill in vehicle.supply: .yaml."),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help="Write it for sysid diagnose --bench."),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw data and fits: .svg or .png.")
-    ] = None,
-    units: reading.Units = None,
-    pwm_max: reading.PwmMax = None,
-    map: reading.Map = None,
-    stamps: reading.Stamps = "auto",
-    latency: reading.Latency = None,
-    json: reading.Json = False,
+    files: list[Path] = argument(
+        "FILE...",
+        "CSV, Parquet or bag: battery's voltage and current at rest and under load, or a "
+        "staircase of PWM with the motor's voltage, speed or current, or all in one.",
+    ),
+    full_current: float | None = option(
+        "A", "Current of both motors at full drive [the largest of the logs]."
+    ),
+    to: Path | None = option("MISSION", "Mission in which to fill in vehicle.supply: .yaml."),
+    output: Path | None = option("FILE", "Write it for sysid diagnose --bench.", "-o", "--out"),
+    plot: Path | None = option("FILE", "Draw data and fits: .svg or .png."),
+    read: "ReadOptions" = group(reading.Reading, "units", "pwm_max", "map", "stamps", "latency"),
+    json: bool = reading.JSON,
 ) -> None:
     """Battery from rests and loads, H-bridge from a staircase of PWM, with standard errors.
 
@@ -62,8 +46,8 @@ def power(
             raise UsageError(f"-o {output}: name a file that ends in .json")
     if to is not None and to.suffix.lower() not in (".yaml", ".yml"):
         raise UsageError(f"--to {to}: a mission file ends in .yaml")
-    bags = reading.read_options(map=map, stamps=stamps, latency=latency)
-    bench = bench_power(files, reading.units_of(units or []), pwm_max, full_current, bags)
+    bags = replace(read, units={}, pwm_max=None)
+    bench = bench_power(files, read.units, read.pwm_max, full_current, bags)
     facts: dict[str, Any] = bench.summary()
     if output is not None:
         facts["file"] = write_atomic(output, text(facts))
