@@ -54,15 +54,10 @@ class FanPicture:
     facts: str
 
 
-def size_inches(picture: FanPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return style.WIDTH, 5.8
-
-
 def draw(figure: "Figure", picture: FanPicture) -> None:
     """Draw the ways in the plane, and every quantity over time."""
     colour = style.GREEN if picture.leaves is None else style.VERMILION
-    style.heading(figure, picture.headline, picture.facts, colour)
+    style.heading(figure, 5.8, picture.headline, picture.facts, colour)
     grid = figure.add_gridspec(4, 2, width_ratios=(1.25, 1.0))
     _draw_plane(figure.add_subplot(grid[:, 0]), picture)
     for k, panel in enumerate(picture.panels):

@@ -42,17 +42,12 @@ class _InputPanel(NamedTuple):
     scaled: bool
 
 
-def size_inches(picture: FitPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return style.WIDTH, 0.9 + 2.8 * len(picture.outputs) + 1.0 * len(_input_panels(picture))
-
-
 def draw(figure: "Figure", picture: FitPicture) -> None:
     """Draw a block of panels per output, then the inputs, all on one time axis."""
     start = f"initial state {picture.initial_state}" if picture.initial_state else ""
     subtitle = ", ".join(s for s in (picture.horizon, start) if s)
-    style.heading(figure, picture.title, subtitle)
     pieces, panels, ny = _pieces(picture), _input_panels(picture), len(picture.outputs)
+    style.heading(figure, 0.9 + 2.8 * ny + 1.0 * len(panels), picture.title, subtitle)
     kinds = [k for k in (picture.whiteness, picture.independence) if k]
     grid = figure.add_gridspec(
         2 * ny + len(panels),

@@ -106,14 +106,6 @@ class MissionPicture:
             raise DataError(f"the signals of a mission must be equally long, got {sorted(lengths)}")
 
 
-def size_inches(picture: MissionPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    if not _is_wide(picture):
-        return style.WIDTH, 5.6
-    left, right, bottom, top = _scene(picture)
-    return style.WIDTH, 4.6 + min(8.3 * (top - bottom) / (right - left), 3.4)
-
-
 def draw(figure: "Figure", picture: MissionPicture) -> None:
     """Draw the scene, and speed, heading, PWM and distance to the goal over time."""
     words, colour = _ENDINGS.get(picture.outcome, (f"{picture.outcome} after", style.INK))
@@ -125,8 +117,11 @@ def draw(figure: "Figure", picture: MissionPicture) -> None:
     if picture.min_clearance is not None:
         facts.append(f"{picture.min_clearance:.2f} m clear of the nearest obstacle")
     title = f"{picture.name}: {words} {picture.t[-1] - picture.t[0]:.1f} s"
-    style.heading(figure, title, ", ".join(facts), colour)
-    scene, panels = (_wide_layout if _is_wide(picture) else _square_layout)(figure, picture)
+    left, right, bottom, top = _scene(picture)
+    wide = right - left > _WIDE * (top - bottom)
+    height = 4.6 + min(8.3 * (top - bottom) / (right - left), 3.4) if wide else 5.6
+    style.heading(figure, height, title, ", ".join(facts), colour)
+    scene, panels = (_wide_layout if wide else _square_layout)(figure)
     _draw_scene(scene, picture)
     for axes, fill in zip(
         panels, (_draw_speed, _draw_heading, _draw_pwm, _draw_distance), strict=True
@@ -136,7 +131,7 @@ def draw(figure: "Figure", picture: MissionPicture) -> None:
         axes.locator_params(axis="y", nbins=5)
 
 
-def _square_layout(figure: "Figure", picture: MissionPicture) -> "tuple[Axes, list[Axes]]":
+def _square_layout(figure: "Figure") -> "tuple[Axes, list[Axes]]":
     grid: GridSpecBase = figure.add_gridspec(4, 2, width_ratios=(1.25, 1.0))
     panels = [figure.add_subplot(grid[k, 1]) for k in range(4)]
     for axes in panels[:-1]:
@@ -145,7 +140,7 @@ def _square_layout(figure: "Figure", picture: MissionPicture) -> "tuple[Axes, li
     return figure.add_subplot(grid[:, 0]), panels
 
 
-def _wide_layout(figure: "Figure", picture: MissionPicture) -> "tuple[Axes, list[Axes]]":
+def _wide_layout(figure: "Figure") -> "tuple[Axes, list[Axes]]":
     height = float(figure.get_size_inches()[1])
     grid: GridSpecBase = figure.add_gridspec(3, 2, height_ratios=(height - 3.9, 1.55, 1.55))
     panels = [figure.add_subplot(grid[1 + k % 2, k // 2]) for k in range(4)]
@@ -154,11 +149,6 @@ def _wide_layout(figure: "Figure", picture: MissionPicture) -> "tuple[Axes, list
     for axes in panels[1::2]:
         axes.set_xlabel("time [s]")
     return figure.add_subplot(grid[0, :]), panels
-
-
-def _is_wide(picture: MissionPicture) -> bool:
-    left, right, bottom, top = _scene(picture)
-    return right - left > _WIDE * (top - bottom)
 
 
 def _scene(picture: MissionPicture) -> tuple[float, float, float, float]:

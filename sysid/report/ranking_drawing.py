@@ -84,18 +84,15 @@ class RankingPicture:
                 )
 
 
-def size_inches(picture: RankingPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    shown = min(len(picture.rows), _MOST_ROWS)
-    return style.WIDTH, _TOP + _HEADER + _ROW * shown + _BOTTOM
-
-
 def draw(figure: "Figure", picture: RankingPicture) -> None:
     """Draw the table; bars take the room that the texts around them leave."""
     rows = picture.rows[:_MOST_ROWS]
     hidden = len(picture.rows) - len(rows)
     subtitle = f"best first; fit in % of {picture.fit_of}"
-    style.heading(figure, picture.title, subtitle + (f"; {hidden} more not shown" * bool(hidden)))
+    height = _TOP + _HEADER + _ROW * len(rows) + _BOTTOM
+    style.heading(
+        figure, height, picture.title, subtitle + (f"; {hidden} more not shown" * bool(hidden))
+    )
     figure.set_layout_engine("none")  # every panel is placed by the width of the texts
     page = _page(figure, len(rows))
     left = _write_names(page, rows)

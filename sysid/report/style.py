@@ -98,9 +98,11 @@ def percent(value: float) -> str:
     return f"{value:.1f} %" if np.isfinite(value) else "–"
 
 
-def heading(figure: "Figure", title: str, subtitle: str, colour: str = INK) -> None:
-    """Write title and subtitle at the top left and keep their room free of panels."""
-    width, height = figure.get_size_inches()
+def heading(figure: "Figure", height: float, title: str, subtitle: str, colour: str = INK) -> None:
+    """Give a picture its height [in]; write title and subtitle at the top left and keep their room
+    free of panels.
+    """
+    figure.set_size_inches(width := WIDTH, height)
     top = 0.62 if subtitle else 0.42
     left = 0.10 / width
     lines = [figure.text(left, 1 - 0.10 / height, title, size=LARGE, weight="bold", color=colour)]

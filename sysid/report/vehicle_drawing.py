@@ -78,14 +78,9 @@ class VehiclePicture:
     tracks: Sequence[tuple[float, float, float, float]] = ()
 
 
-def size_inches(picture: VehiclePicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return style.WIDTH, 0.7 + _HEIGHT
-
-
 def draw(figure: "Figure", picture: VehiclePicture) -> None:
     """Draw the vehicle with x to the right and y up, in metres."""
-    style.heading(figure, picture.title, picture.subtitle)
+    style.heading(figure, 0.7 + _HEIGHT, picture.title, picture.subtitle)
     axes = figure.add_subplot()
     low, high = _extent(picture)
     axes.set_xlim(low[0], high[0])

@@ -70,15 +70,11 @@ class PlanPicture:
     panels: tuple[CurvePanel, ...]
 
 
-def size_inches(picture: PlanPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return style.WIDTH, 0.7 + _FIRST_ROW + _OTHER_ROW * len(_rows(picture))
-
-
 def draw(figure: "Figure", picture: PlanPicture) -> None:
     """Draw the map and the potential above the forces and the references of speed."""
-    style.heading(figure, picture.title, picture.subtitle)
     rows = _rows(picture)
+    height = 0.7 + _FIRST_ROW + _OTHER_ROW * len(rows)
+    style.heading(figure, height, picture.title, picture.subtitle)
     grid = figure.add_gridspec(
         1 + len(rows), 6, height_ratios=[_FIRST_ROW, *(_OTHER_ROW,) * len(rows)]
     )

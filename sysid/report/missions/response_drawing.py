@@ -63,16 +63,10 @@ class ResponsePicture:
     columns: int = 3
 
 
-def size_inches(picture: ResponsePicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    rows = -(-len(picture.panels) // picture.columns)
-    return style.WIDTH, 0.7 + _ROW * rows
-
-
 def draw(figure: "Figure", picture: ResponsePicture) -> None:
     """Draw every panel."""
-    style.heading(figure, picture.title, picture.subtitle)
     rows = -(-len(picture.panels) // picture.columns)
+    style.heading(figure, 0.7 + _ROW * rows, picture.title, picture.subtitle)
     grid = figure.add_gridspec(rows, picture.columns)
     for k, panel in enumerate(picture.panels):
         draw_panel(figure.add_subplot(grid[k // picture.columns, k % picture.columns]), panel)

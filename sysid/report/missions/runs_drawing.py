@@ -48,14 +48,9 @@ class RunsPicture:
     drivers: tuple[tuple[str, float], ...]
 
 
-def size_inches(picture: RunsPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return style.WIDTH, 5.6
-
-
 def draw(figure: "Figure", picture: RunsPicture) -> None:
     """Draw the fan beside the distributions."""
-    style.heading(figure, picture.title, picture.subtitle)
+    style.heading(figure, 5.6, picture.title, picture.subtitle)
     panels = [p for p, shown in ((_times, len(picture.times)), (_clearances,
               len(picture.clearances)), (_drivers, len(picture.drivers))) if shown]  # fmt: skip
     grid = figure.add_gridspec(max(len(panels), 1), 2, width_ratios=(1.35, 1.0))
