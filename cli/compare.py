@@ -39,7 +39,7 @@ def compare(
     folds: int | None = option(
         "K", "Also cross-validate with K folds: each model is refitted without one block.", min=2
     ),
-    plot: Path | None = option("FILE", "Draw the ranking: .svg or .png."),
+    plot: Path | None = targets.picture("Draw the ranking: .svg or .png."),
     policy: "Policy" = group(fit_options.Judging),
     read: "ReadOptions" = group(reading.Reading),
     workspace: Path = reading.WORKSPACE,
@@ -51,7 +51,6 @@ def compare(
     from sysid.estimation.selection.comparison import compare as rank
 
     criterion = known_name(criterion)
-    targets.check_picture(plot)
     store = Workspace(workspace)
     unreadable: dict[str, str] = {}
     if models:
@@ -72,7 +71,7 @@ def compare(
     read_as = decided(judged_on[0] if judged_on else ())
     store.remember("best", ranking.best.contender.id)
     if plot is not None:
-        from .pictures import draw_ranking
+        from sysid.report.fits import draw_ranking
 
         draw_ranking(plot, ranking)
     if json:
@@ -150,10 +149,8 @@ def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path
     if kinds:
         parts = (f"{', '.join(structures)}: {tells}" for tells, structures in kinds.items())
         render.say(f"What the models reveal: {'; '.join(parts)}.")
-    for sentence in (*ranking.notes, *ranking.excluded.values()):
-        render.warn(f"! {sentence}")
-    if plot is not None:
-        render.say(f"Picture: {plot}")
+    render.cautions((*ranking.notes, *ranking.excluded.values()))
+    render.files({"plot": plot}, plot="Picture")
     render.say(f"Best: {first.contender.id}. Next: sysid export.", "bold")
 
 
@@ -162,7 +159,7 @@ def _kinds(ranking: "Ranking") -> dict[str, list[str]]:
     kinds: dict[str, list[str]] = {}
     for line in ranking.lines:
         structure = line.contender.model.structure
-        names = kinds.setdefault(structure.tells, [])
+        names = kinds.setdefault(structure.traits.tells, [])
         if structure.name not in names:
             names.append(structure.name)
     return kinds if len(kinds) > 1 else {}

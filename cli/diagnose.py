@@ -40,7 +40,9 @@ def diagnose(
         "near its values.",
     ),
     drive: Driven = group(DriveOptions),
-    output: Path | None = option("DIR", "Output folder [WORKSPACE/diagnosis].", "-o", "--out"),
+    output: Path | None = targets.target(
+        "DIR", "Output folder [WORKSPACE/diagnosis].", "-o", "--out"
+    ),
     steps: "Preparation" = group(reading.Preparing),
     read: "ReadOptions" = group(reading.Reading),
     workspace: Path = reading.WORKSPACE,
@@ -52,8 +54,6 @@ def diagnose(
     next experiments (next_*.csv) are written to a folder.
     """
     place = Workspace(workspace)
-    if output is not None:
-        targets.check(output, "-o")
     folder = _folder(output or place.diagnosis_dir, logs, validation or [])
     if drive.package is not None and model is not None:
         raise UsageError("--model and --plant both give the model to diagnose; give one of them")
@@ -170,8 +170,7 @@ def _run(
     from sysid.effects.measured import measured_keys, read_measured
 
     measured = None if bench is None else read_measured(bench)
-    for note in drive.package.notes if drive.package else ():
-        render.warn(f"! {note}")
+    render.cautions(drive.package.notes if drive.package else ())
     for record in (*data.records, *(holdout or ())):
         if data.model is not None:
             data.model.check(record)

@@ -56,7 +56,9 @@ class Shape:
 @command
 def excite(
     design: Design = argument(None, "Kind of schedule."),
-    output: Path | None = option("FILE", "CSV to write [schedule_DESIGN.csv].", "-o", "--out"),
+    output: Path | None = targets.target(
+        "FILE", "CSV to write [schedule_DESIGN.csv].", "-o", "--out"
+    ),
     options: dict[str, Any] = group(Shape),
     tracks: Tracks | None = option(
         None, "Commands of the two tracks [independent; pulses: equal]."
@@ -68,7 +70,6 @@ def excite(
     from sysid.data.excitation import write_schedule
 
     path = output or Path(f"schedule_{design.value}.csv")
-    targets.check(path, "-o")
     schedule = _schedule(design, options, tracks, tuple(names or ()))
     facts = _facts(schedule, design, write_schedule(schedule, path))
     render.document(facts) if json else _show(facts)

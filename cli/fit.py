@@ -51,7 +51,7 @@ def fit(
         "Offsets: auto, none, level (estimated with the model), mean or linear (removed).",
         default="auto",
     ),
-    plot: Path | None = option("FILE", "Draw the best model: .svg or .png."),
+    plot: Path | None = targets.picture("Draw the best model: .svg or .png."),
     jobs: int = option("N", "Processes for the search.", default=2, min=1),
     options: "FitOptions" = group(fit_options.Fitting),
     policy: "Policy" = group(fit_options.Judging),
@@ -72,7 +72,6 @@ def fit(
     with stopping(how.follow) as stop:  # Ctrl-C is how following ends
         from sysid.estimation.identify import Request
 
-        targets.check_picture(plot)
         files = [str(p.resolve()) for p in logs]
         origin = {"files": files, "read": read.to_json(), "prepare": steps.to_json()}
         request = Request(
@@ -99,7 +98,7 @@ def fit(
     offsets = identification.assessments[0].model.operating_point.decision
     read_as = decided(records, offsets)
     if plot is not None:
-        from .pictures import draw_fit
+        from sysid.report.fits import draw_fit
 
         draw_fit(plot, stored[0].id, identification)
     if json:

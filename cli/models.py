@@ -100,8 +100,7 @@ def _list(stored: "list[StoredModel]", unreadable: dict[str, str], root: Path) -
         for s in map(_summary, stored)
     ]
     render.table(("model", "orders", "channels", "fit [%]", "stable", "data"), rows)
-    for reason in unreadable.values():
-        render.warn(f"! {reason}")
+    render.cautions(unreadable.values())
 
 
 def _document(stored: "StoredModel") -> None:
@@ -116,7 +115,7 @@ def _document(stored: "StoredModel") -> None:
 
 def _show(stored: "StoredModel") -> None:
     model = stored.model
-    render.say(f"{stored.id}: {model.structure.title}", "bold")
+    render.say(f"{stored.id}: {model.structure.traits.title}", "bold")
     level = model.operating_point_sentence()
     if level:
         render.say(level)

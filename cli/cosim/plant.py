@@ -25,8 +25,10 @@ def plant(
         "N", "Mission seconds per real second, without --lock-step.", default=1.0
     ),
     seed: int = option("N", "Of the sensors' noise.", default=0, min=0),
-    plot: Path | None = option("FILE", "Draw the result: .svg or .png."),
-    log: Path | None = option("FILE", "CSV to write [WORKSPACE/missions/NAME_plant.csv]."),
+    plot: Path | None = targets.picture("Draw the result: .svg or .png."),
+    log: Path | None = targets.target(
+        "FILE", "CSV to write [WORKSPACE/missions/NAME_plant.csv].", "--log"
+    ),
     accept_changes: bool = changes_accepted(),
     laws: LawChoice = group(LawChoice),
     over: OverRos = group(OverRos),
@@ -42,9 +44,6 @@ def plant(
     from sysid.robot.mission.spec import load_mission
     from sysid.robot.mission.tracks.mapping import as_robot
 
-    targets.check_picture(plot)
-    if log is not None:
-        targets.check(log, "--log")
     if not over.ros:
         raise UsageError("sysid plant plays the robot for another node; add --ros")
     pace = Pace(lock_step=lock_step, speed=speed)

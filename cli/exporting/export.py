@@ -13,7 +13,9 @@ from ..options import command, option
 @command
 def export(
     model: str | None = option("ID", "Which model [best of the last comparison or fit]."),
-    output: Path | None = option("DIR|FILE.zip", "Output path [WORKSPACE/plant].", "-o", "--out"),
+    output: Path | None = targets.target(
+        "DIR|FILE.zip", "Output path [WORKSPACE/plant].", "-o", "--out"
+    ),
     formats: str | None = option(
         "NAME[,NAME]",
         "Formats; json is the package alone [json,c; c is left out where it is impossible].",
@@ -32,8 +34,6 @@ def export(
     from sysid.plant.selftest import TOLERANCE, selftest
     from sysid.plant.storage import MARK
 
-    if output is not None:
-        targets.check(output, "-o")
     if precision not in ("double", "float"):
         raise typer.BadParameter(f"{precision!r} is not a precision; choose double or float")
     mission = None

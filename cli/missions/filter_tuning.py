@@ -61,7 +61,5 @@ def _show(name: str, tuning: "FilterTuning", facts: dict[str, Any]) -> None:
     ]
     render.table((name, "before", "after"), pairs)
     render.say(tuning.sentence)
-    for warning in facts["warnings"]:
-        render.warn(f"! {warning}")
-    if "to" in facts:
-        render.say(f"Mission: {facts['to']}")
+    render.cautions(facts["warnings"])
+    render.files(facts, to="Mission")

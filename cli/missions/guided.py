@@ -36,9 +36,8 @@ def facts_of(
     seed: int,
 ) -> dict[str, Any]:
     """Log, picture and bag written; the facts of a mission as ``sysid simulate`` gives them."""
+    from sysid.report.missions.drives import draw_mission
     from sysid.robot.mission.result import write_log
-
-    from ..pictures import draw_mission
 
     log, plot, bag = files
     targets.make_folder(log, "--log")

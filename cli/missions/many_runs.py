@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from sysid.data.record import Array
     from sysid.plant.package import Package
     from sysid.robot.mission.contracts import SteppablePlant
-    from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
-    from sysid.robot.mission.monte_carlo.setup import Setup
     from sysid.robot.mission.spec import Mission
     from sysid.structures.model import Model
     from sysid.workspace.store import Workspace
@@ -125,7 +123,7 @@ def _equal(one: "Array", other: "Array") -> bool:
 
 def ride(mission: "Mission", package: "Package", models: "Sequence[Model]", how: Repeats) -> Ride:
     """One run: nominal with the noise of a small seed, or the run of a batch whose seed it is."""
-    from sysid.robot.mission.monte_carlo.sampler import is_run_seed
+    from sysid.robot.mission.batch.sampler import is_run_seed
     from sysid.robot.mission.tracks.compensation import nothing_to_undo
     from sysid.robot.mission.tracks.mapping import as_robot
 
@@ -134,7 +132,7 @@ def ride(mission: "Mission", package: "Package", models: "Sequence[Model]", how:
         robot, warnings = as_robot(package.plant(), mission)
         warnings += nothing_to_undo(robot, mission.control.compensate)
         return Ride(mission, robot, robot, warnings, seed, seed)
-    from sysid.robot.mission.monte_carlo.setup import Setup
+    from sysid.robot.mission.batch.setup import Setup
 
     setup = Setup.of(mission, models, how.vary)
     varied, robot, noise = setup.alone(seed)
@@ -151,9 +149,9 @@ def drive_many(
     how: Repeats,
 ) -> dict[str, Any]:
     """Drive the mission many times; a row a run is written to ``table``."""
+    from sysid.robot.mission.batch.setup import Setup
+    from sysid.robot.mission.monte_carlo.mission_runs import write_runs
     from sysid.robot.mission.monte_carlo.runs import simulate_runs
-    from sysid.robot.mission.monte_carlo.runs_table import write_runs
-    from sysid.robot.mission.monte_carlo.setup import Setup
 
     runs = how.runs or 0
     with render.progress(f"Driving {path.name}", runs) as advance:
@@ -167,42 +165,11 @@ def drive_many(
         "warnings": list(batch.notes),
     }
     if plot is not None:
-        _draw(plot, path.stem, Setup.of(mission, models, how.vary), batch)
+        from sysid.report.missions.drives import draw_runs
+
+        draw_runs(plot, path.stem, Setup.of(mission, models, how.vary), batch)
         facts["plot"] = plot
     return facts
-
-
-SHOWN = 100
-"""Paths in a picture: enough for a fan."""
-
-
-def _draw(plot: Path, name: str, setup: "Setup", batch: "MissionRuns") -> None:
-    """Draw the paths of the first runs and the worst ones, which are driven again for it."""
-    import numpy as np
-
-    from sysid.report.plots import RunsPicture, write_picture
-    from sysid.robot.mission.monte_carlo.paths import paths_of
-
-    usual = batch.seeds[:SHOWN]
-    paths = paths_of(setup, [*usual, *(w.seed for w in batch.worst)])
-    mission, shares = setup.mission, batch.time_drivers
-    write_picture(
-        plot,
-        RunsPicture(
-            title=f"{name}: {batch.n} runs",
-            subtitle=batch.sentence,
-            paths=tuple(paths[: len(usual)]),
-            worst=tuple(paths[len(usual) :]),
-            goal=mission.goal,
-            tolerance=mission.tolerance,
-            discs=tuple((o.x, o.y, o.radius) for o in mission.obstacles),
-            walls=tuple(np.array(w) for w in mission.walls),
-            polygons=tuple(np.array(p) for p in mission.polygons),
-            times=batch.time_s,
-            clearances=batch.min_clearance_m,
-            drivers=tuple((d.name, d.share_of_variance) for d in shares.ranked) if shares else (),
-        ),
-    )
 
 
 def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
@@ -235,13 +202,8 @@ def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
 
 def show_files(facts: dict[str, Any]) -> None:
     """Warnings, and what was written."""
-    for warning in facts["warnings"]:
-        render.warn(f"! {warning}")
-    render.say(f"Log: {facts['log']}")
-    if "bag" in facts:
-        render.say(f"Bag: {facts['bag']}")
-    if "plot" in facts:
-        render.say(f"Picture: {facts['plot']}")
+    render.cautions(facts["warnings"])
+    render.files(facts, log="Log", bag="Bag", plot="Picture")
 
 
 def _show_drivers(shares: dict[str, Any]) -> None:

@@ -1,6 +1,5 @@
 """``sysid plan``: the references of a mission's guidance, without a plant."""
 
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from ..options import argument, command, option
 from .law_options import GUIDANCE, LawChoice
 
 if TYPE_CHECKING:
-    from sysid.robot.mission.plan import Curves, Plan
+    from sysid.robot.mission.plan import Plan
     from sysid.robot.mission.spec import Mission
 
 _IN_WORKSPACE = Path("-")
@@ -61,7 +60,9 @@ def plan(
         plot = Workspace(workspace).missions_dir / f"{mission.stem}_plan.svg"
         targets.make_folder(plot, "--plot")
     if plot is not None:
-        _draw(plot, mission.stem, given, route)
+        from sysid.report.missions.drives import draw_plan
+
+        draw_plan(plot, mission.stem, given, route)
         facts["plot"] = plot
     if json:
         render.document(facts)
@@ -106,47 +107,3 @@ def _show(name: str, facts: dict[str, Any]) -> None:
     render.say(facts["sentence"])
     if "plot" in facts:
         render.say(f"Picture: {facts['plot']}")
-
-
-def _draw(path: Path, name: str, mission: "Mission", route: "Plan") -> None:
-    from sysid.report.plots import CurvePanel, PlanPicture, write_picture
-
-    def panel(title: str, across: str, up: str, curves: "Curves") -> CurvePanel:
-        return CurvePanel(
-            title, across, up, curves.gain, curves.values, curves.distance, curves.quantity
-        )
-
-    panels = [
-        panel(f"{what} of {whom}", f"distance to {whom} [m]", "force", curves)
-        for what, whom, curves in (
-            ("attraction", "the goal", route.attraction),
-            ("repulsion", "an obstacle's point", route.repulsion),
-        )
-        if curves is not None
-    ]
-    panels += [
-        panel(f"speed reference for {c.gain}", "distance to the goal [m]", "speed [m/s]", c)
-        for c in route.speeds
-    ]
-    facts = [f"{route.length_m:.2f} m of way"]
-    if route.time_s is not None:
-        facts.append(f"{route.time_s:.1f} s at the references")
-    if route.min_clearance_m is not None:
-        facts.append(f"{route.min_clearance_m:.2f} m clear of the nearest obstacle")
-    scene = mission.scene()
-    picture = PlanPicture(
-        title=f"{name}: the references {'lead to the goal' if route.arrives else 'end elsewhere'}",
-        subtitle=", ".join(facts),
-        x=route.x,
-        y=route.y,
-        psi=route.psi,
-        potential=route.potential,
-        way=route.way,
-        goal=mission.goal,
-        tolerance=mission.tolerance,
-        discs=tuple((o.x, o.y, o.radius) for o in scene.obstacles),
-        walls=tuple((*a, *b) for w in scene.walls for a, b in pairwise(w.points)),
-        ends=route.ends,
-        panels=tuple(panels),
-    )
-    write_picture(path, picture)

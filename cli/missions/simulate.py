@@ -13,7 +13,7 @@ from ..read_as import decided, show_decisions
 from .guided import facts_of, guide_over_ros
 from .law_options import LawChoice
 from .many_runs import Repeats, Ride, candidates, drive_many, ride, show_files, show_many
-from .measured import draw_measured, lay_over, show_measured
+from .measured import lay_over, show_measured
 from .ros_options import OverRos
 
 if TYPE_CHECKING:
@@ -28,10 +28,12 @@ _MISSION_FILES = (".yaml", ".yml")
 def simulate(
     mission: Path = argument("MISSION|LOG", "A mission (YAML), or a log to replay."),
     plant: Path | None = option("PATH", "Plant package, folder or zip [WORKSPACE/plant]."),
-    plot: Path | None = option("FILE", "Draw the result: .svg or .png."),
-    log: Path | None = option("FILE", "CSV to write [WORKSPACE/missions/NAME.csv]."),
-    bag: Path | None = option(
-        "FILE", "Also write a recording of ROS: .bag (ROS 1), .mcap, or a folder (ROS 2)."
+    plot: Path | None = targets.picture("Draw the result: .svg or .png."),
+    log: Path | None = targets.target(
+        "FILE", "CSV to write [WORKSPACE/missions/NAME.csv].", "--log"
+    ),
+    bag: Path | None = targets.target(
+        "FILE", "Also write a recording of ROS: .bag (ROS 1), .mcap, or a folder (ROS 2).", "--bag"
     ),
     accept_changes: bool = changes_accepted(),
     read: "ReadOptions" = group(reading.Reading),
@@ -51,7 +53,6 @@ def simulate(
 
     from sysid.data.reading.read_options import ReadOptions
 
-    targets.check_picture(plot)
     place = Workspace(workspace)
     drives = mission.suffix.lower() in _MISSION_FILES
     package = load_plant(place, plant, accept_changes)
@@ -61,11 +62,10 @@ def simulate(
         laws.refuse_for_log(mission)
         how.refuse(f"{mission} is a log to replay; omit {{}}")
         over.refuse_for_log(mission)
-    _check_bag(bag, drives and how.runs is None)
+    if bag is not None and not (drives and how.runs is None):
+        raise UsageError(f"--bag {bag} records one drive of a mission; omit --bag")
     kind = "_replay" if not drives else "" if how.runs is None else "_runs"
     name = f"{mission.stem}{kind}.csv"
-    if log is not None:
-        targets.check(log, "--log")
     target = log or place.missions_dir / name
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite the input; name another file")
@@ -86,13 +86,6 @@ def simulate(
         show_many(mission, facts, how)
     else:
         show_drive(mission.name, facts)
-
-
-def _check_bag(bag: Path | None, one_drive: bool) -> None:
-    if bag is not None:
-        targets.check(bag, "--bag")
-        if not one_drive:
-            raise UsageError(f"--bag {bag} records one drive of a mission; omit --bag")
 
 
 def load_plant(place: Workspace, plant: Path | None, accept_changes: bool) -> "Package":
@@ -138,6 +131,8 @@ def _driven(
         facts = _drive(path, package.plant(), log, None, bag, single_run)
     facts |= {"measured": measured, "warnings": [*facts["warnings"], *warnings]}
     if plot is not None:
+        from sysid.report.missions.drives import draw_measured
+
         draw_measured(plot, path.stem, mission, comparison)
         facts["plot"] = plot
     return facts
@@ -182,8 +177,7 @@ def _replay(
     path: Path, plant: "Plant", log: Path, plot: Path | None, read: "ReadOptions"
 ) -> dict[str, Any]:
     from sysid.plant.replay import read_for, replay, write_replay
-
-    from ..pictures import draw_replay
+    from sysid.report.fits import draw_replay
 
     result = replay(plant, read_for(plant, path, read))
     facts = result.summary() | {"log": write_replay(result, log)}

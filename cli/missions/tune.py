@@ -39,8 +39,14 @@ class Effort:
 class Outputs:
     """Files to write; None for those not asked for: the mission with the gains, a picture."""
 
-    to: Path | None = option("FILE", "Write the mission with the proposed gains: .yaml.")
-    plot: Path | None = option("FILE", "Draw the choice: .svg or .png.")
+    to: Path | None = targets.target(
+        "FILE",
+        "Write the mission with the proposed gains: .yaml.",
+        "--to",
+        new_folder=False,
+        suffixes=targets.YAML,
+    )
+    plot: Path | None = targets.picture("Draw the choice: .svg or .png.")
 
 
 @dataclass(frozen=True)
@@ -82,18 +88,17 @@ def tune(
     from sysid.robot.mission.tuning.search import tune as search
     from sysid.robot.mission.tuning.written import write_mission
 
+    if files.to is not None and files.to.exists() and files.to.samefile(mission):
+        raise UsageError(f"--to {files.to} would overwrite the mission; name another file")
     if navigation is not None:
         unused = (("plant", loop.plant), ("control", loop.control), ("plot", files.plot))
         for name, value in unused:
             if value is not None:
                 raise UsageError(f"--navigation tunes a filter; omit --{name}")
-        _check_target(files.to, mission)
         tune_filter(mission, navigation, sensor or {}, read, files.to, json)
         return
     if sensor or read != ReadOptions():
         raise UsageError("options that read a log belong to --navigation LOG")
-    targets.check_picture(files.plot)
-    _check_target(files.to, mission)
     options = SearchOptions(how.trials, how.robust, how.seed)
     given = LawChoice(control=loop.control).applied(load_mission(mission))
     package = load_plant(Workspace(workspace), loop.plant, loop.accept_changes)
@@ -104,26 +109,11 @@ def tune(
     if files.to is not None:
         facts["to"] = write_mission(mission, files.to, tuning.mission)
     if files.plot is not None:
-        from .tuning_picture import draw_tuning
+        from sysid.report.missions.tuning import draw_tuning
 
         draw_tuning(files.plot, mission.stem, given, tuning, package.model())
         facts["plot"] = files.plot
     render.document(facts) if json else _show(mission.name, tuning, facts)
-
-
-def _check_target(to: Path | None, mission: Path) -> None:
-    """Refuse a mission file that cannot be written.
-
-    Raises:
-        UsageError: it has another ending, is the mission itself, or its folder is not there.
-    """
-    if to is None:
-        return
-    if to.suffix.lower() not in (".yaml", ".yml"):
-        raise UsageError(f"--to {to}: a mission file ends in .yaml")
-    targets.check(to, "--to", new_folder=False)
-    if to.exists() and mission.exists() and to.samefile(mission):
-        raise UsageError(f"--to {to} would overwrite the mission; name another file")
 
 
 def _show(name: str, tuning: "Tuning", facts: dict[str, Any]) -> None:
@@ -140,11 +130,8 @@ def _show(name: str, tuning: "Tuning", facts: dict[str, Any]) -> None:
         ("set", "gains", *axes), [(words, _gains(s), *_margins(s)) for words, s in sets.items()]
     )
     render.say(tuning.sentence)
-    for warning in facts["warnings"]:
-        render.warn(f"! {warning}")
-    for what, key in (("Mission", "to"), ("Picture", "plot")):
-        if key in facts:
-            render.say(f"{what}: {facts[key]}")
+    render.cautions(facts["warnings"])
+    render.files(facts, to="Mission", plot="Picture")
 
 
 _COLUMNS = (

@@ -49,7 +49,7 @@ def motor(
     ts: float | None = option("SECONDS", "Sample time of the model [drive's, or 0.1]."),
     inputs: str | None = option("NAME", "The model's input [drive's, or voltage].", "--input"),
     outputs: str | None = option("NAME", "The model's output [drive's, or omega].", "--output"),
-    plot: Path | None = option("FILE", "Draw the characteristics: .svg or .png."),
+    plot: Path | None = targets.picture("Draw the characteristics: .svg or .png."),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
@@ -57,7 +57,6 @@ def motor(
     from sysid.testbench.motor.characterise import MotorOptions, characterise_motor
     from sysid.testbench.motor.model import bench_model
 
-    targets.check_picture(plot)
     options = MotorOptions(
         known=known or {},
         gear=gear,
@@ -99,11 +98,9 @@ def _show(bench: "MotorBench", facts: dict[str, Any]) -> None:
     render.table([*heads, "meaning"], rows, title="Motor")
     for p in bench.parameters:
         render.say(f"{p.name}: {p.reason}.")
-    for note in bench.notes:
-        render.warn(f"! {note}")
+    render.cautions(bench.notes)
     if facts["model"] is None:
         render.warn("! No model: J is not known.")
     else:
-        if plot := facts.get("plot"):
-            render.say(f"Picture: {plot}")
+        render.files(facts, plot="Picture")
         render.say(f"Kept as {facts['model']}. Next: sysid compare, sysid export.", "bold")

@@ -78,7 +78,7 @@ def pendulum(
     read: "ReadOptions" = group(
         reading.Reading, "time", "ts", "units", "delimiter", "decimal", "map", "stamps", "latency"
     ),
-    plot: Path | None = option("FILE", "Draw swing, fit and periods: .svg, .png."),
+    plot: Path | None = targets.picture("Draw swing, fit and periods: .svg, .png."),
     json: bool = reading.JSON,
 ) -> None:
     """Inertia of a robot from its free swing on a bar (thesis 2.51, 5.7), with its error.
@@ -86,14 +86,13 @@ def pendulum(
     Each log is fitted with a fading swing; periods counted without a model check it. Give a log,
     or the period that was read off one.
     """
-    targets.check_picture(plot)
     read = replace(read, outputs=(outputs,) if outputs else ())
     study = _study(logs or [], period, amplitude, size, body, steps, read)
     facts = study.summary()
     if plot is not None:
         if not study.logs:
             raise UsageError("--plot draws the swing of a log; omit it with --period")
-        from .pictures import draw_swing
+        from sysid.report.bench import draw_swing
 
         draw_swing(plot, study)
         facts["plot"] = plot
@@ -164,8 +163,7 @@ def _show(study: "PendulumStudy", facts: dict[str, Any]) -> None:
     for sentence in facts["sentences"]:
         render.say(sentence)
     render.findings(study.findings)
-    if "plot" in facts:
-        render.say(f"Picture: {facts['plot']}")
+    render.files(facts, plot="Picture")
 
 
 _HEADINGS = ("log", "period", "std. error", "counted", "T₀", "amplitude [°]", "damping", "periods")

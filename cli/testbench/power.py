@@ -4,8 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.errors import UsageError
-
 from .. import reading, render, targets
 from ..options import argument, command, group, option
 
@@ -24,9 +22,21 @@ def power(
     full_current: float | None = option(
         "A", "Current of both motors at full drive [the largest of the logs]."
     ),
-    to: Path | None = option("MISSION", "Mission in which to fill in vehicle.supply: .yaml."),
-    output: Path | None = option("FILE", "Write it for sysid diagnose --bench.", "-o", "--out"),
-    plot: Path | None = option("FILE", "Draw data and fits: .svg or .png."),
+    to: Path | None = targets.target(
+        "MISSION",
+        "Mission in which to fill in vehicle.supply: .yaml.",
+        "--to",
+        suffixes=targets.YAML,
+    ),
+    output: Path | None = targets.target(
+        "FILE",
+        "Write it for sysid diagnose --bench.",
+        "-o",
+        "--out",
+        new_folder=False,
+        suffixes=(".json",),
+    ),
+    plot: Path | None = targets.picture("Draw data and fits: .svg or .png."),
     read: "ReadOptions" = group(reading.Reading, "units", "pwm_max", "map", "stamps", "latency"),
     json: bool = reading.JSON,
 ) -> None:
@@ -39,13 +49,6 @@ def power(
     from sysid.data.files import write_atomic
     from sysid.testbench.power.study import bench_power, write_supply
 
-    targets.check_picture(plot)
-    if output is not None:
-        targets.check(output, "-o", new_folder=False)
-        if output.suffix.lower() != ".json":
-            raise UsageError(f"-o {output}: name a file that ends in .json")
-    if to is not None and to.suffix.lower() not in (".yaml", ".yml"):
-        raise UsageError(f"--to {to}: a mission file ends in .yaml")
     bags = replace(read, units={}, pwm_max=None)
     bench = bench_power(files, read.units, read.pwm_max, full_current, bags)
     facts: dict[str, Any] = bench.summary()
@@ -54,7 +57,7 @@ def power(
     if to is not None:
         facts["mission"] = write_supply(to, bench)
     if plot is not None:
-        from .pictures import draw_power
+        from sysid.report.bench import draw_power
 
         draw_power(plot, bench)
         facts["plot"] = plot
@@ -74,9 +77,7 @@ def _show(bench: "PowerBench", facts: dict[str, Any]) -> None:
             ],
         )
     render.findings(bench.findings)
-    for what, key in (("Bench file", "file"), ("Mission", "mission"), ("Picture", "plot")):
-        if key in facts:
-            render.say(f"{what}: {facts[key]}")
+    render.files(facts, file="Bench file", mission="Mission", plot="Picture")
 
 
 _UNITS = {"voltage": "V", "loss": "1/s"}

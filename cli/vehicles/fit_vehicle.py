@@ -1,6 +1,7 @@
 """``sysid fit-vehicle``: radii, width, slip, lags and lever arm from logs with a pose."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,6 @@ from .. import reading, render, targets
 from ..mission_options import given_lengths
 from ..options import argument, command, group, option
 from ..read_as import decided
-from .fit_vehicle_picture import drawn
 from .fit_vehicle_report import show, show_squares
 
 if TYPE_CHECKING:
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from sysid.vehicle.kinematics import Geometry
 
 
+_yaml = partial(targets.target, "FILE", new_folder=False, suffixes=targets.YAML)
+
+
 @dataclass(frozen=True)
 class Files:
     """Files beside the logs: what is written, and where squares ended; None for none.
@@ -30,12 +33,12 @@ class Files:
         UsageError: a place cannot be written to, or one of two options that go together is missing.
     """
 
-    output: Path | None = option(
-        "FILE", "Write the vehicle as sections of a mission (.yaml).", "-o", "--out"
+    output: Path | None = _yaml(
+        "Write the vehicle as sections of a mission (.yaml).", "-o", "--out"
     )
     mission: Path | None = option("M.yaml", "Mission to write again with --to.")
-    to: Path | None = option("FILE", "Write the mission with the fitted vehicle.")
-    plot: Path | None = option("FILE", "Draw paths and slip: .svg or .png.")
+    to: Path | None = _yaml("Write the mission with the fitted vehicle.", "--to")
+    plot: Path | None = targets.picture("Draw paths and slip: .svg or .png.")
     returns: Path | None = option(
         "FILE", "Instead of logs: where squares driven both ways ended (direction, x, y)."
     )
@@ -43,11 +46,6 @@ class Files:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
-        for path, name in ((self.output, "-o"), (self.to, "--to")):
-            if path is not None:
-                if path.suffix not in (".yaml", ".yml"):
-                    raise UsageError(f"{name} {path}: a file with a vehicle ends in .yaml")
-                targets.check(path, name, new_folder=False)
         to, mission = self.to, self.mission
         if (to is None) != (mission is None):
             lacks = "--to FILE to write to" if mission else "--mission M.yaml to write it from"
@@ -187,6 +185,8 @@ def _written(files: Files, fitted: "VehicleFit", name: str) -> dict[str, Any]:
     if files.mission is not None and files.to is not None:
         document["to"] = write_vehicle(files.mission, files.to, fitted.mission)
     if files.plot is not None:
-        drawn(files.plot, name, fitted)
+        from sysid.report.vehicles import draw_vehicle_fit
+
+        draw_vehicle_fit(files.plot, name, fitted)
         document["plot"] = files.plot
     return document

@@ -37,7 +37,7 @@ def soil(
         "Number of road wheels of a track, which cause pressure peaks [a rigid track].",
         "--road-wheels",
     ),
-    plot: Path | None = option("FILE", "Draw shear, pull and turning (svg or png)."),
+    plot: Path | None = targets.picture("Draw shear, pull and turning (svg or png)."),
     json: bool = reading.JSON,
 ) -> None:
     """List soils with their sources, or assess a tracked vehicle on one."""
@@ -46,7 +46,6 @@ def soil(
     if ground is None and vehicle is None and not numbers:
         _list(json)
         return
-    targets.check_picture(plot)
     traction = _traction(ground, vehicle, numbers or [], wheels)
     assessment = assess(
         traction,
@@ -59,7 +58,7 @@ def soil(
     else:
         _show(assessment, ground or str(vehicle))
     if plot is not None:
-        from .soil_picture import draw_soil
+        from sysid.report.vehicles import draw_soil
 
         draw_soil(plot, ground or str(vehicle), assessment)
 
@@ -259,8 +258,7 @@ def _show(assessment: "SoilAssessment", name: str) -> None:
         title="Turning",
     )  # fmt: skip
     render.say(f"Soil: {assessment.traction.soil.source}.", "dim")
-    for note in assessment.notes:
-        render.warn(f"! {note}")
+    render.cautions(assessment.notes)
 
 
 def _turned(q: "Quantity") -> str:

@@ -26,16 +26,16 @@ def vehicle(
         "NAME=RAD/S,…",
         "Speeds of wheels [rad/s], by name or in the file's order; gives the motion.",
     ),
-    plot: Path | None = option("FILE", "Draw wheels, axles and centre: .svg or .png."),
-    urdf: Path | None = option("FILE", "Write the vehicle as a URDF."),
-    mjcf: Path | None = option("FILE", "Write the vehicle as a MuJoCo model."),
+    plot: Path | None = targets.picture("Draw wheels, axles and centre: .svg or .png."),
+    urdf: Path | None = targets.target(
+        "FILE", "Write the vehicle as a URDF.", "--urdf", new_folder=False
+    ),
+    mjcf: Path | None = targets.target(
+        "FILE", "Write the vehicle as a MuJoCo model.", "--mjcf", new_folder=False
+    ),
     json: bool = reading.JSON,
 ) -> None:
     """Say what the wheels of a vehicle let it do, and turn motions into wheel speeds and back."""
-    targets.check_picture(plot)
-    for target, name in ((urdf, "--urdf"), (mjcf, "--mjcf")):
-        if target is not None:
-            targets.check(target, name, new_folder=False)
     from sysid.vehicle.wheels.description import load_vehicle
     from sysid.vehicle.wheels.summary import forward_document, inverse_document, summary
 
@@ -51,9 +51,9 @@ def vehicle(
         )
         facts["forward"] = forward_document(loaded, loaded.forward(wheel_speeds or {}, at))
     if plot is not None:
-        from .vehicle_picture import draw
+        from sysid.report.vehicles import draw_vehicle
 
-        draw(plot, loaded, facts)
+        draw_vehicle(plot, loaded, facts)
         facts["plot"] = plot
     _write(loaded, facts, {"urdf": urdf, "mjcf": mjcf})
     if json:

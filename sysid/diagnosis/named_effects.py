@@ -89,14 +89,10 @@ class NamedEffect:
     """One accepted effect.
 
     Attributes:
-        id: in the catalogue.
         stage: actuator, motor, vehicle, sensor or any.
-        channels: outputs on which it shows.
-        parameters: its parameters with standard errors.
         delta_bic, p_value, heldout_gain: evidence; the gain is the relative fall of the held-out
             RMSE, 1 − with/without.
         indistinguishable: other effects that explain this log as well.
-        sentence: what it is and how large, in plain words.
         remains: what stays there although it is added, in words; empty where that is noise.
     """
 

@@ -147,12 +147,12 @@ def _name(
     right: bool = False,
 ) -> None:
     """Words ``shift`` points beside one end of the bars, cut to the room they have."""
-    text = axes.annotate(
+    text = style.words(
+        axes,
         words,
         (1.0 if right else 0.0, y),
-        xycoords=("axes fraction", "data"),
-        xytext=(shift, 0.0),
-        textcoords="offset points",
+        (shift, 0.0),
+        style.FROM_LEFT,
         ha=side,
         va="center",
         weight="bold" if look.bold else "normal",

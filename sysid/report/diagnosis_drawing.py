@@ -101,16 +101,7 @@ def _named_rows(
 
 
 def _row_name(axes: "Axes", words: str, y: float) -> None:
-    text = axes.annotate(
-        words,
-        (0.0, y),
-        xycoords=("axes fraction", "data"),
-        xytext=(-4.0, 0.0),
-        textcoords="offset points",
-        ha="left",
-        va="center",
-        size=style.SMALL,
-    )
+    text = style.words(axes, words, (0.0, y), (-4.0, 0.0), style.FROM_LEFT, ha="left", va="center")
     text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})  # over the panel's lines
     text.set_in_layout(False)
 

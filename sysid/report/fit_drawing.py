@@ -215,16 +215,10 @@ def _name_parts(axes: "Axes", pieces: list[_Piece], inches: float) -> None:
     whole = pieces[-1].end - float(pieces[0].t[0])
     for piece in pieces:
         room = inches * (piece.end - float(piece.t[0])) / whole - 0.08
-        text = axes.annotate(
-            " · ".join(s for s in (piece.segment.part, piece.segment.label) if s),
-            (float(piece.t[0]), 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(3.0, -3.0),
-            textcoords="offset points",
-            va="top",
-            size=style.SMALL - 0.5,
-            color=style.MUTED,
-        )
+        name = " · ".join(s for s in (piece.segment.part, piece.segment.label) if s)
+        look = {"va": "top", "size": style.SMALL - 0.5, "color": style.MUTED}
+        at = (float(piece.t[0]), 1.0)
+        text = style.words(axes, name, at, (3.0, -3.0), style.FROM_TOP, **look)
         text.set_in_layout(False)
         style.shorten(text, room)
         if len(text.get_text()) < 4:

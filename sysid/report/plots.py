@@ -33,7 +33,7 @@ from sysid.report import (
 from sysid.report.correlation_panels import LagTest
 from sysid.report.fan_drawing import FanPanel, FanPicture
 from sysid.report.fit_picture import FitPicture, FitSegment
-from sysid.report.mission_drawing import MissionPicture, Obstacle
+from sysid.report.mission_drawing import MissionPicture
 from sysid.report.missions import (
     front_drawing,
     plan_drawing,
@@ -44,6 +44,7 @@ from sysid.report.missions.front_drawing import FrontPicture, Mark, Trade
 from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
 from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.report.missions.runs_drawing import RunsPicture
+from sysid.report.missions.scene import Obstacle, Scene
 from sysid.report.ranking_drawing import RankingPicture, RankingRow
 from sysid.report.vehicle_drawing import VehiclePicture, WheelMark
 
@@ -69,6 +70,7 @@ __all__ = [
     "RankingRow",
     "ResponsePicture",
     "RunsPicture",
+    "Scene",
     "Trade",
     "VehiclePicture",
     "WheelMark",

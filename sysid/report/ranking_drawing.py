@@ -209,15 +209,8 @@ def _draw_bars(axes: "Axes", picture: RankingPicture, rows: tuple[RankingRow, ..
     if finite[0] and picture.from_best:
         axes.plot(0.0, 0.5, marker="o", color=style.BLUE, markersize=6.0, clip_on=False, zorder=5)
     for i in k[~finite]:
-        axes.annotate(
-            "not comparable",
-            (0.0, i + 0.5),
-            xytext=(4.0, 0.0),
-            textcoords="offset points",
-            va="center",
-            size=style.SMALL,
-            color=style.MUTED,
-        )
+        at = (0.0, i + 0.5)
+        style.words(axes, "not comparable", at, (4.0, 0.0), va="center", color=style.MUTED)
     if not finite.any() or not np.any(values[finite]):
         axes.set_xlim(0.0, 1.0)
     elif not spread:

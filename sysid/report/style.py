@@ -162,6 +162,36 @@ def title(axes: "Axes", words: str, inches: float, **options: Any) -> "Text":
     return text
 
 
+def words(
+    axes: "Axes",
+    text: str,
+    at: tuple[float, float],
+    shift: tuple[float, float] = (0.0, 0.0),
+    frame: tuple[str, str] = ("data", "data"),
+    **look: Any,
+) -> "Text":
+    """Write small words beside a place of a panel.
+
+    Args:
+        at: the place, in units of ``frame``: data, or the fraction of the panel's axes.
+        shift: from there to the words [pt].
+    """
+    look = {"size": SMALL, **look}
+    return axes.annotate(text, at, xycoords=frame, xytext=shift, textcoords="offset points", **look)
+
+
+def arrow(
+    axes: "Axes", tail: Any, tip: Any, head: str = "->", zorder: float = 2.0, **line: Any
+) -> None:
+    """Draw an arrow between two places of a panel."""
+    props = {"arrowstyle": head, "linewidth": 1.0, **line}
+    axes.annotate("", tip, tail, arrowprops=props, annotation_clip=False, zorder=zorder)
+
+
+FROM_TOP, FROM_LEFT = ("data", "axes fraction"), ("axes fraction", "data")
+"""Frames of :func:`words`: the height, or the place across, in parts of the panel."""
+
+
 def legend_above(axes: "Axes", entries: dict[str, tuple[str, float]], room: float = 0.0) -> None:
     """Name lines by colour and width on the title's line, where the names hide no data.
 

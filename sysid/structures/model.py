@@ -17,13 +17,13 @@ from sysid.data.same_kind import SAME_CLOCK, difference
 from sysid.data.schema import DAMAGED, Null, checked, completed
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
+from sysid.fitting.searchable import StartReport
 from sysid.structures.base import Structure
-from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.transfer import TransferMatrix
-from sysid.structures.outcome import StartReport
+from sysid.structures.motion import initial_state_window
 from sysid.structures.plant import Plant
-from sysid.structures.registry import require_readable, structure_from_json
+from sysid.structures.registry import require_readable, structure_from_json, structure_to_json
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
@@ -195,7 +195,7 @@ class Model:
                 p.unit,
                 p.fixed is not None,
                 p.name in self.at_bound,
-                p.fixed is not None or p.name not in unseen or self.structure.linear,
+                p.fixed is not None or p.name not in unseen or self.structure.traits.linear,
             )
             for p, v, s in zip(self.parameters, self.theta, errors, strict=True)
         )
@@ -366,7 +366,10 @@ class Model:
         own = documents.by_field(self)
         del own["structure"], own["theta"]
         return documents.plain_object(
-            {"schema": SCHEMA} | self.structure.to_json() | own | {"parameters": parameters}
+            {"schema": SCHEMA}
+            | structure_to_json(self.structure)
+            | own
+            | {"parameters": parameters}
         )
 
     @staticmethod

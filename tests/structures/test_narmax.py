@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from narmax_cases import ORDERS, TRUTH, fitted, names, record, structure
+from problem_cases import problems_of
 
 from sysid.data.record import Channel, Record
 from sysid.estimation.assessment.figures import Start, outputs
@@ -330,7 +331,7 @@ def test_gradients_are_those_of_central_differences(case: str, focus: Focus) -> 
         u = rng.uniform(-1, 1, (n, s.nu))
         y = s.simulate(theta, u) + 0.1 * rng.standard_normal((n, s.ny))
         records.append(Record(u, y, 0.1))
-    found: list[Problem] = list(s.problems(records, focus, Initial.AUTO, False))
+    found: list[Problem] = list(problems_of(s, records, focus, Initial.AUTO))
     if focus is Focus.SIMULATION:
         data = [(r.u, r.y) for r in records]
         found.append(ChunkedRuns(s.free_run(), data, 17, np.ones(s.ny)))

@@ -26,7 +26,6 @@ class Region:
     """One regime of one output.
 
     Attributes:
-        region: in words.
         share_of_excess: share of the squared error above the noise floor that lies here.
         share_of_samples: share of the samples that lie here.
         interval: 90 % interval of the share of excess (block bootstrap).
@@ -53,11 +52,8 @@ def localise(
     """Regimes ordered by how much of the excess error they hold beyond their size.
 
     Args:
-        records: where the model was run.
         errors: free-run errors (N, ny) on each; NaN where a sample does not count.
         floor: measurement noise of each output, (ny,).
-        scales: full drive of each track's command.
-        seed: of the bootstrap.
     """
     rng = np.random.default_rng(seed)
     regions: list[Region] = []

@@ -50,7 +50,6 @@ class ResidualVerdict:
     """Whether the errors of a model on held-out data still depend on what is known.
 
     Attributes:
-        model: ``before`` or ``after``.
         p_value: of no dependence on commands, speeds and their products, over all outputs.
         share: share of the squared error above the floor that such a dependence predicts.
     """
@@ -65,7 +64,6 @@ class OutputStructure:
     """What is left on one output.
 
     Attributes:
-        output: its name.
         p_value: of errors that depend on nothing known.
         share: share of the squared error above the floor (without what the model's own parameters
             could follow) that the known terms predict on blocks not used for their coefficients,
@@ -86,7 +84,6 @@ class ResidualStructure:
     Attributes:
         p_value: over all outputs (Bonferroni).
         share: of the squared error above the floor, each output in units of its floor's error.
-        outputs: each output's share.
     """
 
     p_value: float
@@ -109,11 +106,9 @@ def error_structure(
     """Whether free-run errors depend on commands, simulated speeds, their products and time.
 
     Args:
-        records: where the model was run.
         errors: measured minus simulated, (N, ny) a record; NaN where a sample does not count.
         simulated: the runs, (N, ny) a record.
         floor: measurement noise of each output, (ny,).
-        scales: full drive of each input.
         slopes: ∂ŷ/∂θ of each record, (N, ny, n): changes that the model could follow with its own
             parameters are no structure. None: those of a first-order model per output. An empty
             last axis asks for everything, as for a given model that was not fitted on this system.

@@ -19,8 +19,8 @@ from sysid.fitting.uncertainty import (
     sandwich,
     with_infinite,
 )
-from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.closed_form import lagged_terms, signs
+from sysid.structures.linear.families import ARX
 
 ROWS_A_COEFFICIENT = 4
 """Rows of a block for each coefficient: its own information is then of full rank."""

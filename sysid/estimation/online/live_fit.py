@@ -26,13 +26,13 @@ from sysid.estimation.online.live_state import (
     time_constant,
 )
 from sysid.estimation.online.order_choice import chosen_orders
-from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.closed_form import lagged_terms, signs
 from sysid.structures.linear.constant_input import (
     constant_places,
     with_constant,
     without_constant,
 )
+from sysid.structures.linear.families import ARX
 from sysid.structures.model import Model
 
 FIRST_ORDERS = 200

@@ -10,8 +10,8 @@ from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import DataError
 from sysid.fitting import normal_equations as ne
-from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.closed_form import lagged_terms
+from sysid.structures.linear.families import ARX
 
 MOST_DELAY = 20
 """Samples up to which a delay is looked for; for a longer one the orders have to be given."""

@@ -70,7 +70,7 @@ class Ranked:
             "residuals": self.residuals,
             "doubts": doubts_about(m).clauses,
             "step_time_s": self.step_time,
-            "tells": m.structure.tells,
+            "tells": m.structure.traits.tells,
         }
 
 

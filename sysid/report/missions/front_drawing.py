@@ -130,10 +130,8 @@ def _trade(axes: "Axes", trade: Trade, picture: FrontPicture) -> "PathCollection
         colour, shape = (style.INK, "D") if is_present else (style.GREEN, "s")
         axes.scatter(mark.x, mark.y, s=26, marker=shape, color=colour, label=label, zorder=5)
         if not is_present:
-            axes.annotate(
-                mark.name, (mark.x, mark.y), textcoords="offset points", xytext=(5, 3),
-                size=style.SMALL - 1.0, color=style.GREEN, zorder=7,
-            )  # fmt: skip
+            size, place = style.SMALL - 1.0, (mark.x, mark.y)
+            style.words(axes, mark.name, place, (5, 3), size=size, color=style.GREEN, zorder=7)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_title(trade.title)

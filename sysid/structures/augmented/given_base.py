@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array
 from sysid.data.schema import completed
 from sysid.structures.augmented.chain import drive_before
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
-from sysid.structures.registry import structure_from_json
+from sysid.structures.registry import structure_from_json, structure_to_json
 
 
 def begins_at_rest(u0: Array, y0: Array, y: Array) -> bool:
@@ -86,7 +87,11 @@ class GivenBase:
 
         return advance
 
+    def to_json(self) -> dict[str, Any]:
+        """JSON-able values."""
+        return plain_object(by_field(self) | {"structure": structure_to_json(self.structure)})
+
     @staticmethod
     def from_json(raw: Mapping[str, Any]) -> "GivenBase":
-        """Undo ``documents.plain``."""
+        """Undo ``to_json``."""
         return completed(GivenBase, raw, structure=structure_from_json(raw["structure"]))

@@ -8,8 +8,8 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.fitting.problem import Problem
+from sysid.fitting.searchable import StartReport
 from sysid.fitting.solvers import Solution
-from sysid.structures.outcome import StartReport
 
 SEARCH_SAMPLES = 8_000
 """Samples that choose what an equation holds; its parameters come from all of them."""

@@ -18,6 +18,7 @@ from sysid.fitting.compiled import compiled, jax_module
 from sysid.fitting.problem import Problem
 from sysid.structures.difference_equations.probing import probing_inputs
 from sysid.structures.linear.predictor import HUGE
+from sysid.structures.motion import time_constants
 
 if TYPE_CHECKING:
     from sysid.structures.grey_box.structure import GreyBox
@@ -178,7 +179,7 @@ def stays_bounded(
     Args:
         ranges: lowest and highest value of each input.
     """
-    modes = structure.time_constants(theta)
+    modes = time_constants(structure, theta)
     slowest = float(np.max(np.abs(modes[np.isfinite(modes)]), initial=0.0))
     length = int(np.clip(LASTING * slowest, *PROBE)) if slowest else PROBE[1]
     p = structure.prepared(np, structure.unpack(np, np.asarray(theta, np.float64)), structure.h)

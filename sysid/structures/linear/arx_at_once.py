@@ -8,7 +8,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.fitting import normal_equations as ne
 from sysid.fitting.holdout import HoldOut
-from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.families import ARX
 
 SIMULATED = 16
 """Candidates, best one-step first, whose free run is looked at."""

@@ -8,10 +8,7 @@ import numpy as np
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Record
-from sysid.errors import Termination
 from sysid.fitting import normal_equations as ne
-from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Focus, Parameter
 from sysid.fitting.uncertainty import (
     AR_ORDER,
     PART,
@@ -20,59 +17,11 @@ from sysid.fitting.uncertainty import (
     sandwich,
     with_infinite,
 )
-from sysid.structures.base import Structure
-from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.families import ARX
 from sysid.structures.linear.predictor import RowLayout
-from sysid.structures.outcome import FitOutcome, InitialGuesses, StartReport
-from sysid.structures.search import by_search
 
 SANDWICH_SAMPLES = 100_000
 """The sandwich form needs the regressors in memory: it is measured on at most this many samples."""
-
-
-def fit(
-    structure: Structure,
-    records: Sequence[Record],
-    options: FitOptions,
-    parameters: tuple[Parameter, ...],
-    initial_guesses: InitialGuesses,
-) -> FitOutcome:
-    """Least squares in one step, or a search where constraints or another loss forbid it."""
-    weighted = any(r.weights is not None for r in records)
-    if weighted or not (isinstance(structure, ARX) and is_linear(options, parameters)):
-        return by_search(structure, records, options, parameters, initial_guesses)
-    return solved_outcome(structure, parameters, solve(structure, records), "least squares")
-
-
-def solved_outcome(
-    structure: ARX,
-    parameters: tuple[Parameter, ...],
-    solved: tuple[Array, Array, Array],
-    how: str,
-) -> FitOutcome:
-    """The outcome of a fit that was solved directly.
-
-    Args:
-        solved: θ, its covariance and the directions without information.
-        how: what was solved, for the report of starts.
-    """
-    theta, covariance, null = solved
-    return FitOutcome(
-        structure,
-        parameters,
-        theta,
-        covariance,
-        null,
-        termination=Termination.CLOSED_FORM,
-        starts=(StartReport("all", how, None, None, 1),),
-    )
-
-
-def is_linear(options: FitOptions, parameters: Sequence[Parameter]) -> bool:
-    """Whether the fit is one unconstrained linear least-squares problem."""
-    free = all(p.fixed is None and not np.isfinite([p.lower, p.upper]).any() for p in parameters)
-    prediction = options.focus is Focus.PREDICTION
-    return prediction and free and not options.robust and not options.stable
 
 
 def lagged_terms(lay: RowLayout) -> list[tuple[int, int]]:

@@ -85,7 +85,7 @@ def starts_of(structure: PolynomialStructure, records: Sequence[Record], focus: 
         return output_error_starts(structure, records, focus)
     if "c" not in structure.letters:
         return arx_starts(structure, records, focus)
-    own = armax_starts if structure.takes_inputs else time_series_starts
+    own = armax_starts if structure.traits.takes_inputs else time_series_starts
     return own(structure, records, focus)
 
 

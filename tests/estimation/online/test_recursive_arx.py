@@ -11,8 +11,8 @@ from sysid.errors import UsageError
 from sysid.estimation import pem
 from sysid.estimation.online.arx import RecursiveARX, regressors
 from sysid.estimation.online.change import FALSE_ALARMS
-from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.closed_form import lagged_terms, signs
+from sysid.structures.linear.families import ARX
 
 CASES: dict[str, tuple[dict[str, Any], int, int, list[float]]] = {
     "first order": ({"na": 1, "nb": 1, "nk": 1}, 1, 1, [-0.8, 0.5]),
