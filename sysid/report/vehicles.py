@@ -17,9 +17,9 @@ from sysid.report.plots import (
     write_picture,
 )
 from sysid.robot.calibration.slip_curves import SlipPoint
-from sysid.robot.calibration.slip_fit import Part
-from sysid.robot.calibration.trajectory import Trajectory
-from sysid.robot.calibration.vehicle_fit import Kinematic, Motion, VehicleFit
+from sysid.robot.calibration.slip_model import Kinematic, Motion
+from sysid.robot.calibration.trajectory import Part, Trajectory
+from sysid.robot.calibration.vehicle_fit import VehicleFit
 from sysid.vehicle.ground.assessment import SoilAssessment
 from sysid.vehicle.ground.drawbar import Traction
 from sysid.vehicle.ground.resistance import lateral_at_radius

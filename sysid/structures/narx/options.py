@@ -1,4 +1,4 @@
-"""Options of the NARX structure as users type them, and its design as JSON."""
+"""Options of the NARX structure as users type them, and which designs belong to it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
