@@ -31,6 +31,18 @@ class Value:
     in_file: "Value | None" = None
     bounded: bool = False
 
+    def times(self, factor: float, unit: str, name: str = "") -> "Value":
+        """The same in another unit; under another name where it then is another parameter."""
+        low, high = (None if v is None else factor * v for v in self.interval or (None, None))
+        return Value(
+            name or self.name,
+            factor * self.value,
+            None if self.std_error is None else factor * self.std_error,
+            unit,
+            None if self.interval is None else (low, high),
+            bounded=self.bounded and not name,
+        )
+
     @property
     def in_log_units(self) -> "Value":
         """The parameter as a reader of the log's columns meets it."""
