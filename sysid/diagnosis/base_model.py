@@ -27,7 +27,7 @@ from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.structures.augmented.given_base import GivenBase, begins_at_rest
-from sysid.structures.linear.oe import OE
+from sysid.structures.linear.families import OE
 from sysid.structures.model import Model
 
 LARGEST_ORDER = 3
