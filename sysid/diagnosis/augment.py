@@ -10,7 +10,7 @@ from sysid.criteria.information import information_criteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.diagnosis.base_model import Base, full_drive
-from sysid.diagnosis.named_effects import Value
+from sysid.diagnosis.diagnosis import Value
 from sysid.diagnosis.search.admission import on_bound
 from sysid.diagnosis.search.batched_search import information
 from sysid.diagnosis.search.evidence import effective_samples

@@ -7,8 +7,7 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.diagnosis.augment import std_errors, values_of
 from sysid.diagnosis.base_model import Base, full_drive
-from sysid.diagnosis.diagnosis import Trace
-from sysid.diagnosis.named_effects import NamedEffect, Value
+from sysid.diagnosis.diagnosis import NamedEffect, Trace, Value
 from sysid.diagnosis.samples import SampleEffects
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.selection import SelectedEffect, Selection

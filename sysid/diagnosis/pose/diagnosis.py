@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid.data.record import Array, Record
+from sysid.diagnosis.diagnosis import NamedEffect, Value
 from sysid.diagnosis.gap import Gap
-from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.policies import POSE, RULE
 from sysid.diagnosis.pose.evidence import PoseResiduals, holdout_pairs, pose_gap, pose_residuals
 from sysid.diagnosis.pose.growth import Step, allowed, grown

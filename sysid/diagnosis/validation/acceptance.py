@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.diagnosis.augment import std_errors
 from sysid.diagnosis.base_model import Base
-from sysid.diagnosis.named_effects import RejectedEffect
+from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.base_model import Base
-from sysid.diagnosis.named_effects import RejectedEffect
+from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.effects.catalogue import about
