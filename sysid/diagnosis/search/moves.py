@@ -10,7 +10,6 @@ import numpy as np
 
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
-from sysid.diagnosis.search.evidence import alike
 from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
 from sysid.diagnosis.search.starts import free_indices
 from sysid.effects.base import Effect
@@ -22,28 +21,23 @@ CLEARLY = 10.0
 
 def beside_either(
     search: CandidateSearch, model: CandidateModel, effects: Sequence[Effect]
-) -> tuple[list[ScoredCandidate], dict[str, CandidateModel]]:
+) -> list[ScoredCandidate]:
     """Effects tried on a candidate model, and on the one with the other lag where there is one.
 
-    Returns:
-        (each effect where it explains more, the most likely first; the candidate model it was tried
-        on, by id).
+    Each where it explains more, the most likely first.
     """
     judged = search.candidates(model, effects)
     other = with_other_lag(search, model)
     if other is None:
-        return judged, {j.id: model for j in judged}
+        return judged
     tried = [(model, j) for j in judged] + [(other, j) for j in search.candidates(other, effects)]
-    if not tried:
-        return [], {}
-    samples = common_samples([j.model for _, j in tried])
-    best: dict[str, tuple[CandidateModel, ScoredCandidate]] = {}
+    samples = common_samples([j.model for _, j in tried]) if tried else np.zeros(0)
+    best: dict[str, ScoredCandidate] = {}
     for rest, j in tried:
         scored = search.scored(rest, j.model, len(effects), samples)
-        if j.id not in best or scored.score > best[j.id][1].score + CLEARLY:
-            best[j.id] = rest, scored
-    ordered = sorted(best.values(), key=lambda b: -b[1].score)
-    return [j for _, j in ordered], {j.id: rest for rest, j in ordered}
+        if j.id not in best or scored.score > best[j.id].score + CLEARLY:
+            best[j.id] = scored
+    return sorted(best.values(), key=lambda j: -j.score)
 
 
 def with_other_lag(search: CandidateSearch, candidate: CandidateModel) -> CandidateModel | None:
@@ -100,29 +94,3 @@ def on_more_tracks(search: CandidateSearch, candidate: CandidateModel) -> Candid
     if len(free) == len(candidate.free):
         return None
     return search.fitted(replace(candidate, touched=touched), q, free)
-
-
-def swapped(
-    search: CandidateSearch, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect]
-) -> CandidateModel:
-    """Try look-alikes of the effects accepted so far: a later one may show one of them wrong.
-
-    What could not be distinguished from another at first may be distinguished beside a second
-    effect; and so for the laws of one.
-    """
-    for id in model.effects[:-1]:
-        likely = [
-            e
-            for e in effects
-            if (e.id == id and e.laws)
-            or ((id in e.ties or e.id in about(id).ties) and e.id not in model.effects)
-        ]
-        if not likely:
-            continue
-        judged = search.candidates(search.without(model, id), likely)
-        fits = [j.model for j in judged if search.admissible(j.model)]
-        best = search.best_of(base, [model, *fits])
-        if best is not model and not alike(best.errors, model.errors):
-            order = tuple(best.effects[-1] if e == id else e for e in model.effects)
-            model = replace(best, effects=order, excluded=model.excluded)
-    return model
