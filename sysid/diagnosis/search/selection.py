@@ -50,11 +50,6 @@ class Interval:
         high = None if self.high is None else value + math.hypot(self.high - value, by)
         return Interval(low, high, self.visited)
 
-    def times(self, factor: float) -> "Interval":
-        """That of the parameter in another unit."""
-        low, high = (None if v is None else factor * v for v in (self.low, self.high))
-        return Interval(low, high, self.visited)
-
 
 @dataclass(frozen=True, eq=False)
 class CandidateModel:
