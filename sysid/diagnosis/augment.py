@@ -59,11 +59,7 @@ def std_errors(base: Base, candidate: CandidateModel) -> dict[int, float]:
 def values_of(
     base: Base, candidate: CandidateModel, id: str, intervals: Mapping[int, Interval] | None = None
 ) -> tuple[Value, ...]:
-    """The parameters of an effect with standard errors; None where nothing was estimated.
-
-    Args:
-        intervals: of parameters without a standard error from gradients, by index.
-    """
+    """The parameters of an effect with standard errors; None where nothing was estimated."""
     m = base.search.model
     names = base.search.estimation[0].output_names
     unit = base.search.estimation[0].outputs[0].unit

@@ -102,10 +102,7 @@ class SampleEffects:
     """What inspecting the samples found.
 
     Attributes:
-        coarse: outputs with quantisation.
-        lost: outputs with dropouts.
         weights: 0 where a reading was lost or repeats the last one, 1 elsewhere, (N, ny) a record.
-        stale: outputs whose sensor is slower than the log.
     """
 
     coarse: tuple[Coarse, ...]
@@ -191,8 +188,6 @@ def inspect_rates(
 
     Args:
         rates: central differences over ``step`` samples on either side.
-        positions: what they were made from.
-        step: see ``rates``.
     """
     read = inspect_samples(positions)
     thinned = [w[: len(w) // step * step : step] for w in read.weights]

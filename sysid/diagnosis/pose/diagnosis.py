@@ -108,7 +108,6 @@ def diagnose_pose(
     """Name effects of the vehicle stage.
 
     Args:
-        estimation: records that parameters are estimated on.
         holdout: held-out records; where they hold too few windows, or hardly a turn, all records,
             or stretches of them, estimate and judge in turn.
         geometry: lengths of the vehicle. Unless given, those of the thesis's robot, or estimated

@@ -48,7 +48,6 @@ def sample_ensemble(
     """Let walkers drift over the free parameters of a candidate model.
 
     Args:
-        parameters: whose intervals are asked for.
         joined: whether the tracks feel each other, so that they move together.
 
     Returns:

@@ -43,7 +43,6 @@ class Interval:
         """With another cause of error, independent of the log's.
 
         Args:
-            value: the estimate.
             by: half of the 95 % interval that the other cause makes alone.
         """
         low = None if self.low is None else value - math.hypot(value - self.low, by)
@@ -57,7 +56,6 @@ class CandidateModel:
 
     Attributes:
         q: all parameters, (parameters,).
-        touched: outputs that the newest effect changes.
         excluded: effects that could not be distinguished from an accepted one, not looked for
             again.
     """
@@ -80,7 +78,6 @@ class SelectedEffect:
     """An accepted effect: its evidence and what cannot be distinguished from it.
 
     Attributes:
-        touched: outputs on which it shows.
         rivals: the fitted models of it and of its ties, by id.
     """
 
