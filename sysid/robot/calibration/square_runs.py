@@ -229,7 +229,7 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
         )
 
     def away(p: Array) -> Array:
-        return predicted(p) - measured
+        return np.asarray(predicted(p) - measured)
 
     def jacobian(p: Array) -> Array:
         return slopes(predicted, p, np.full(2, 1e-5))
