@@ -12,6 +12,7 @@ from sysid.diagnosis.search.evidence import Evidence, alike
 from sysid.diagnosis.search.moves import (
     beside_either,
     on_more_tracks,
+    swapped,
 )
 from sysid.diagnosis.search.selection import (
     CandidateModel,
@@ -87,8 +88,14 @@ class ForwardSelection(CandidateSearch):
         required: RequiredRatio,
     ) -> tuple[CandidateModel, tuple[tuple[str, Evidence], ...] | None]:
         """A candidate with effects added one at a time; and what was minor when it grew no more."""
-        minor = None
+        minor, tidied = None, 1
         while len(model.effects) < BUDGET.most_effects and (needed := required(model)) > 0.0:
+            if len(model.effects) > tidied:
+                tidied = len(model.effects)
+                other = swapped(self, base, model, effects)
+                if other is not model:
+                    model = other
+                    continue
             say(f"{', '.join(model.effects)}: looking for more", 0.2 * len(model.effects))
             passed, judged = self._next(model, effects, needed)
             minor = self._minor(judged)

@@ -10,6 +10,7 @@ import numpy as np
 
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
+from sysid.diagnosis.search.evidence import alike
 from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
 from sysid.diagnosis.search.starts import free_indices
 from sysid.effects.base import Effect
@@ -94,3 +95,29 @@ def on_more_tracks(search: CandidateSearch, candidate: CandidateModel) -> Candid
     if len(free) == len(candidate.free):
         return None
     return search.fitted(replace(candidate, touched=touched), q, free)
+
+
+def swapped(
+    search: CandidateSearch, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect]
+) -> CandidateModel:
+    """Try look-alikes of the effects accepted so far: a later one may show one of them wrong.
+
+    What could not be distinguished from another at first may be distinguished beside a second
+    effect; and so for the laws of one.
+    """
+    for id in model.effects[:-1]:
+        likely = [
+            e
+            for e in effects
+            if (e.id == id and e.laws)
+            or ((id in e.ties or e.id in about(id).ties) and e.id not in model.effects)
+        ]
+        if not likely:
+            continue
+        judged = search.candidates(search.without(model, id), likely)
+        fits = [j.model for j in judged if search.admissible(j.model)]
+        best = search.best_of(base, [model, *fits])
+        if best is not model and not alike(best.errors, model.errors):
+            order = tuple(best.effects[-1] if e == id else e for e in model.effects)
+            model = replace(best, effects=order, excluded=model.excluded)
+    return model
