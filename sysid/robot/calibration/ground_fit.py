@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Index
-from sysid.effects.base import Effect, EffectParameter, Law, Length
+from sysid.effects.base import NO_LAW, Effect, EffectParameter, Law, Length
 from sysid.effects.catalogue import ground_effects
 from sysid.effects.ground import Ground
 from sysid.fitting.holdout import Errors
@@ -100,14 +100,14 @@ class Candidate:
         id: effect, empty for what competes without being one.
         slots: its entries of ``every_slot``.
         length: the length of the vehicle that it changes, None for none.
-        law: which of the effect's, where it has several.
+        law: which of the effect's, where it has several; else one without parameters.
     """
 
     key: str
     id: str
     slots: tuple[int, ...]
     length: Length | None = None
-    law: Law | None = None
+    law: Law = NO_LAW
 
 
 @cache
