@@ -42,12 +42,10 @@ class Doubts:
 
     @property
     def settled(self) -> bool:
-        """Whether nothing speaks against it."""
         return not self.clauses
 
     @property
     def words(self) -> str:
-        """All clauses in one."""
         return " and ".join(self.clauses)
 
 

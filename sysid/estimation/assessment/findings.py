@@ -6,17 +6,16 @@ from typing import Any
 
 from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Record
-from sysid.estimation.assessment.advice import advice
+from sysid.estimation.assessment.advice import advice, beyond_range
 from sysid.estimation.assessment.figures import (
     Figures,
     Start,
     figures,
     residual_tests,
 )
-from sysid.estimation.assessment.operating_range import beyond_range
 from sysid.estimation.assessment.own_motion import own_modes
-from sysid.estimation.assessment.robust_judging import judged
 from sysid.estimation.assessment.step_response import StepResponse, step_responses
+from sysid.estimation.robust_fit import judged
 from sysid.structures.model import Model
 
 
@@ -33,7 +32,6 @@ class DataFigures:
     k_step: tuple[Figures, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Free-run figures at the top, the others beside them."""
         return {
             **self.free_run.to_json(),
             "one_step": self.one_step.to_json(),
@@ -50,7 +48,6 @@ class Policy:
     horizons: tuple[int, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """{initial_state, skip, horizons}."""
         return {
             "initial_state": self.start.value,
             "skip": self.skip,
@@ -78,7 +75,6 @@ class Assessment:
         return self.validation or self.estimation
 
     def to_json(self) -> dict[str, Any]:
-        """The fit report without the model's id and path; non-finite numbers may occur."""
         m = self.model
         return {
             "structure": m.structure.name,

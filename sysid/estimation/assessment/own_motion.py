@@ -1,10 +1,11 @@
 """Natural modes of a signal without inputs: frequencies and time constants."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from sysid.data.documents import Document
 from sysid.data.record import Array
 from sysid.estimation.assessment.delta_method import delta_errors
 from sysid.estimation.assessment.step_response import Estimate
@@ -13,7 +14,7 @@ from sysid.structures.model import Model
 
 
 @dataclass(frozen=True)
-class OwnMode:
+class OwnMode(Document):
     """One mode of a signal: it oscillates, or it decays.
 
     Attributes:
@@ -25,10 +26,6 @@ class OwnMode:
     frequency: Estimate | None
     damping: Estimate | None
     time_constant: Estimate | None
-
-    def to_json(self) -> dict[str, Any]:
-        """The mode as a JSON object."""
-        return asdict(self)
 
 
 def own_modes(model: Model) -> tuple[OwnMode, ...]:

@@ -5,11 +5,12 @@ the delta method.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from sysid.data.documents import Document
 from sysid.data.record import Array, Channel
 from sysid.data.unit_words import bracketed
 from sysid.estimation.assessment.delta_method import delta_errors
@@ -43,7 +44,7 @@ MOVES = 1e-6
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(Document):
     """A number and its standard error; infinite where the data say nothing about it."""
 
     value: float
@@ -51,7 +52,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class StepResponse:
+class StepResponse(Document):
     """The response of one output to a step of one input, the other inputs at their base.
 
     Attributes:
@@ -99,10 +100,6 @@ class StepResponse:
         return abs(self.gain.value) * (
             self.span if self.share is None else abs(self.level - self.start)
         )
-
-    def to_json(self) -> dict[str, Any]:
-        """All of it as a JSON object; numbers that are not finite are left to the writer."""
-        return asdict(self)
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "StepResponse":
@@ -160,7 +157,6 @@ class _Run:
 
 
 def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
-    """What a step of input j does to every output it reaches."""
     start, level = _levels(model, j, share)
     if level == start:
         return []
@@ -214,7 +210,6 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
 
 
 def _levels(model: Model, j: int, share: float | None) -> tuple[float, float]:
-    """The input before and after the step."""
     low, high = model.ranges[j] if len(model.ranges) else (0.0, 1.0)
     if share is None:
         return 0.0, 1.0
@@ -396,7 +391,6 @@ def _modes(
 
 
 def _slowest(poles: "np.ndarray[Any, Any] | None") -> float:
-    """Longest time constant of the visible poles in samples; 0 when unknown."""
     if poles is None or not len(poles):
         return 0.0
     decay = -np.log(np.abs(poles))

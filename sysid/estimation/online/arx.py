@@ -141,7 +141,6 @@ class RecursiveARX:
 
     @property
     def since(self) -> int:
-        """Rows since the beginning, or the last change."""
         return self._kept.since + self._waiting
 
     @property
@@ -217,7 +216,6 @@ class RecursiveARX:
         return np.concatenate(self._pending) if self._pending else self._history[:0]
 
     def _equations(self, rows: Array) -> list[Array]:
-        """[φᵀ y] of every output for rows that follow the history."""
         joined = np.concatenate([self._history, rows])
         return [
             regressors(joined, i, terms, max(lay.start, len(self._history)))

@@ -19,7 +19,7 @@ from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation import pem
 from sysid.estimation.assessment.findings import Policy, assess
 from sysid.estimation.identify import Identification
-from sysid.estimation.offsets.estimated_offset import narrowed
+from sysid.estimation.offsets.estimated_offset import narrowed, without_offset
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.online.change import FALSE_ALARMS
 from sysid.estimation.online.live_fit import LiveFit
@@ -103,27 +103,22 @@ class LogFeed:
 
     @property
     def ready(self) -> bool:
-        """Whether channels and sample time are known."""
         return self._reader.ready
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
-        """Input channels."""
         return self._reader.inputs
 
     @property
     def outputs(self) -> tuple[Channel, ...]:
-        """Output channels."""
         return self._reader.outputs
 
     @property
     def dt(self) -> float:
-        """Sample time [s]."""
         return self._reader.dt
 
     @property
     def lost(self) -> Lost:
-        """Lines that gave no row."""
         return self._reader.lost
 
     def new(self, last: bool = False) -> Rows | None:
@@ -142,7 +137,6 @@ class LogFeed:
         return self._reader.read(lines, last or self.ended)
 
     def close(self) -> None:
-        """Let go of the file."""
         self._lines.close()
 
 
@@ -276,32 +270,15 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
         termination=Termination.CLOSED_FORM,
         starts=(StartReport("all", "recursive least squares", None, None, 1),),
     )
-    none = Detrend.none(plain.nu, ny)
-    if not wide.orders.constant:
-        return pem.model_of(outcome, records, records, options, none, OperatingPoint())
-    places, _ = constant_places(wide)
-    if np.all(np.isfinite(np.diag(estimate.covariance)[places])):
-        offsets = Offsets(none, Origin.ESTIMATED, (True,) * ny)
-        with_offset = narrowed(wide, outcome, LogFacts.of(records), offsets)
-        without = [with_offset.at_fit.remove(r) for r in records]
-        return pem.model_of(
-            with_offset.outcome,
-            records,
-            without,
-            options,
-            with_offset.detrend,
-            with_offset.operating_point,
+    if wide.orders.constant:
+        places, _ = constant_places(wide)
+        if np.all(np.isfinite(np.diag(estimate.covariance)[places])):
+            offsets = Offsets(Detrend.none(plain.nu, ny), Origin.ESTIMATED, (True,) * ny)
+            fitted = narrowed(wide, outcome, LogFacts.of(records), offsets)
+            return pem.model_with_offset(fitted, records, options)
+        unknown = (
+            "the offset cannot be distinguished from the effect of the inputs; it was set to zero."
         )
-    kept = np.setdiff1d(np.arange(len(estimate.theta)), places)
-    outcome = replace(
-        outcome,
-        structure=plain,
-        parameters=plain.parameters(live.inputs, live.outputs),
-        theta=estimate.theta[kept],
-        covariance=estimate.covariance[np.ix_(kept, kept)],
-        null=estimate.null[kept],
-        warnings=(
-            "the offset cannot be distinguished from the effect of the inputs; it was set to zero.",
-        ),
-    )
+        outcome = replace(without_offset(wide, outcome), warnings=(unknown,))
+    none = Detrend.none(plain.nu, ny)
     return pem.model_of(outcome, records, records, options, none, OperatingPoint())

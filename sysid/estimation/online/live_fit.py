@@ -123,16 +123,13 @@ class LiveFit:
         return tuple(self._changes[seen:])
 
     def interrupt(self) -> None:
-        """Rows are missing between those before and those that follow."""
         self.recursion.interrupt()
 
     @property
     def rows(self) -> int:
-        """Rows taken in since the beginning."""
         return self._earlier + self.recursion.total + self.recursion.waiting
 
     def state(self) -> LiveState:
-        """What the stream shows now."""
         model = self.model()
         linear = step_responses(model)
         changes = self._changes
@@ -217,7 +214,6 @@ class LiveFit:
         return changed_beyond(zone, parts, (output, signal), terms)
 
     def _remember(self, change: Changed) -> None:
-        """A change as it is reported, with the numbers before it."""
         before = step_responses(self._model_of(change.before))
         if self._changes:
             self._changes[-1] = followed_by(self._changes[-1], before)
@@ -271,7 +267,6 @@ class LiveFit:
         )
 
     def _pairs(self, model: Model, linear: Sequence[StepResponse]) -> tuple[LivePair, ...]:
-        """What every input does to every output, beyond its dead zone where one is seen."""
         pieces = self.recursion.pieces(DEAD_ZONE_ROWS)
         drives = _drives(linear, self.inputs, pieces, len(self.outputs))
         pairs: list[LivePair] = []

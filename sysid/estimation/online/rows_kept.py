@@ -25,7 +25,6 @@ class RowsKept:
         self.since = 0
 
     def add(self, rows: Array) -> None:
-        """Rows that follow those before."""
         self._blocks.append((self._stretch, rows))
         self._rows += len(rows)
         self.since += len(rows)
@@ -37,7 +36,6 @@ class RowsKept:
         self._stretch += 1
 
     def only_last(self, rows: int) -> None:
-        """Drop all but the newest rows."""
         while self._blocks and self._rows - len(self._blocks[0][1]) >= rows:
             self._rows -= len(self._blocks.popleft()[1])
         if self._blocks and self._rows > rows:

@@ -80,7 +80,6 @@ class OrderSearch:
 
     @property
     def best(self) -> Candidate:
-        """The chosen orders."""
         return self.candidates[0]
 
 
@@ -219,7 +218,6 @@ def _one_after_another(
 def _loss(
     s: Structure, theta: Array, n: int, records: Sequence[Record], start: int, robust: bool
 ) -> Loss:
-    """The loss of one-step errors from the sample ``start`` on."""
     window = initial_state_window(s, theta)
     if robust:
         outliers = [outliers_of(s, theta, r, window) for r in records]

@@ -8,7 +8,7 @@ import numpy as np
 from sysid.criteria import table
 from sysid.criteria.information import loss_of, on_common_samples
 from sysid.data.record import Record
-from sysid.estimation.assessment.robust_judging import judged_errors
+from sysid.estimation.robust_fit import judged_errors
 from sysid.estimation.selection.orders import OrderSearch
 from sysid.estimation.soundness import bounded_run, doubts_about, relative_gap
 from sysid.fitting.options import FitOptions
@@ -139,7 +139,6 @@ def ranked_entries(
 
 
 def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
-    """The records as the model sees them."""
     return [entry.model.detrend.remove(r) for r in records]
 
 
@@ -179,13 +178,11 @@ def reason(order: StructureRanking, criterion: str, words: str, *, given: bool) 
 
 
 def _called(entry: Entry) -> str:
-    """Structure and orders."""
     s = entry.model.structure
     return f"{s.name} {orders_text(s.order_values())}".rstrip()
 
 
 def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) -> str:
-    """What put the first entry first."""
     first = order.entries[0]
     text = _called(first)
     unsearched = any(e.error is None for e in order.entries)
@@ -228,7 +225,6 @@ _AMONG_EQUALS = (
 
 
 def _origin(model: Model, given: bool) -> str:
-    """Where the orders of a model come from that was fitted without a search of orders."""
     if not model.structure.order_values():
         return "fitted; it has no orders"
     if given:

@@ -170,7 +170,6 @@ class Pieces:
     counted: NDArray[np.bool_]
 
     def joined(self, values: Array, which: int) -> Array:
-        """What a log's samples have in the pieces (S, T, n), row after row, (N, n)."""
         of_log = self.counted & (self.log == which)
         order = np.argsort(self.row[of_log], kind="stable")
         return np.asarray(values[of_log][order])

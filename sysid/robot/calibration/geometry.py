@@ -79,7 +79,6 @@ class GeometryEstimate:
 
     @property
     def sentence(self) -> str:
-        """What was found, and instead of what."""
         lengths = " and ".join(
             f"{name} = {value:.4g} ± {error:.1g} m"
             if error is not None

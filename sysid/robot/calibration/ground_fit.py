@@ -252,22 +252,18 @@ class PoseProblem(Problem):
 
     @property
     def index(self) -> Index:  # type: ignore[override]
-        """All of θ."""
         return np.arange(len(every_slot()))
 
     @property
     def n_initial(self) -> int:  # type: ignore[override]
-        """No initial states: every window begins at its own origin."""
         return 0
 
     @property
     def lengths(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Residuals of each record."""
         return tuple(3 * len(m) for m in self._measured)
 
     @property
     def channels(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The increments of a record count as one output."""
         return (0,) * len(self.tracks)
 
     def freeing(self, free: tuple[int, ...]) -> "PoseProblem":
@@ -294,7 +290,6 @@ class PoseProblem(Problem):
         return tuple(w(e) for w, e in zip(self._white, errors, strict=True))
 
     def residual(self, p: Array) -> Array:
-        """All white errors in a row."""
         return np.concatenate([e.ravel() for e in self.whitened(self.errors(p))])
 
     def jacobian(self, p: Array) -> Array:

@@ -1,11 +1,11 @@
 """Prediction errors of a vehicle model on held-out windows of its pose."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.documents import Document
 from sysid.data.record import Array
 from sysid.errors import DataError
 from sysid.robot.calibration.trajectory import Part, Trajectory
@@ -41,7 +41,6 @@ class PathErrors:
 
     @classmethod
     def of(cls, errors: Array) -> "PathErrors":
-        """Of (W, 3) errors."""
         away, turned = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
         return cls(
             float(away.mean()),
@@ -53,7 +52,7 @@ class PathErrors:
 
 
 @dataclass(frozen=True)
-class Drift:
+class Drift(Document):
     """How errors grow with the way: over stretches of ``LONG`` seconds.
 
     Attributes:
@@ -65,10 +64,6 @@ class Drift:
     per_metre: float | None
     per_turn: float | None
     stretches: int
-
-    def to_json(self) -> dict[str, Any]:
-        """Every field."""
-        return asdict(self)
 
 
 def split(
@@ -149,7 +144,6 @@ def mean_way(driven: Callable[[Trajectory], tuple[Array, Array]], parts: Sequenc
 
 
 def _over(part: Part, steps: Array) -> Array:
-    """What a quantity sums up to in each window, (W,)."""
     d = part.trajectory
     total = np.concatenate([[0.0], np.cumsum(np.abs(steps))])
     ends = np.interp(d.at[part.windows], d.nodes, total)

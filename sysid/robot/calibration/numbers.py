@@ -1,17 +1,17 @@
 """Parameters of a vehicle for display: value, standard error, meaning."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.documents import Document
 from sysid.data.record import Array
 from sysid.fitting.differences import propagated
 
 
 @dataclass(frozen=True)
-class VehicleNumber:
+class VehicleNumber(Document):
     """One quantity of a vehicle.
 
     Attributes:
@@ -30,13 +30,9 @@ class VehicleNumber:
     sentence: str
     in_model: bool = True
 
-    def to_json(self) -> dict[str, Any]:
-        """Every field."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, eq=False)
-class Correlations:
+class Correlations(Document):
     """How far errors of the numbers in the model go together.
 
     Attributes:
@@ -62,7 +58,6 @@ class Correlations:
         return cls(tuple(shown.get(names[k], names[k]) for k in keep), matrix)
 
     def strong(self, beyond: float = 0.9) -> tuple[tuple[str, str, float], ...]:
-        """Pairs whose errors go together by more than so much."""
         n = len(self.names)
         return tuple(
             (self.names[i], self.names[j], float(self.matrix[i, j]))
@@ -70,10 +65,6 @@ class Correlations:
             for j in range(i)
             if abs(self.matrix[i, j]) > beyond
         )
-
-    def to_json(self) -> dict[str, Any]:
-        """{names, matrix}."""
-        return {"names": list(self.names), "matrix": self.matrix.tolist()}
 
 
 def derived(

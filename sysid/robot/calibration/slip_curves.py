@@ -7,11 +7,11 @@ radius and the width that say what was rolled.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.documents import Document
 from sysid.data.record import Array
 from sysid.robot.calibration.slip_estimate import SlipFit
 from sysid.robot.calibration.slip_model import AT, increments
@@ -28,7 +28,7 @@ means anything."""
 
 
 @dataclass(frozen=True)
-class SlipPoint:
+class SlipPoint(Document):
     """One point of a curve.
 
     Attributes:
@@ -41,10 +41,6 @@ class SlipPoint:
     slip: float
     std_error: float
     windows: int
-
-    def to_json(self) -> dict[str, Any]:
-        """Every field."""
-        return asdict(self)
 
 
 SlipCurves = dict[str, tuple[SlipPoint, ...]]

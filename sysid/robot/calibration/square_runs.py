@@ -73,7 +73,6 @@ class SquareResult:
     sentence: str
 
     def to_json(self) -> dict[str, Any]:
-        """Every field."""
 
         def number(pair: tuple[float, float | None] | None) -> dict[str, float | None] | None:
             return None if pair is None else {"value": pair[0], "std_error": pair[1]}
@@ -229,7 +228,7 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
         )
 
     def away(p: Array) -> Array:
-        return predicted(p) - measured
+        return np.asarray(predicted(p) - measured)
 
     def jacobian(p: Array) -> Array:
         return slopes(predicted, p, np.full(2, 1e-5))

@@ -72,7 +72,6 @@ class Trajectory:
 
     @cached_property
     def nodes(self) -> Array:
-        """Instants between the steps, (N + 1,) [s]."""
         return np.asarray(np.arange(len(self.omega) + 1) * self.step, dtype=np.float64)
 
     def windows(self, length: float = WINDOW) -> Index:
@@ -272,7 +271,6 @@ def _drive(name: str, track: Track, commanded: bool) -> Trajectory:
 
 
 def _at_rest(omega: Array) -> NDArray[np.bool_]:
-    """Rows at which neither side turns: there the pose may well repeat itself."""
     return np.asarray((np.abs(omega) < STILL).all(axis=1))
 
 
@@ -304,7 +302,6 @@ def _without_jumps(
 
 
 def _jumps(d: Trajectory) -> NDArray[np.bool_]:
-    """Measurements before which the pose has jumped, (M,)."""
     jumped = np.zeros(len(d.at), dtype=bool)
     if len(d.at) < 3:
         return jumped
@@ -327,7 +324,6 @@ def _jumps(d: Trajectory) -> NDArray[np.bool_]:
 
 
 def _highest_around(values: Array, around: int) -> Array:
-    """The largest value within so many steps before and after, (N,)."""
     from scipy.ndimage import maximum_filter1d
 
     return np.asarray(maximum_filter1d(values, 2 * around + 1, mode="nearest"))

@@ -113,7 +113,6 @@ class VehicleFit:
     notes: tuple[str, ...]
 
     def number(self, name: str) -> VehicleNumber:
-        """A quantity by name."""
         return next(n for n in self.numbers if n.name == name)
 
     @property
@@ -125,7 +124,6 @@ class VehicleFit:
 
     @property
     def before_sentence(self) -> str:
-        """What is meant by before."""
         what = f"r = {self.known.r:g} m and B = {self.known.B:g} m"
         if self.given is not None:
             return f"before: rolling wheels with the given geometry ({what})"
@@ -323,7 +321,6 @@ def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
 
 
 def _slope(x: Array, y: Array) -> float:
-    """Slope of a line through the origin; tiny where nothing determines it."""
     return max(float(x @ y) / max(float(x @ x), 1e-12), 1e-9)
 
 
