@@ -18,25 +18,9 @@ from sysid.fitting.uncertainty import (
     with_infinite,
 )
 from sysid.structures.linear.families import ARX
-from sysid.structures.linear.predictor import RowLayout
 
 SANDWICH_SAMPLES = 100_000
 """The sandwich form needs the regressors in memory: it is measured on at most this many samples."""
-
-
-def lagged_terms(lay: RowLayout) -> list[tuple[int, int]]:
-    """The regressors of one output's equation as (signal, lag), outputs numbered first."""
-    terms = [(j, k) for j, na in enumerate(lay.na) for k in range(1, na + 1)]
-    return terms + [
-        (len(lay.na) + j, k)
-        for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True))
-        for k in range(nk, nk + nb)
-    ]
-
-
-def signs(lay: RowLayout) -> Array:
-    """What turns coefficients of these regressors into entries of θ: A stands on the left, (n,)."""
-    return np.where(np.array([s for s, _ in lagged_terms(lay)]) < len(lay.na), -1.0, 1.0)
 
 
 def solve(
@@ -58,7 +42,7 @@ def solve(
     grams: dict[int, ne.LagGram] = {}
     for i, lay in enumerate(layouts):
         index = structure.row_index(i)
-        terms = lagged_terms(lay)
+        terms = lay.terms
         start = lay.start
         if start not in grams:
             grams[start] = ne.lag_gram(records, start)
@@ -66,7 +50,7 @@ def solve(
         solved = ne.solve(gram, gram.column(i, 0), [gram.column(s, k) for s, k in terms])
         if solved is None:
             solved = ne.solve_by_blocks(records, start, i, terms)
-        sign = signs(lay)
+        sign = lay.signs
         theta[index] = sign * solved.theta
         weighed = [(s, k, float(c)) for (s, k), c in zip(terms, solved.theta, strict=True)]
         errors = [ne.residual_row((*r.y.T, *r.u.T), start, i, weighed) for r in records]
@@ -101,7 +85,7 @@ def solve_in_blocks(
     solutions: dict[int, ne.LagGram] = {}
     for i in range(structure.ny):
         lay = structure.layout(i)
-        terms, start = lagged_terms(lay), lay.start
+        terms, start = lay.terms, lay.start
         if start not in solutions:
             grams = (ne.lag_gram([r], start) for r in blocks(start))
             solutions[start] = reduce(operator.add, grams)
@@ -110,7 +94,7 @@ def solve_in_blocks(
         if solved is None:
             solved = ne.solve_by_blocks(blocks(start), start, i, terms)
         index = structure.row_index(i)
-        theta[index] = signs(lay) * solved.theta
+        theta[index] = lay.signs * solved.theta
         share = sum(max(len(r) - start, 0) for r in some) / gram.samples
         covariance[np.ix_(index, index)] *= share
     return theta, covariance, null

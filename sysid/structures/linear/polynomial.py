@@ -233,11 +233,9 @@ class PolynomialStructure(NamedStructure):
 
     def _equation_errors(self, theta: Array, u: Array, y: Array, i: int) -> Array:
         """A y − B u of one output from its first sample on, without a matrix of regressors."""
-        p = self.polynomials(theta)
-        weights = [*(-a for a in p.A[i]), *p.B[i]]
-        terms = [(s, k, float(c)) for s, w in enumerate(weights) for k, c in enumerate(w) if c]
-        terms.remove((i, 0, -1.0))
-        return residual_row((*y.T, *u.T), self.layout(i).start, i, terms)
+        lay = self.layout(i)
+        terms = lay.weighed(theta[self.row_index(i)])
+        return residual_row((*y.T, *u.T), lay.start, i, terms)
 
     def noise_response(self, theta: Array, n: int) -> Array:
         """H(q) = A⁻¹ C/D as an impulse response."""

@@ -1,10 +1,11 @@
 """NARX with a nonlinearity estimator, such as a wavelet network."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
 from sysid.data.record import Array, Channel
+from sysid.data.schema import checked
 from sysid.fitting.problem import (
     Parameter,
 )
@@ -99,7 +100,7 @@ class NarxWavelet(RecursiveStructure):
         return {
             "options": self.options_given.to_json(),
             "regressors": [[written(e) for e in row] for row in self.customs],
-            "designs": [narx_options.design_to_json(d) for d in self.designs],
+            "designs": [asdict(d) for d in self.designs],
             **self.range_settings(),
         }
 
@@ -111,7 +112,7 @@ class NarxWavelet(RecursiveStructure):
             spread(raw["orders"], "ab", nu, ny, cls.name),
             options_given=NarxOptions.from_json(known["options"]),
             customs=customs,
-            designs=tuple(narx_options.design_from_json(d) for d in known["designs"]),
+            designs=checked(tuple[RowDesign, ...], known["designs"]),
             **ranges_from(known),
         )
         narx_options.check_designs(structure.rows, structure.designs)
