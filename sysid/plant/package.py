@@ -100,7 +100,7 @@ class Package:
         Raises:
             ModelError: the description is damaged, or its structure is not known here.
         """
-        return description.to_plant(self.description, self.where)
+        return self.model().plant()
 
     def model(self) -> Model:
         """The model, to be run on logs or drawn many times within its standard errors.
@@ -136,7 +136,7 @@ def read_package(path: str | Path, accept_changes: bool = False) -> Package:
         return Package(str(path), described)
     changed = f"{path} was changed after it was exported: its content and its hash differ"
     if not accept_changes:
-        description.to_plant(described, str(path))  # damage has a sentence of its own
+        description.to_model(described, str(path)).plant()  # damage has a sentence of its own
         raise ModelError(f"{changed}; export it again, or accept it with `accept_changes=True`")
     return Package(str(path), described, (f"{changed}; taken as it is.",))
 

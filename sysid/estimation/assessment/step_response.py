@@ -299,11 +299,8 @@ def _return(share: Array, k: int) -> float:
 
 def _reaches(model: Model, i: int, j: int) -> bool:
     """Whether an input has a path to an output at all; of a nonlinear model nobody knows."""
-    structure = model.structure
-    return not isinstance(structure, PolynomialStructure) or any(
-        g.output == i and j in g.inputs and bool(np.any(g.num[g.inputs.index(j)]))
-        for g in structure.transfer(model.theta).groups
-    )
+    entry = _entry(model, model.theta, i, j)
+    return entry is None or bool(np.any(entry[0]))
 
 
 def _entry(model: Model, theta: Array, i: int, j: int) -> tuple[Array, Array] | None:

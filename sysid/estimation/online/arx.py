@@ -160,7 +160,7 @@ class RecursiveARX:
         Raises:
             UsageError: the shapes do not fit, or a number is not finite.
         """
-        rows = self._rows(u, y)
+        rows = self.rows(u, y)
         before = len(self.changes)
         while len(rows):
             room = self.block - self._waiting
@@ -192,7 +192,8 @@ class RecursiveARX:
         waiting = self._stacked()
         return (self._grown(waiting) if len(waiting) else self._factors)[output]
 
-    def _rows(self, u: ArrayLike, y: ArrayLike) -> Array:
+    def rows(self, u: ArrayLike, y: ArrayLike) -> Array:
+        """Outputs, inputs and the constant of rows, (N, ny + nu)."""
         s = self.structure
         nu = s.nu - int(s.orders.constant)
         inputs = np.asarray(u, dtype=np.float64).reshape(-1, nu) if nu else None

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
-from sysid.errors import DataError, Termination, UsageError
+from sysid.errors import DataError, Termination
 from sysid.estimation.assessment.step_response import StepResponse, step_responses
 from sysid.estimation.online.arx import Changed, RecursiveARX, RecursiveEstimate
 from sysid.estimation.online.change import FALSE_ALARMS
@@ -105,10 +105,8 @@ class LiveFit:
         Raises:
             UsageError: the shapes do not fit, or a number is not finite.
         """
-        inputs = np.asarray(u, dtype=np.float64).reshape(-1, len(self.inputs))
-        outputs = np.asarray(y, dtype=np.float64).reshape(-1, len(self.outputs))
-        if len(inputs) != len(outputs):
-            raise UsageError(f"{len(inputs)} rows of inputs but {len(outputs)} of outputs")
+        rows, ny = self.recursion.rows(u, y), len(self.outputs)
+        inputs, outputs = rows[:, ny : ny + len(self.inputs)], rows[:, :ny]
         seen = len(self._changes)
         while len(inputs):
             # orders are chosen at a row, not wherever the rows that came at once happen to end
