@@ -1,9 +1,11 @@
 """Standard errors of functions of the parameters: var g(θ̂) ≈ ∇gᵀ P ∇g."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.documents import Document
 from sysid.data.record import Array
 from sysid.structures.model import Model
 
@@ -15,6 +17,25 @@ DIRECTIONS = 48
 
 DELTA = 0.01
 """Step of the differences, in standard errors: small against every curvature that matters."""
+
+
+@dataclass(frozen=True)
+class Estimate(Document):
+    """A number and its standard error; infinite where the data say nothing about it."""
+
+    value: float
+    std_error: float
+
+
+def estimates(model: Model, numbers: Callable[[Array], Array]) -> Iterator[Estimate]:
+    """Numbers that follow from θ, with their standard errors.
+
+    Args:
+        numbers: θ → (m,).
+    """
+    centre = numbers(model.theta)
+    errors = delta_errors(model, numbers, centre)
+    return (Estimate(float(v), float(e)) for v, e in zip(centre, errors, strict=True))
 
 
 def delta_errors(model: Model, numbers: Callable[[Array], Array], centre: Array) -> Array:
