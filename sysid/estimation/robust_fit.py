@@ -198,14 +198,23 @@ def judged_errors(model: Model, records: Sequence[Record]) -> list[Array]:
     Outliers of a robustly fitted model count with the size at which an error begins to stand out,
     so that all models are judged on the same samples.
     """
-    window = initial_state_window(model.structure, model.theta)
-    if not is_robust(model):
-        return [model.errors(r, window) for r in records]
-    outliers = [_outliers(model, r) for r in records]
-    return [
-        bounded_errors(model.errors(f.marked(r), window), f)
-        for r, f in zip(records, outliers, strict=True)
-    ]
+    for r in records:
+        model.check(r)
+    plain = [model.detrend.remove(r) for r in records]
+    return counted_errors(model.structure, model.theta, plain, is_robust(model))
+
+
+def counted_errors(
+    structure: Structure, theta: Array, records: Sequence[Record], robust: bool
+) -> list[Array]:
+    """One-step prediction errors (N, ny) of records without offsets; outliers bounded if robust."""
+    window, errors = initial_state_window(structure, theta), []
+    for r in records:
+        found = outliers_of(structure, theta, r, window) if robust else None
+        y = r.y if found is None else found.marked(r).y
+        e = structure.errors(theta, r.u, y, window)
+        errors.append(e if found is None else bounded_errors(e, found))
+    return errors
 
 
 def _outliers(model: Model, record: Record) -> Outliers:

@@ -115,7 +115,7 @@ class RecursiveARX:
         self._terms = [lay.terms for lay in self._layouts]
         self.block = max(SHORTEST_BLOCK, ROWS_A_COEFFICIENT * max(map(len, self._terms)))
         width = structure.ny + structure.nu
-        self._kept = RowsKept(width)
+        self._kept = RowsKept()
         self.changes: tuple[Changed, ...] = ()
         self.total = 0
         self._pending: list[Array] = []

@@ -3,18 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from sysid.data.facts import LogFacts
 from sysid.data.following.lines import Lines
-from sysid.data.following.rows import Lost, RowReader, Rows
+from sysid.data.following.rows import RowReader, Rows
 from sysid.data.operating_point import OperatingPoint, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.record import Channel, Record, names_of
-from sysid.data.same_kind import Sampled
+from sysid.data.record import Record, names_of
 from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation import pem
 from sysid.estimation.assessment.findings import Policy, assess
@@ -72,54 +71,17 @@ class LiveOptions:
             )
 
 
-class Feed(Sampled, Protocol):
-    """Where rows come from: a file, a pipe, or a topic."""
-
-    where: str
-    ended: bool
-
-    @property
-    def ready(self) -> bool:
-        """Whether channels and sample time are known."""
-
-    def new(self, last: bool = False) -> Rows | None:
-        """The rows since the last call; None while channels are not known."""
-
-    def close(self) -> None:
-        """Let go of it."""
-
-
 class LogFeed:
     """Rows of a log's lines.
 
     Attributes:
+        reader: of the lines; it knows channels and sample time once rows have come.
         ended: whether nothing can come any more.
-        restarts: how often the file began anew.
     """
 
     def __init__(self, lines: Lines, options: ReadOptions) -> None:
-        self._lines, self._reader = lines, RowReader(lines.where, options)
-        self.where, self.ended, self.restarts = lines.where, False, 0
-
-    @property
-    def ready(self) -> bool:
-        return self._reader.ready
-
-    @property
-    def inputs(self) -> tuple[Channel, ...]:
-        return self._reader.inputs
-
-    @property
-    def outputs(self) -> tuple[Channel, ...]:
-        return self._reader.outputs
-
-    @property
-    def dt(self) -> float:
-        return self._reader.dt
-
-    @property
-    def lost(self) -> Lost:
-        return self._reader.lost
+        self._lines, self.reader = lines, RowReader(lines.where, options)
+        self.where, self.ended = lines.where, False
 
     def new(self, last: bool = False) -> Rows | None:
         """The rows since the last call; None while channels are not known.
@@ -129,12 +91,11 @@ class LogFeed:
         """
         lines = self._lines.new()
         if self._lines.restarted:
-            self.restarts += 1
-            self._reader.restart()
+            self.reader.restart()
         self.ended = self._lines.ended
         if last or self.ended:
             lines += self._lines.last()
-        return self._reader.read(lines, last or self.ended)
+        return self.reader.read(lines, last or self.ended)
 
     def close(self) -> None:
         self._lines.close()
@@ -148,7 +109,7 @@ class Follower:
         live: the estimate, None before the first rows.
     """
 
-    feed: Feed
+    feed: LogFeed
     options: LiveOptions = field(default_factory=LiveOptions)
     live: LiveFit | None = None
 
@@ -179,15 +140,15 @@ class Follower:
         return len(rows.t), tuple(changes)
 
     def _begun(self, rows: Rows) -> LiveFit:
-        feed, options = self.feed, self.options
-        sample = Record(rows.u, rows.y, feed.dt, feed.inputs, feed.outputs)
+        reader, options = self.feed.reader, self.options
+        sample = Record(rows.u, rows.y, reader.dt, reader.inputs, reader.outputs)
         level = options.detrend == "level" or (
             options.detrend == "auto" and not sample.is_robot_log
         )
         return LiveFit(
-            feed.inputs,
-            feed.outputs,
-            feed.dt,
+            reader.inputs,
+            reader.outputs,
+            reader.dt,
             options.orders,
             forgetting=options.forgetting,
             level=level,

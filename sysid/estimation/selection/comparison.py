@@ -192,11 +192,11 @@ def _overlap(first: float, samples: int, record: Record, dt: float) -> bool:
 def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranked:
     """The model to take, and a note where it is not the first or has something against it."""
     doubts = {x.contender.id: doubts_about(x.contender.model) for x in lines}
-    able = [x for x in lines if not doubts[x.contender.id].unbounded] or lines
     best = leader(
         lines,
-        lambda x: doubts[x.contender.id],
-        lambda x: _gap(x, able[0], criterion) <= _margin(able[0]),
+        lambda x: not doubts[x.contender.id].unbounded,
+        lambda x, first: _gap(x, first, criterion) <= _margin(first),
+        lambda x: doubts[x.contender.id].settled,
     )
     first, doubt = lines[0].contender.id, doubts[lines[0].contender.id].words
     if best is not lines[0]:

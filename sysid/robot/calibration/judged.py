@@ -9,7 +9,6 @@ from sysid.data.documents import Document
 from sysid.data.record import Array
 from sysid.errors import DataError
 from sysid.robot.calibration.trajectory import Part, Trajectory
-from sysid.robot.calibration.windows import WINDOW
 
 ESTIMATED = 0.7
 """Share of each trajectory's windows used for estimation where there is no validation log."""
@@ -81,9 +80,9 @@ def split(
     return _not_empty(first), _not_empty(second)
 
 
-def whole(trajectories: Sequence[Trajectory], length: float = WINDOW) -> list[Part]:
+def whole(trajectories: Sequence[Trajectory]) -> list[Part]:
     """All windows of each trajectory."""
-    return _not_empty([Part(d, d.windows(length)) for d in trajectories])
+    return _not_empty([Part(d, d.windows()) for d in trajectories])
 
 
 def enough(parts: Sequence[Part]) -> bool:
