@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from sysid.data.documents import Document
 from sysid.data.record import Array
+from sysid.data.schema import Null
 from sysid.structures.model import Model
 
 MANY = 60
@@ -19,12 +20,16 @@ DELTA = 0.01
 """Step of the differences, in standard errors: small against every curvature that matters."""
 
 
+Number = Annotated[float, Null()]
+"""A number that may not be defined, which documents write as null."""
+
+
 @dataclass(frozen=True)
-class Estimate(Document):
+class Estimate:
     """A number and its standard error; infinite where the data say nothing about it."""
 
-    value: float
-    std_error: float
+    value: Number
+    std_error: Number
 
 
 def estimates(model: Model, numbers: Callable[[Array], Array]) -> Iterator[Estimate]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.documents import Document
 from sysid.data.record import Array
 from sysid.estimation.assessment.delta_method import Estimate, estimates
 from sysid.structures import motion
@@ -17,7 +16,7 @@ Poles = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
-class OwnMode(Document):
+class OwnMode:
     """One mode of a signal: it oscillates, or it decays.
 
     Attributes:

@@ -4,16 +4,13 @@ These are the numbers by which a person knows their machine. Each comes with a s
 the delta method.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from sysid.data.documents import Document
 from sysid.data.record import Array, Channel
 from sysid.data.unit_words import bracketed
-from sysid.estimation.assessment.delta_method import Estimate, estimates
+from sysid.estimation.assessment.delta_method import Estimate, Number, estimates
 from sysid.estimation.assessment.own_motion import Poles, mode_numbers, modes_of
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model
@@ -45,7 +42,7 @@ MOVES = 1e-6
 
 
 @dataclass(frozen=True)
-class StepResponse(Document):
+class StepResponse:
     """The response of one output to a step of one input, the other inputs at their base.
 
     Attributes:
@@ -67,8 +64,8 @@ class StepResponse(Document):
 
     input: str
     output: str
-    start: float
-    level: float
+    start: Number
+    level: Number
     share: float | None
     gain: Estimate
     unit: str
@@ -76,7 +73,7 @@ class StepResponse(Document):
     file_unit: str
     time_constants: tuple[Estimate, ...]
     oscillation: tuple[Estimate, Estimate] | None
-    dead_time: float
+    dead_time: Number
     rise: Estimate
     settling: Estimate
     integrates: bool
@@ -92,27 +89,6 @@ class StepResponse(Document):
         """
         return abs(self.gain.value) * (
             self.span if self.share is None else abs(self.level - self.start)
-        )
-
-    @classmethod
-    def from_json(cls, raw: Mapping[str, Any]) -> "StepResponse":
-        """Undo ``to_json``; null is a number that is not defined."""
-
-        def estimate(pair: Mapping[str, Any]) -> Estimate:
-            return Estimate(
-                *(np.nan if pair[k] is None else pair[k] for k in ("value", "std_error"))
-            )
-
-        pair = raw["oscillation"]
-        dead = raw["dead_time"]
-        return cls(
-            **{
-                **raw,
-                **{k: estimate(raw[k]) for k in ("gain", "rise", "settling")},
-                "dead_time": np.nan if dead is None else dead,
-                "time_constants": tuple(estimate(t) for t in raw["time_constants"]),
-                "oscillation": pair and (estimate(pair[0]), estimate(pair[1])),
-            }
         )
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.data.documents import Document
 from sysid.data.record import Array
 from sysid.errors import DataError
 from sysid.robot.calibration.trajectory import Part, Trajectory
@@ -51,7 +50,7 @@ class PathErrors:
 
 
 @dataclass(frozen=True)
-class Drift(Document):
+class Drift:
     """How errors grow with the way: over stretches of ``LONG`` seconds.
 
     Attributes:

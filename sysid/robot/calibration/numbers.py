@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.data.documents import Document
 from sysid.data.record import Array
 from sysid.fitting.differences import propagated
 
@@ -14,7 +13,7 @@ STRONG = 0.9
 
 
 @dataclass(frozen=True)
-class VehicleNumber(Document):
+class VehicleNumber:
     """One quantity of a vehicle.
 
     Attributes:
@@ -35,7 +34,7 @@ class VehicleNumber(Document):
 
 
 @dataclass(frozen=True, eq=False)
-class Correlations(Document):
+class Correlations:
     """How far errors of the numbers in the model go together.
 
     Attributes:

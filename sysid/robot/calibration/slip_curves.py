@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.data.documents import Document
 from sysid.data.record import Array
 from sysid.robot.calibration.slip_estimate import SlipFit
 from sysid.robot.calibration.slip_model import AT, increments
@@ -28,7 +27,7 @@ means anything."""
 
 
 @dataclass(frozen=True)
-class SlipPoint(Document):
+class SlipPoint:
     """One point of a curve.
 
     Attributes:
