@@ -108,6 +108,10 @@ def _shares(limit: Real, span: float) -> Real:
     return limit / abs(span)
 
 
+GROUND = Ground()
+"""Nothing more between tracks and ground."""
+
+
 @dataclass(frozen=True)
 class GroundedPlant(TrackChannels):
     """Two motors, a body and level ground of one soil; satisfies ``SteppablePlant``.
@@ -120,10 +124,7 @@ class GroundedPlant(TrackChannels):
     car: TrackedVehicle
     motors: tuple[Motor, Motor]
     floor: Floor
-
-    @property
-    def ground(self) -> Ground:
-        return Ground()
+    ground = GROUND
 
     def initial_state(self) -> Array:
         """At rest: speeds, then what acted last."""
