@@ -12,6 +12,7 @@ from sysid.robot.mission.batch.clock import Block
 from sysid.robot.mission.batch.runner import BatchRunner
 from sysid.robot.mission.batch.sampler import Samples
 from sysid.robot.mission.batch.setup import Setup
+from sysid.robot.mission.clearance import off_line
 from sysid.robot.mission.contracts import Pose, Scene
 from sysid.robot.mission.loop import Loop, LoopState
 from sysid.robot.mission.monte_carlo.figures import NOTHING, Figures, figures_of
@@ -79,13 +80,8 @@ class VariedRuns(BatchRunner):
         return scene
 
     def after_sample(self, loop: Loop, state: LoopState, verdict: Any) -> Figures:
-        jnp = jax_module().numpy
-        pose, progress = state.body.pose, state.progress
-        (x0, y0, _), (xg, yg) = loop.scene.start, loop.scene.goal
-        dx, dy, length = pose.x - x0, pose.y - y0, jnp.hypot(xg - x0, yg - y0)
-        along = length > 0.0  # no line: the distance from the point itself
-        aside = jnp.abs(dy * (xg - x0) - dx * (yg - y0)) / jnp.where(along, length, 1.0)
-        aside = jnp.where(along, aside, jnp.hypot(dx, dy))
+        pose, progress, scene = state.body.pose, state.progress, loop.scene
+        aside = off_line(pose.x, pose.y, scene.start, scene.goal, loop.xp)
         driven = progress.path_length, progress.clearance
         return Figures(verdict, 0.0, *pose, *driven, aside)  # type: ignore[arg-type]
 
