@@ -158,6 +158,7 @@ def simulate_runs(
         chunk_results.append(result)
         if progress is not None:
             progress(len(chunk.runs))
+    order = np.argsort([k for chunk in parts for k in chunk.runs])
     varying = setup.plant_variants[0].sampler.varying
     same = len(setup.plants) == 1  # the numbers of several plants are not the same numbers
     return MissionRuns(
@@ -167,7 +168,7 @@ def simulate_runs(
         obstacles=has_surfaces(mission.scene()),
         vary=setup.varied,
         seeds=tuple(seeds),
-        figures=_in_order(parts, chunk_results),
+        figures=joined([r.figures for r in chunk_results], order),
         redrawn=sum(r.redrawn for r in chunk_results),
         time_drivers=shares(added([r.time for r in chunk_results]), varying) if same else None,
         error_drivers=shares(added([r.error for r in chunk_results]), varying) if same else None,
@@ -178,8 +179,3 @@ def simulate_runs(
             *([_ALONE.format(alone)] if alone else []),
         ),
     )
-
-
-def _in_order(parts: Sequence[Chunk], results: Sequence[ChunkResult]) -> Figures:
-    order = np.argsort([k for chunk in parts for k in chunk.runs])
-    return joined([r.figures for r in results], order)
