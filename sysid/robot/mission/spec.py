@@ -36,14 +36,13 @@ from sysid.robot.mission.contracts import (
     Wall,
 )
 from sysid.robot.mission.control.pi_p import SpeedPIYawP
+from sysid.robot.mission.equipment import equipped, lacking
 from sysid.robot.mission.guidance.around_law import Feasible, PassingWaypoints, way_length
 from sysid.robot.mission.guidance.escape import leading_out
 from sysid.robot.mission.guidance.field import PotentialField
 from sysid.robot.mission.motion.kinematic import Kinematic
 from sysid.robot.mission.navigation.dead_reckoning import Odometry
-from sysid.robot.mission.navigation.equipment import equipped, lacking
 from sysid.robot.mission.registry import (
-    default_sensor,
     first_problem,
     law,
     motion_chosen,
@@ -347,7 +346,7 @@ class Mission(Settings):
             way=self.waypoints,
             path=self.path,
             limits=Limits(**self.limits.given),
-            sensors=equipped(self.navigation, self.sensors, default_sensor),
+            sensors=equipped(self.navigation, self.sensors),
             car=self.car,
             floor=floor_of(self.physics),
         )

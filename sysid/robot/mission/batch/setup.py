@@ -64,17 +64,13 @@ class PlantVariant:
         """What makes PWM of commands, by the estimated plant."""
         return shaper_of(self.sampler.mission, self.robot)
 
-    @property
-    def slips(self) -> bool:
-        """Whether slip varies."""
-        return self.sampler.slips
-
     def robot_of(self, theta: Any, slip: Any) -> RobotPlant:
         """The robot with a run's numbers, of NumPy or traced; it stands where nothing moved yet."""
         plant = self.sampler.plant.plant(theta)
         state = plant.initial_state()
         fresh = np.array((state, state)) if self.robot.twins else state
-        return replace(self.robot, plant=plant, rest=fresh, slip=slip if self.slips else None)
+        slips = slip if self.sampler.slips else None
+        return replace(self.robot, plant=plant, rest=fresh, slip=slips)
 
     def resting(self, theta: Array, slip: float) -> RobotPlant:
         """The robot with a run's numbers of NumPy, at rest without drive."""
