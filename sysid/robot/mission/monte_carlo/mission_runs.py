@@ -11,8 +11,8 @@ from sysid.data.documents import plain
 from sysid.data.record import Array
 from sysid.robot.mission.batch.runner import FAILED
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.figures import OUTCOMES, Figures
 from sysid.robot.mission.monte_carlo.variance_shares import Shares
+from sysid.robot.mission.monte_carlo.varied_runs import OUTCOMES, Figures
 from sysid.robot.mission.result import write_columns
 
 WORST = 5

@@ -16,10 +16,16 @@ from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.clearance import has_surfaces
 from sysid.robot.mission.contracts import SteppablePlant
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.figures import Figures, joined, stacked
 from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
 from sysid.robot.mission.monte_carlo.variance_shares import moments, shares
-from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns, figures_alone, why_not_at_once
+from sysid.robot.mission.monte_carlo.varied_runs import (
+    Figures,
+    VariedRuns,
+    figures_alone,
+    joined,
+    stacked,
+    why_not_at_once,
+)
 from sysid.robot.mission.spec import Mission
 from sysid.structures.model import Model
 
