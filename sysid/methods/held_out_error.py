@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
+from sysid.fitting.robust import NORMAL
 from sysid.structures.base import Structure
 from sysid.structures.motion import initial_state_window
 
@@ -44,15 +45,19 @@ def free_run_error(
                 e = r.y - s.simulate(theta, r.u, s.fitted_state(theta, r.u, r.y, window))
             parts.append(e[samples])
             measured.append(r.y[samples])
-        errors = np.concatenate(parts)
+    return relative_error(np.concatenate(parts), np.concatenate(measured), robust)
+
+
+def relative_error(errors: Array, measured: Array, robust: bool = False) -> float:
+    """Root mean square over the outputs of errors (N, ny) relative to the output's spread."""
+    if not len(measured):
+        return float("inf")
+    with np.errstate(over="ignore", invalid="ignore"):
         if robust:
-            limit = OUTLYING * 1.4826 * np.median(np.abs(errors), axis=0)
+            limit = OUTLYING * NORMAL * np.median(np.abs(errors), axis=0)
             errors = np.clip(errors, -limit, limit)
         square = np.sum(errors**2, axis=0)
-    spread = np.concatenate(measured)
-    if not len(spread):
-        return float("inf")
-    spread_square = np.sum((spread - spread.mean(axis=0)) ** 2, axis=0)
+    spread_square = np.sum((measured - measured.mean(axis=0)) ** 2, axis=0)
     moving = spread_square > 0
     if not moving.any():
         return float("inf")

@@ -1,32 +1,30 @@
-"""Fit of polynomial NARMAX models: terms chosen on a hold-out, coefficients on all data."""
+"""Polynomial NARMAX models: terms chosen on a hold-out, coefficients on all data."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.data.shortened import shortened
 from sysid.errors import DataError, Termination, UsageError, argument
-from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Parameter, Problem
+from sysid.fitting.marquardt import Method as SolverMethod
+from sysid.fitting.normal_equations import scaled_lstsq
+from sysid.fitting.options import EVALUATIONS, FitOptions
+from sysid.fitting.problem import Focus, Parameter, Problem
 from sysid.fitting.robust import huber_widths, weighted
-from sysid.fitting.searchable import StartReport
-from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
-from sysid.methods.held_out_error import free_run_error
+from sysid.fitting.searchable import InitialGuesses, StartReport
+from sysid.fitting.solvers import TOLERANCE, Descent, Solution, levenberg_marquardt
+from sysid.methods.equations import judged_by_runs, searched
 from sysid.methods.method import Method
-from sysid.methods.outcome import FitOutcome, outcome_of, with_covariance, worst
+from sysid.methods.procedure import Estimate, Judgement, Proposal, Solved, by_choice
 from sysid.structures.base import Structure
 from sysid.structures.difference_equations.frols import forward, term_gram
 from sysid.structures.difference_equations.monomials import Term, is_noise
-from sysid.structures.difference_equations.trials import (
-    RUN_SAMPLES,
-    SEARCH_SAMPLES,
-    Estimate,
-    start_report,
-)
+from sysid.structures.difference_equations.trials import RUN_SAMPLES, SEARCH_SAMPLES
 from sysid.structures.narmax.noise_terms import with_noise_terms
-from sysid.structures.narmax.problems import ChunkedRuns
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narmax.term_search import search_terms
 from sysid.structures.narmax.term_trials import LADDER, Row
@@ -35,24 +33,25 @@ from sysid.structures.orders import Orders
 SEARCH_EVALUATIONS = 20
 FINAL_EVALUATIONS = 60
 
+Coefficients = Mapping[Term, float]
 
-def fit_narmax(
+
+def proposed(
     structure: Structure,
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    initial_guesses: Sequence[tuple[str, Array]],
-) -> FitOutcome:
-    """Choose the terms, estimate their coefficients, and say what they are worth.
+    initial_guesses: InitialGuesses,
+) -> Proposal:
+    """Choose the terms, and say how their coefficients are estimated.
 
     1. For each output, candidate terms of every degree and range of lags are ordered by their
        error reduction ratio; sizes up to that of lowest BIC are fitted by least squares and run
        freely over the estimation data, of which a held-out part counts.
     2. From the best, terms are added and left out by the simulation error of batched runs.
     3. The best few are refined in free run over chunks of growing length, then pruned.
-    4. The winner's terms are fitted to all data: by least squares, and in free run where that won;
-       the least-squares model stays a candidate to the end. Noise terms follow by extended least
-       squares.
+    4. The winner's terms are fitted to all data: by least squares, and in free run where that won.
+       Noise terms follow by extended least squares.
 
     With ``selection=err`` and prediction focus only step 1 and least squares are used.
 
@@ -60,33 +59,38 @@ def fit_narmax(
         UsageError: parameters are fixed or bounded while the terms are still to be chosen.
         DataError: too few samples.
     """
-    if not isinstance(structure, NARMAX):
-        raise UsageError(f"{structure.name} is not a NARMAX structure")
-    _check(structure, parameters, options)
-    structure = structure.with_ranges(records)
-    simulate = options.focus.value == "simulation"
-    refine = simulate or structure.selection != "err"
-    starts: list[StartReport] = []
-    known: list[Mapping[Term, float]] = [{} for _ in range(structure.ny)]
+    assert isinstance(structure, NARMAX)
+    _check(structure, options)
+    s = structure.with_ranges(records)
+    refine = options.focus is Focus.SIMULATION or s.selection != "err"
+    tried: list[StartReport] = []
+    known: list[Coefficients] = [{} for _ in range(s.ny)]
     chunk = LADDER[-1] if refine else 0
-    if not structure.terms:
-        structure, chunk, starts, known = _searched(structure, records, options, refine)
-    structure, notes = with_noise_terms(structure, records)
-    structure = _with_err(structure, records)
-    parameters = _with_constraints(structure, records[0], parameters)
-    estimates = [_one_step(structure, records, options, parameters)]
-    if chunk:
-        estimates += _in_free_run(
-            structure, records, options, estimates[0], known, chunk, parameters
-        )
-    trial, more = _chosen(structure, records, estimates, options)
-    return _outcome(structure, records, parameters, trial, (*starts, *more), notes)
+    if not s.terms:
+        s, chunk, tried, known = _searched(s, records, options, refine)
+    s, notes = with_noise_terms(s, records)
+    s = _with_err(s, records)
+    given = {p.name: p for p in parameters}
+    named = s.parameters(records[0].inputs, records[0].outputs)
+    table = tuple(given.get(p.name, p) for p in named)  # with the user's bounds and fixed values
+    fits = _Fits(s, records, options, table)
+
+    def estimates() -> list[Estimate]:
+        plain = fits.one_step()
+        return [plain, *(fits.in_free_run(plain, known, chunk) if chunk else ())]
+
+    def judged(e: Estimate) -> Judgement:
+        advice = "there the polynomial diverges; lower the degree or the number of terms"
+        runs = s.free_run().measured(e.theta, records)
+        return judged_by_runs(s, runs, records, advice, options.robust)
+
+    return Proposal(s, tried, estimates, lambda theta: table, judged, notes)
 
 
 # ------------------------------------------------------------------------------- terms
 
 
-def _check(s: NARMAX, parameters: Sequence[Parameter], options: FitOptions) -> None:
+def _check(s: NARMAX, options: FitOptions) -> None:
     if not s.terms and (options.fixed or options.bounds):
         raise UsageError(
             "narmax chooses its terms from the data; to fix or bound a coefficient, give the "
@@ -96,7 +100,7 @@ def _check(s: NARMAX, parameters: Sequence[Parameter], options: FitOptions) -> N
 
 def _searched(
     s: NARMAX, records: Sequence[Record], options: FitOptions, refine: bool
-) -> tuple[NARMAX, int, list[StartReport], list[Mapping[Term, float]]]:
+) -> tuple[NARMAX, int, list[StartReport], list[Coefficients]]:
     """The structure with the terms that did best on held-out data, output by output.
 
     Also the chunk length their coefficients were refined with, every trial, and the coefficients.
@@ -107,23 +111,19 @@ def _searched(
             f"{records[0].name}: {sum(len(r) for r in records)} samples are too few to choose the "
             f"terms of a narmax model with these lags; record more or lower na and nb"
         )
-    rows: list[tuple[Term, ...]] = []
-    starts: list[StartReport] = []
-    known: list[Mapping[Term, float]] = []
-    chunk = 0
     limit = min(options.limit(), SEARCH_EVALUATIONS)
-    for i, channel in enumerate(records[0].outputs):
-        row = Row(s, i, small)
-        trial, tried = search_terms(row, refine, limit)
-        rows.append(tuple(row.outward(t) for t in trial.terms))
-        theta = np.mean(trial.theta, axis=0).tolist()
-        known.append(dict(zip(rows[-1], theta, strict=True)))
-        chunk = max(chunk, trial.chunk)
-        starts += [
-            start_report(channel.name, t.how, t.error) for t in sorted(tried, key=lambda t: t.error)
-        ]
-    orders = _without_lag_zero(s.orders, rows)
-    return replace(s, orders=orders, terms=tuple(rows)), chunk, starts, known
+    rows = [Row(s, i, small) for i in range(s.ny)]
+    searches = [partial(search_terms, row, refine, limit) for row in rows]
+    winners, tried = searched(zip(records[0].outputs, searches, strict=True))
+    terms = [
+        tuple(row.outward(t) for t in trial.terms) for row, trial in zip(rows, winners, strict=True)
+    ]
+    known: list[Coefficients] = [
+        dict(zip(of_row, np.mean(trial.theta, axis=0).tolist(), strict=True))
+        for of_row, trial in zip(terms, winners, strict=True)
+    ]
+    chosen = replace(s, orders=_without_lag_zero(s.orders, terms), terms=tuple(terms))
+    return chosen, max(trial.chunk for trial in winners), tried, known
 
 
 def _without_lag_zero(orders: Orders, rows: Sequence[tuple[Term, ...]]) -> Orders:
@@ -156,185 +156,124 @@ def _with_err(s: NARMAX, records: Sequence[Record]) -> NARMAX:
     return replace(s, terms=tuple(rows), err=tuple(ratios))
 
 
-def _with_constraints(
-    s: NARMAX, record: Record, constrained: Sequence[Parameter]
-) -> tuple[Parameter, ...]:
-    """The chosen structure's parameters with the user's bounds and fixed values."""
-    known = {p.name: p for p in constrained}
-    return tuple(known.get(p.name, p) for p in s.parameters(record.inputs, record.outputs))
-
-
 # ------------------------------------------------------------------------- coefficients
 
 
-def _constraints(parameters: Sequence[Parameter]) -> tuple[Array, Array, Array, Array]:
-    """Fixed values (NaN where free), free mask, lower and upper bounds."""
-    fixed = np.array([np.nan if p.fixed is None else p.fixed for p in parameters])
-    lower, upper = (np.array([getattr(p, k) for p in parameters]) for k in ("lower", "upper"))
-    return fixed, np.isnan(fixed), lower, upper
+class _Fits:
+    """Coefficients of chosen terms on all data, within the user's bounds."""
 
-
-def _one_step(
-    s: NARMAX, records: Sequence[Record], options: FitOptions, parameters: Sequence[Parameter]
-) -> Estimate:
-    """Least squares, iterated where noise terms or the Huber loss ask for it."""
-    data = [(r.u, r.y) for r in records]
-    fixed, free, lower, upper = _constraints(parameters)
-    theta = np.where(free, 0.0, fixed)
-    solved: list[tuple[Problem, Solution, int]] = []
-    for i in range(s.ny):
-        problem = weighted(s.one_step(i, data), records)
-        index = problem.index
-        p = theta[index].copy()
-        # noise terms begin at zero: without errors known the output itself would stand for them
-        process = free[index] & np.array([not is_noise(t) for t in s.rows[i]])
-        p[process] = _linear(problem, p, process)
-        p = np.clip(p, lower[index], upper[index])
-        huber = huber_widths(problem, problem.residual(p)) if options.robust else None
-        solution = levenberg_marquardt(
-            problem,
-            p,
-            Descent(
-                free[index], lower[index], upper[index], huber, max_evaluations=options.limit()
-            ),
+    def __init__(
+        self,
+        s: NARMAX,
+        records: Sequence[Record],
+        options: FitOptions,
+        table: Sequence[Parameter],
+    ) -> None:
+        self.s, self.records, self.options = s, records, options
+        self.fixed = np.array([np.nan if p.fixed is None else p.fixed for p in table])
+        self.free: NDArray[np.bool_] = np.isnan(self.fixed)
+        self.lower, self.upper = (np.array([getattr(p, k) for p in table]) for k in _SIDES)
+        self.noise: NDArray[np.bool_] = np.array(
+            [is_noise(t) for row in s.rows for t in row], dtype=bool
         )
-        theta[index] = solution.p
-        solved.append((problem, solution, sum(problem.lengths)))
-    return Estimate(theta, tuple(solved), "least squares")
+
+    def one_step(self) -> Estimate:
+        """Least squares, iterated where noise terms or the Huber loss ask for it."""
+        theta = np.where(self.free, 0.0, self.fixed)
+        solved = []
+        for i in range(self.s.ny):
+            problem = self._ahead(i)
+            index = problem.index
+            p = theta[index].copy()
+            # noise terms begin at zero: without errors known the output itself would stand for them
+            process = self.free[index] & ~self.noise[index]
+            p[process] = _linear(problem, p, process)
+            theta[index] = np.clip(p, self.lower[index], self.upper[index])
+            solution = self._descended(problem, theta, self.free, limit=self.options.limit())
+            if solution.termination.good and not (self.noise[index].any() or solution.at_bound):
+                solution = replace(solution, termination=Termination.CLOSED_FORM)
+            theta[index] = solution.p
+            solved.append(Solved(problem, solution))
+        return Estimate(theta, tuple(solved), "least squares")
+
+    def in_free_run(
+        self, start: Estimate, known: Sequence[Coefficients], chunk: int
+    ) -> list[Estimate]:
+        """Coefficients of the process in free run, noise terms after.
+
+        From least squares over longer and longer chunks, and from the search's own coefficients at
+        once: they are already those of free runs.
+        """
+        small = shortened(self.records, RUN_SAMPLES)
+        longest = max(len(r) for r in small)
+        rungs = list(dict.fromkeys(min(c, longest) for c in (*LADDER, chunk) if c <= chunk))
+        estimates, theta = [], start.theta
+        for rung in rungs:
+            estimates.append(self._over_chunks(small, theta, rung))
+            theta = estimates[-1].theta
+        if any(known):
+            guess = start.theta.copy()
+            for i, row in enumerate(self.s.rows):
+                for k, t in zip(self.s.row_index(i), row, strict=True):
+                    if self.free[k]:
+                        guess[k] = known[i].get(t, guess[k])
+            last = self._over_chunks(small, guess, rungs[-1])
+            estimates.append(replace(last, how=f"{last.how} from the search's values"))
+        return estimates
+
+    def _over_chunks(self, small: Sequence[Record], start: Array, chunk: int) -> Estimate:
+        """One refinement on some of the records, noise terms on all."""
+        problem = weighted(self.s.over_chunks([(r.u, r.y) for r in small], chunk), small)
+        theta = start.copy()
+        solution = self._descended(
+            problem,
+            theta,
+            self.free,
+            limit=self.options.limit(FINAL_EVALUATIONS),
+            tolerance=self.options.precision(1e-7),
+            method=self.options.method,
+        )
+        theta[problem.index] = solution.p
+        # free runs determine the process, one step ahead follow the noise terms
+        solved = [Solved(problem, solution, determines=~self.noise[problem.index])]
+        for i in range(self.s.ny):
+            ahead = self._ahead(i)
+            noise = self.noise[ahead.index]
+            if noise.any():
+                after = self._descended(ahead, theta, self.free & self.noise)
+                theta[ahead.index] = after.p
+                solved.append(Solved(ahead, after, determines=noise))
+        return Estimate(theta, tuple(solved), f"refined over {chunk} samples")
+
+    def _ahead(self, output: int) -> Problem:
+        data = [(r.u, r.y) for r in self.records]
+        return weighted(self.s.one_step(output, data), self.records)
+
+    def _descended(
+        self,
+        problem: Problem,
+        theta: Array,
+        free: NDArray[np.bool_],
+        limit: int = EVALUATIONS,
+        tolerance: float = TOLERANCE,
+        method: SolverMethod = SolverMethod.LEVENBERG_MARQUARDT,
+    ) -> Solution:
+        """A problem's descent from θ within the bounds, by Huber's loss where it is asked for."""
+        index, p = problem.index, theta[problem.index]
+        huber = huber_widths(problem, problem.residual(p)) if self.options.robust else None
+        lower, upper = self.lower[index], self.upper[index]
+        how = Descent(free[index], lower, upper, huber, limit, tolerance, method=method)
+        return levenberg_marquardt(problem, p, how)
 
 
-def _linear(problem: Problem, p: Array, free: Array) -> Array:
-    """Least squares by QR of the columns scaled to unit norm, entries that are not free as in p."""
+_SIDES = ("lower", "upper")
+
+
+def _linear(problem: Problem, p: Array, free: NDArray[np.bool_]) -> Array:
+    """Least squares of the free entries, the others as in p."""
     fixed_part = np.where(free, 0.0, p)
     J, e = problem.jacobian(fixed_part)[:, free], problem.residual(fixed_part)
-    norms = np.linalg.norm(J, axis=0)
-    norms[norms == 0.0] = 1.0
-    return np.asarray(np.linalg.lstsq(J / norms, -e, rcond=1e-12)[0] / norms)
+    return scaled_lstsq(J, -e)
 
 
-def _in_free_run(
-    s: NARMAX,
-    records: Sequence[Record],
-    options: FitOptions,
-    start: Estimate,
-    known: Sequence[Mapping[Term, float]],
-    chunk: int,
-    parameters: Sequence[Parameter],
-) -> list[Estimate]:
-    """Coefficients of the process in free run, noise terms after.
-
-    From least squares over longer and longer chunks, and from the search's own coefficients at
-    once: they are already those of free runs.
-    """
-    small = shortened(records, RUN_SAMPLES)
-    longest = max(len(r) for r in small)
-    rungs = list(dict.fromkeys(min(c, longest) for c in (*LADDER, chunk) if c <= chunk))
-    theta, solutions = start.theta, []
-    for rung in rungs:
-        theta, estimate = _over_chunks(s, (records, small), options, theta, rung, parameters, "")
-        solutions.append(estimate)
-    guess = start.theta.copy()
-    for i, row in enumerate(s.rows):
-        for k, t in zip(s.row_index(i), row, strict=True):
-            if parameters[k].fixed is None:
-                guess[k] = known[i].get(t, guess[k])
-    if any(known):
-        words = " from the search's values"
-        last = _over_chunks(s, (records, small), options, guess, rungs[-1], parameters, words)
-        solutions.append(last[1])
-    return solutions
-
-
-def _over_chunks(
-    s: NARMAX,
-    all_and_some: tuple[Sequence[Record], Sequence[Record]],
-    options: FitOptions,
-    start: Array,
-    chunk: int,
-    parameters: Sequence[Parameter],
-    words: str,
-) -> tuple[Array, Estimate]:
-    """One refinement on some of the records, noise terms on all: θ and what determined it."""
-    records, small = all_and_some
-    data = [(r.u, r.y) for r in small]
-    problem = s.over_chunks(data, chunk)
-    _, free, lower, upper = _constraints(parameters)
-    index, theta = problem.index, start.copy()
-    counted = weighted(problem, small)
-    solution = levenberg_marquardt(
-        counted,
-        theta[index],
-        Descent(
-            free=free[index],
-            lower=lower[index],
-            upper=upper[index],
-            huber=huber_widths(counted, counted.residual(theta[index])) if options.robust else None,
-            max_evaluations=options.limit(FINAL_EVALUATIONS),
-            tolerance=options.precision(1e-7),
-            method=options.method,
-        ),
-    )
-    theta[index] = solution.p
-    solved: list[tuple[Problem, Solution, int]] = [(problem, solution, sum(problem.lengths))]
-    for i, row in enumerate(s.rows):
-        noise = np.array([is_noise(t) for t in row])
-        if noise.any():
-            one = weighted(s.one_step(i, [(r.u, r.y) for r in records]), records)
-            where = one.index
-            after = levenberg_marquardt(
-                one,
-                theta[where],
-                Descent(
-                    free[where] & noise,
-                    lower[where],
-                    upper[where],
-                    huber_widths(one, one.residual(theta[where])) if options.robust else None,
-                ),
-            )
-            theta[where] = after.p
-            solved.append((one, after, sum(one.lengths)))
-    return theta, Estimate(theta, tuple(solved), f"refined over {chunk} samples{words}")
-
-
-def _chosen(
-    s: NARMAX, records: Sequence[Record], estimates: Sequence[Estimate], options: FitOptions
-) -> tuple[Estimate, list[StartReport]]:
-    """The estimate with the best free run over the estimation data."""
-    counted = [r.counted for r in records]
-    errors = [free_run_error(s, e.theta, records, counted, options.robust) for e in estimates]
-    simulate = options.focus.value == "simulation"
-    starts = [e.report(error) for e, error in zip(estimates, errors, strict=True)]
-    order = range(1 if simulate and len(estimates) > 1 else 0, len(estimates))
-    return estimates[min(order, key=lambda k: errors[k])], starts
-
-
-def _outcome(
-    s: NARMAX,
-    records: Sequence[Record],
-    parameters: tuple[Parameter, ...],
-    estimate: Estimate,
-    starts: Sequence[StartReport],
-    notes: Sequence[str],
-) -> FitOutcome:
-    _, free, _, _ = _constraints(parameters)
-    noise = np.array([is_noise(t) for row in s.rows for t in row])
-    alternate = any(isinstance(problem, ChunkedRuns) for problem, _, _ in estimate.solved)
-    parts = []
-    for problem, solution, samples in estimate.solved:
-        free_entries = free[problem.index]
-        if alternate:  # free runs determine the process, one step ahead follow the noise terms
-            free_entries = free_entries & (noise[problem.index] != isinstance(problem, ChunkedRuns))
-        if free_entries.any():
-            parts.append(with_covariance(problem, solution, np.flatnonzero(free_entries), samples))
-    runs = s.free_run().measured(estimate.theta, records)
-    advice = "there the polynomial diverges; lower the degree or the number of terms"
-    notes = (*notes, *s.limit_warnings(runs, records[0].outputs, advice))
-    outcome = outcome_of(s, parameters, estimate.theta, parts, starts, notes)
-    ending = worst([solution.termination for _, solution, _ in estimate.solved])
-    linear = estimate.how == "least squares" and not noise.any() and not outcome.at_bound
-    return replace(
-        outcome, termination=Termination.CLOSED_FORM if linear and ending.good else ending
-    )
-
-
-METHOD = Method(fit_narmax)
+METHOD = Method(by_choice(proposed))

@@ -1,7 +1,8 @@
-"""Fitting NARX networks: each output's map is chosen on a hold-out, then all is refined."""
+"""NARX networks: each output's map is chosen on a hold-out, then all is refined."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -10,34 +11,18 @@ from sysid.data.shortened import shortened
 from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.fitting.holdout import HoldOut, hold_out
 from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Parameter, Problem
+from sysid.fitting.problem import Focus, Parameter, Problem
 from sysid.fitting.robust import weighted
-from sysid.fitting.searchable import StartReport
+from sysid.fitting.searchable import InitialGuesses
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
+from sysid.methods.equations import judged_by_runs, searched
 from sysid.methods.method import Method
-from sysid.methods.outcome import FitOutcome, outcome_of, with_covariance
+from sysid.methods.procedure import Estimate, Judgement, Proposal, Solved, by_choice
 from sysid.structures.base import Structure
-from sysid.structures.difference_equations.chunks import spreads
-from sysid.structures.difference_equations.trials import (
-    RUN_SAMPLES,
-    SEARCH_SAMPLES,
-    Estimate,
-    start_report,
-)
+from sysid.structures.difference_equations.trials import RUN_SAMPLES, SEARCH_SAMPLES
 from sysid.structures.narx.problems import FreeRuns, OneStepRow
-from sysid.structures.narx.search import (
-    RUNGS,
-    SHORT,
-    largest,
-    search_row,
-)
-from sysid.structures.narx.simulation_error import (
-    FIRM,
-    PULL,
-    SHRINK,
-    RowRuns,
-    Trial,
-)
+from sysid.structures.narx.search import RUNGS, SHORT, largest, search_row
+from sysid.structures.narx.simulation_error import FIRM, PULL, SHRINK, RowRuns, Trial
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_frame import least_squares
 from sysid.structures.narx.wavelet_network import RowDesign
@@ -51,14 +36,14 @@ COMPILED_FROM = 2_000
 """Samples from which the free runs at last are compiled: JAX is loaded anyway."""
 
 
-def fit_narx(
+def proposed(
     structure: Structure,
     records: Sequence[Record],
     options: FitOptions,
     parameters: tuple[Parameter, ...],
-    initial_guesses: Sequence[tuple[str, Array]],
-) -> FitOutcome:
-    """Choose products and units, estimate everything, and say what it is worth.
+    initial_guesses: InitialGuesses,
+) -> Proposal:
+    """Choose products and units, and say how they are estimated.
 
     1. For each output, products of several degrees and units over several sets of regressors are
        added to the linear part by orthogonal least squares, in several numbers up to what
@@ -68,21 +53,18 @@ def fit_narx(
        length (jaxopt's Levenberg-Marquardt, vmapped).
     3. The winner on the held-out part, a least-squares map or a refined one, is estimated again on
        all data: by least squares and, where refinement won, on free runs, at last all outputs
-       together within bounds. The better free run wins.
+       together within bounds.
 
     Raises:
         UsageError: parameters are fixed or bounded, or an option cannot be served.
         DataError: too few samples.
         ModelError: no map has a finite free run.
     """
-    if not isinstance(structure, NarxWavelet):
-        raise UsageError(f"{structure.name} is not a NARX structure")
+    assert isinstance(structure, NarxWavelet)
     _check(structure, records, options)
     s = structure.with_ranges(records)
     data = hold_out(shortened(records, SEARCH_SAMPLES))
-    refine = _rungs(s, options)
-    winners: list[Trial] = []
-    starts: list[StartReport] = []
+    rungs = _rungs(s, options)
     rows = [RowRuns(s, i, data, largest(s)) for i in range(s.ny)]
     for row in rows:
         if len(row.y) < 2 * len(row.row) + 10:
@@ -90,22 +72,28 @@ def fit_narx(
                 f"{records[0].name}: {len(row.y)} equations are too few to choose a network over "
                 f"{len(row.row)} regressors; record more or lower na and nb"
             )
-    simulate = options.focus.value == "simulation"
-    searched = [search_row(row, refine, simulate) for row in rows]
-    for channel, (best, tried) in zip(records[0].outputs, searched, strict=True):
-        if not np.isfinite(best.error):
+    simulate = options.focus is Focus.SIMULATION
+    searches = [partial(search_row, row, rungs, simulate) for row in rows]
+    winners, tried = searched(zip(records[0].outputs, searches, strict=True))
+    for channel, winner in zip(records[0].outputs, winners, strict=True):
+        if not np.isfinite(winner.error):
             raise ModelError(
                 f"{channel.name}: no narx-wavelet model has a finite free run on these data; "
                 "lower the orders or check the data"
             )
-        winners.append(best)
-        starts += [
-            start_report(channel.name, t.how, t.error, t.evaluations)
-            for t in sorted(tried, key=lambda t: t.error)
-        ]
     s = replace(s, designs=tuple(t.design for t in winners))
-    estimates = _on_all_data(s, records, options, winners)
-    return _outcome(s, records, estimates, starts)
+
+    def judged(e: Estimate) -> Judgement:
+        runs = s.free_run(compiled_from=COMPILED_FROM).measured(e.theta, records)
+        return judged_by_runs(s, runs, records, "lower the orders or the number of units")
+
+    return Proposal(
+        s,
+        tried,
+        partial(_on_all_data, s, records, options, winners),
+        partial(_with_fixed_boxes, s, records[0]),
+        judged,
+    )
 
 
 def _check(s: NarxWavelet, records: Sequence[Record], options: FitOptions) -> None:
@@ -128,7 +116,7 @@ def _rungs(s: NarxWavelet, options: FitOptions) -> tuple[int, ...]:
         # orders are ranked by least squares: the order of the candidates is the same
         return ()
     if length == 0:
-        if options.focus.value == "simulation":
+        if options.focus is Focus.SIMULATION:
             raise UsageError(
                 "`structure_options={'refine': 'none'}` fits one step ahead; leave out "
                 "`focus='simulation'`"
@@ -139,9 +127,6 @@ def _rungs(s: NarxWavelet, options: FitOptions) -> tuple[int, ...]:
     return (*(r for r in RUNGS if r < length), length)
 
 
-# ------------------------------------------------------------------------------ all data
-
-
 def _on_all_data(
     s: NarxWavelet, records: Sequence[Record], options: FitOptions, winners: Sequence[Trial]
 ) -> list[Estimate]:
@@ -150,16 +135,15 @@ def _on_all_data(
     rows = [RowRuns(s, i, whole, largest(s)) for i in range(s.ny)]
     plain = [_least_squares(row, t) for row, t in zip(rows, winners, strict=True)]
     run = s.free_run()
-    solved: list[tuple[Problem, Solution, int]] = []
+    solved = []
     for i, theta in enumerate(plain):
         ahead = weighted(OneStepRow(run, i, [(r.u, r.y) for r in records]), records)
-        solved.append((ahead, _evaluated(ahead, theta), sum(ahead.lengths)))
+        solved.append(Solved(ahead, _evaluated(ahead, theta)))
     estimates = [Estimate(np.concatenate(plain), tuple(solved), "least squares")]
-    if not any(t.chunk for t in winners):
-        return estimates
-    start = [t.theta if t.chunk else linear for t, linear in zip(winners, plain, strict=True)]
-    chunk = max(t.chunk for t in winners)
-    estimates.append(_all_rows_refined(s, records, options, np.concatenate(start), chunk))
+    if any(t.chunk for t in winners):
+        start = [t.theta if t.chunk else linear for t, linear in zip(winners, plain, strict=True)]
+        chunk = max(t.chunk for t in winners)
+        estimates.append(_all_rows_refined(rows, records, options, np.concatenate(start), chunk))
     return estimates
 
 
@@ -196,16 +180,21 @@ def _prior(
 
 
 def _all_rows_refined(
-    s: NarxWavelet, records: Sequence[Record], options: FitOptions, theta: Array, chunk: int
+    rows: Sequence[RowRuns],
+    records: Sequence[Record],
+    options: FitOptions,
+    theta: Array,
+    chunk: int,
 ) -> Estimate:
     """All rows refined at once within bounds: outputs see each other's simulated past."""
+    s = rows[0].structure
     small = shortened(records, RUN_SAMPLES)
     data = [(r.u, r.y) for r in small]
     samples = sum(len(y) for _, y in data)
     run = s.free_run()
-    rows = [(RowRuns(s, i, all_data(records), largest(s)), d) for i, d in enumerate(s.designs)]
-    bounds = [row.bounds(d) for row, d in rows]
-    pull, aim = _prior(FreeRuns(run, data, chunk), theta, rows)
+    designed = list(zip(rows, s.designs, strict=True))
+    bounds = [row.bounds(d) for row, d in designed]
+    pull, aim = _prior(FreeRuns(run, data, chunk), theta, designed)
     bare = FreeRuns(run, data, chunk, pull, aim)
     problem = weighted(bare, small, more=int(np.count_nonzero(pull)))
     lower, upper, free = (
@@ -223,8 +212,8 @@ def _all_rows_refined(
             regular=True,
         ),
     )
-    how = f"refined over {chunk} samples"
-    return Estimate(solution.p, ((problem, solution, bare.samples),), how)
+    solved = Solved(problem, solution, bare.samples)
+    return Estimate(solution.p, (solved,), f"refined over {chunk} samples")
 
 
 def _evaluated(problem: Problem, theta: Array) -> Solution:
@@ -234,43 +223,9 @@ def _evaluated(problem: Problem, theta: Array) -> Solution:
     return Solution(theta, 0.5 * float(e @ e), e, J, seen, Termination.CLOSED_FORM, 1)
 
 
-# ------------------------------------------------------------------------------ outcome
-
-
-def _outcome(
-    s: NarxWavelet,
-    records: Sequence[Record],
-    estimates: Sequence[Estimate],
-    starts: Sequence[StartReport],
-) -> FitOutcome:
-    run = s.free_run(compiled_from=COMPILED_FROM)
-    runs = [run.measured(e.theta, records) for e in estimates]
-    errors = [_error(s, records, found) for found in runs]
-    # least squares stays a candidate to the end; a refined model wins by its free run
-    best = int(np.argmin(errors))
-    chosen = estimates[best]
-    reports = [e.report(error) for e, error in zip(estimates, errors, strict=True)]
-    parameters = _with_fixed_boxes(s, records, chosen.theta)
-    free = np.array([p.fixed is None for p in parameters])
-    parts = [
-        with_covariance(problem, solution, np.flatnonzero(free[problem.index]), samples)
-        for problem, solution, samples in chosen.solved
-    ]
-    low, high = (np.array([getattr(p, k) for p in parameters]) for k in ("lower", "upper"))
-    width = np.where(np.isfinite(high - low), high - low, 1.0)
-    near = free & ((chosen.theta <= low + 1e-6 * width) | (chosen.theta >= high - 1e-6 * width))
-    advice = "lower the orders or the number of units"
-    warnings = s.limit_warnings(runs[best], records[0].outputs, advice)
-    found = outcome_of(s, parameters, chosen.theta, parts, (*starts, *reports), warnings)
-    stuck = tuple(p.name for p, hit in zip(parameters, near, strict=True) if hit)
-    return replace(found, at_bound=stuck)
-
-
-def _with_fixed_boxes(
-    s: NarxWavelet, records: Sequence[Record], theta: Array
-) -> tuple[Parameter, ...]:
+def _with_fixed_boxes(s: NarxWavelet, record: Record, theta: Array) -> tuple[Parameter, ...]:
     """Parameters with the values of what cannot be estimated: places of boxes."""
-    named = s.parameters(records[0].inputs, records[0].outputs)
+    named = s.parameters(record.inputs, record.outputs)
     if s.kind.smooth:
         return named
     words = (f".{s.kind.shape}", f".{s.kind.place}")
@@ -280,17 +235,5 @@ def _with_fixed_boxes(
     )
 
 
-def _error(s: NarxWavelet, records: Sequence[Record], runs: Sequence[Array]) -> float:
-    """Root mean square of free-run errors over the spread of the outputs."""
-    first = s.first_sample()
-    records = [r for r in records if len(r) > first]
-    measured = np.concatenate([r.y[first:] for r in records])
-    with np.errstate(over="ignore", invalid="ignore"):
-        e = (measured - np.concatenate(runs)) / spreads([measured])
-        e = e[np.concatenate([r.counted[first:] for r in records])]
-        rms = float(np.sqrt(np.mean(e**2)))
-    return rms if np.isfinite(rms) else float("inf")
-
-
 # linear algebra over thousands of units knows no other loss
-METHOD = Method(fit_narx, has_losses=False, takes_method=False)
+METHOD = Method(by_choice(proposed), has_losses=False, takes_method=False)

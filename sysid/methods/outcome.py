@@ -125,4 +125,4 @@ def outcome_of(
 def worst(endings: Sequence[Termination]) -> Termination:
     """The ending that says most about what went wrong."""
     order = list(Termination)
-    return max(endings, key=order.index)
+    return max(endings, key=order.index, default=Termination.NO_FREE_PARAMETERS)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from sysid.data.record import Array, Channel
+from sysid.data.schema import checked
 from sysid.fitting.problem import (
     Parameter,
 )
@@ -97,9 +98,9 @@ class NarxWavelet(RecursiveStructure):
     def settings(self) -> dict[str, Any]:
         """Options, custom regressors, and what the fit read off the data."""
         return {
-            "options": self.options_given.to_json(),
+            "options": self.options_given,
             "regressors": [[written(e) for e in row] for row in self.customs],
-            "designs": [narx_options.design_to_json(d) for d in self.designs],
+            "designs": self.designs,
             **self.range_settings(),
         }
 
@@ -111,7 +112,7 @@ class NarxWavelet(RecursiveStructure):
             spread(raw["orders"], "ab", nu, ny, cls.name),
             options_given=NarxOptions.from_json(known["options"]),
             customs=customs,
-            designs=tuple(narx_options.design_from_json(d) for d in known["designs"]),
+            designs=checked(tuple[RowDesign, ...], known["designs"]),
             **ranges_from(known),
         )
         narx_options.check_designs(structure.rows, structure.designs)
