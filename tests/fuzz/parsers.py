@@ -191,9 +191,10 @@ def _urdf() -> list[str]:
 
 
 def _soils(path: Path) -> None:
-    from sysid.vehicle.ground.files import read_soil, read_vehicle
+    from sysid.vehicle.ground.presets import read_soil
+    from sysid.vehicle.wheels.description import load_tracks
 
-    for read in (read_soil, read_vehicle):
+    for read in (read_soil, load_tracks):
         with contextlib.suppress(SysidError):
             read(path)
 
