@@ -64,15 +64,6 @@ class Orders:
         """Whether some output depends on past values of another."""
         return any(n for i, row in enumerate(self.na) for j, n in enumerate(row) if i != j)
 
-    def input_lag(self, i: int) -> int:
-        """Largest input lag in the equation of output ``i``."""
-        pairs = zip(self.nb[i], self.nk[i], strict=True)
-        return max((nb + nk - 1 for nb, nk in pairs if nb), default=0)
-
-    def start(self, i: int) -> int:
-        """First sample of output ``i`` whose measured regressors are all inside the record."""
-        return max(0, self.input_lag(i), *self.na[i])
-
     def value(self, letter: str) -> int | list[int] | list[list[int]]:
         """The order named ``letter`` in its shortest form: a number for one-by-one systems."""
         raw = getattr(self, letter)
