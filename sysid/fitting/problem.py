@@ -56,6 +56,7 @@ class Problem(ABC):
             correlated across stretches.
         channels: output of each of these stretches.
         counts: which residuals count at all, (M,); None when all do. Those that do not are zero.
+        scales: divisor of the errors of each output among ``channels``, in order.
     """
 
     index: Index
@@ -63,6 +64,7 @@ class Problem(ABC):
     lengths: tuple[int, ...]
     channels: tuple[int, ...]
     counts: NDArray[np.bool_] | None = None
+    scales: Array | float = 1.0
 
     @abstractmethod
     def residual(self, p: Array) -> Array:
@@ -83,3 +85,8 @@ class Problem(ABC):
     def initial_guess(self, theta: Array) -> Array:
         """p with θ's entries and zero initial states."""
         return np.concatenate([theta[self.index], np.zeros(self.n_initial)])
+
+    def with_states(self, theta: Array) -> Array | None:
+        """p with θ's entries and the initial states that suit it best; None where errors are
+        linear in these, so that whoever asks finds them by one step."""
+        return None

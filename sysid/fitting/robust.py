@@ -103,6 +103,7 @@ class Weighted(Problem):
         self._root = np.sqrt(weights)
         self.index, self.n_initial = problem.index, problem.n_initial
         self.lengths, self.channels = problem.lengths, problem.channels
+        self.scales = problem.scales
         self.counts: NDArray[np.bool_] = weights > HARDLY
 
     def residual(self, p: Array) -> Array:
@@ -122,6 +123,9 @@ class Weighted(Problem):
 
     def initial_guess(self, theta: Array) -> Array:
         return self._problem.initial_guess(theta)
+
+    def with_states(self, theta: Array) -> Array | None:
+        return self._problem.with_states(theta)
 
 
 def weighted(problem: Problem, records: Sequence[Record], more: int = 0) -> Problem:

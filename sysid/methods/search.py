@@ -248,15 +248,19 @@ class Search:
             return descend_with_prior(problem, p0, size, descend, huber)
 
     def _output_size(self, problem: Problem) -> float:
-        """‖y‖ of the outputs of a problem, over all records."""
+        """‖y‖ of the outputs of a problem, over all records, in units of its errors."""
         which = sorted(set(problem.channels))
-        return float(np.sqrt(sum(np.sum(r.y[:, which] ** 2) for r in self.records)))
+        parts = (np.sum((r.y[:, which] / problem.scales) ** 2) for r in self.records)
+        return float(np.sqrt(sum(parts)))
 
     def _with_states(self, problem: Problem, theta: Array) -> Array:
         """A start with the initial states and levels that suit it best.
 
-        The errors are linear in both.
+        The errors are linear in both, unless the problem says otherwise.
         """
+        known = problem.with_states(theta)
+        if known is not None:
+            return known
         p = problem.initial_guess(theta)
         r = problem.residual(p)
         levels = self._levels(problem)
