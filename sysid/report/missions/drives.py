@@ -179,6 +179,8 @@ def _ellipses(columns: Mapping[str, Array]) -> tuple[tuple[Array, Array], ...]:
 
 
 def draw_plan(path: Path, name: str, mission: Mission, route: Plan) -> None:
+    """Draw the way of the references, the field they follow, and what the laws give."""
+
     def panel(title: str, across: str, up: str, curves: Curves) -> CurvePanel:
         return CurvePanel(
             title, across, up, curves.gain, curves.values, curves.distance, curves.quantity
