@@ -39,12 +39,10 @@ class DriveOptions:
     """The drive that a log is of, as a line gives it."""
 
     mission: Path | None = _driven(
-        "M.yaml",
-        "Mission that the log was driven on; needed to name effects of the vehicle.",
+        "M.yaml", "Mission that the log was driven on; needed to name effects of the vehicle."
     )
     plant: Path | None = _driven(
-        "PATH",
-        "Plant package the mission was planned with: the model to diagnose.",
+        "PATH", "Plant package the mission was planned with: the model to diagnose."
     )
     geometry: str | None = _driven(
         "r=M,B=M",

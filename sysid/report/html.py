@@ -61,10 +61,7 @@ def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
     drawn: dict[str, Any] = {"channels": [], "regions": "", "candidates": "", "gap": ""}
     if shown:
         drawn["regions"] = inline_svg(
-            "regions",
-            "Shares of the excess error by regime",
-            diagnosis_drawing.draw_regions,
-            shown,
+            "regions", "Shares of the excess error by regime", diagnosis_drawing.draw_regions, shown
         )
     lines = words.channel_lines(diagnosis)
     if diagnosis.grown:
@@ -78,10 +75,7 @@ def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
         tied = tuple(i for e in diagnosis.effects for i in e.indistinguishable)
         facts = (diagnosis.candidates, tuple(e.id for e in diagnosis.effects), tied)
         drawn["candidates"] = inline_svg(
-            "candidates",
-            "Candidates by score",
-            diagnosis_bars.draw_candidates,
-            *facts,
+            "candidates", "Candidates by score", diagnosis_bars.draw_candidates, *facts
         )
     drawn["paths"] = [_path(k, *entry) for k, entry in enumerate(words.path_lines(diagnosis.path))]
     if words.held_out(diagnosis):
