@@ -14,7 +14,7 @@ from sysid.data.record import Array, Record
 from sysid.errors import ModelError
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Initial, Parameter
+from sysid.fitting.problem import Allowed, Initial, Parameter
 from sysid.fitting.searchable import FreeRunSearch, InitialGuesses, StartReport
 from sysid.methods.method import Method
 from sysid.methods.outcome import FitOutcome
@@ -109,7 +109,7 @@ def _final_fit(
             replace(p, fixed=float(theta[k])) if k in pins else p for k, p in enumerate(table)
         )
     settled = replace(options, tolerance=options.precision(SETTLED), patience=PATIENCE)
-    if not any(np.isfinite([p.lower, p.upper]).any() for p in table):
+    if not Allowed.by(table).bounded:
         settled, theta = _settled(Trial(structure, theta), table, data, settled)
     search = FreeRunSearch(partial(ChainErrors, structure.chain))
     try:
@@ -136,20 +136,19 @@ def _approached(
     options: FitOptions,
 ) -> tuple[float, Trial]:
     """(cost at a start, where a quick descent from it ends; the start itself within bounds)."""
-    values = [t if p.fixed is None else p.fixed for t, p in zip(theta, table, strict=True)]
-    lower, upper = [p.lower for p in table], [p.upper for p in table]
-    problem = data.problem(structure.chain)
-    p = problem.with_states(np.clip(values, lower, upper))
+    allowed, problem = Allowed.by(table), data.problem(structure.chain)
+    p = problem.with_states(allowed.nearest(theta))
     before = loss(problem.residual(p))
     start = Trial(structure, p, cost=before)
-    if np.isfinite([lower, upper]).any():
+    if allowed.bounded:
         return before, start
     effort = Effort(min(EVALUATIONS, options.limit()), APPROACH)
     return before, start.descended(data, effort, _held(table))
 
 
 def _held(table: Sequence[Parameter]) -> list[int]:
-    return [k for k, p in enumerate(table) if p.fixed is not None]
+    held: list[int] = np.flatnonzero(~Allowed.by(table).free).tolist()
+    return held
 
 
 def _settled(
