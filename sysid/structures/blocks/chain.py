@@ -27,8 +27,8 @@ from sysid.data.filtering import lfilter, lfilter_zi
 from sysid.data.record import Array, Index
 from sysid.fitting.marquardt import Conditions, loss, marquardt
 from sysid.runners import floats
+from sysid.runners.single import on_arrays
 from sysid.structures.blocks.layers import Layer, LinearLayer, StaticLayer
-from sysid.structures.difference_equations.single_values import together
 from sysid.structures.linear.many_thetas import all_roots_inside
 from sysid.structures.linear.predictor import roots_inside
 
@@ -307,19 +307,14 @@ class BlockChain:
             for k, layer in enumerate(self.layers)
         ]
 
-        def advance(x: Array, u: Array) -> tuple[Array, Array]:
-            own: Any = x.__array_namespace__()
-            plain = own is np
-            xp: Any = floats if plain else own
-            state: Any = x.tolist() if plain else x
-            signal: Any = u.tolist() if plain else u
+        def advance(xp: Any, x: Any, u: Any) -> tuple[list[Any], list[Any]]:
             after: list[Any] = []
             for plan in plans:
-                signal, moved = plan(xp, state[len(after) :], signal)
+                u, moved = plan(xp, x[len(after) :], u)
                 after += moved
-            return together(own, after) if after else x, together(own, signal)
+            return after, u
 
-        return advance
+        return on_arrays(advance)
 
 
 Plan = Callable[[Any, Any, Any], tuple[list[Any], list[Any]]]

@@ -26,6 +26,7 @@ from sysid.fitting.problem import (
 from sysid.outside_text import whole
 from sysid.runners import floats
 from sysid.runners.loops import repeated
+from sysid.runners.single import ahead, in_floats
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
 from sysid.structures.grey_box.runs import (
@@ -35,7 +36,6 @@ from sysid.structures.grey_box.runs import (
     stays_bounded,
     tangents,
 )
-from sysid.structures.grey_box.single_runs import ahead, in_floats
 
 if TYPE_CHECKING:
     from sysid.structures.outcome import Fitter

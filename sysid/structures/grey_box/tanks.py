@@ -8,8 +8,8 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
+from sysid.runners.single import together
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
-from sysid.structures.grey_box.single_runs import together
 from sysid.structures.grey_box.structure import GreyBox
 
 SMALL = 1e-3

@@ -13,6 +13,7 @@ from sysid.fitting.problem import Parameter, Problem
 from sysid.fitting.robust import huber_widths, weighted
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
 from sysid.structures.base import Structure
+from sysid.structures.difference_equations.chunks import ChunkedRuns
 from sysid.structures.difference_equations.frols import forward, term_gram
 from sysid.structures.difference_equations.monomials import Term, is_noise
 from sysid.structures.difference_equations.trials import (
@@ -23,7 +24,6 @@ from sysid.structures.difference_equations.trials import (
 )
 from sysid.structures.held_out_error import free_run_error
 from sysid.structures.narmax.noise_terms import with_noise_terms
-from sysid.structures.narmax.problems import ChunkedRuns
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narmax.term_search import search_terms
 from sysid.structures.narmax.term_trials import LADDER, Row

@@ -14,14 +14,14 @@ from sysid.fitting.problem import Parameter, Problem
 from sysid.fitting.robust import weighted
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
 from sysid.structures.base import Structure
-from sysid.structures.difference_equations.chunks import spreads
+from sysid.structures.difference_equations.chunks import ChunkedRuns, spreads
 from sysid.structures.difference_equations.trials import (
     RUN_SAMPLES,
     SEARCH_SAMPLES,
     Estimate,
     start_report,
 )
-from sysid.structures.narx.problems import FreeRuns, OneStepRow
+from sysid.structures.narx.problems import OneStepRow
 from sysid.structures.narx.search import (
     RUNGS,
     SHORT,
@@ -177,7 +177,7 @@ def _least_squares(row: RowRuns, t: Trial) -> Array:
 
 
 def _prior(
-    plain: FreeRuns, start: Array, rows: Sequence[tuple[RowRuns, RowDesign]]
+    plain: ChunkedRuns, start: Array, rows: Sequence[tuple[RowRuns, RowDesign]]
 ) -> tuple[Array, Array]:
     """What draws each parameter and to where: amplitudes to zero, all else to the start."""
     e = plain.residual(start)
@@ -204,8 +204,8 @@ def _all_rows_refined(
     run = s.free_run()
     rows = [(RowRuns(s, i, all_data(records), largest(s)), d) for i, d in enumerate(s.designs)]
     bounds = [row.bounds(d) for row, d in rows]
-    pull, aim = _prior(FreeRuns(run, data, chunk), theta, rows)
-    bare = FreeRuns(run, data, chunk, pull, aim)
+    pull, aim = _prior(ChunkedRuns(run, data, chunk), theta, rows)
+    bare = ChunkedRuns(run, data, chunk, pull=pull, centre=aim)
     problem = weighted(bare, small, more=int(np.count_nonzero(pull)))
     lower, upper, free = (
         np.concatenate([getattr(b, name) for b in bounds]) for name in ("lower", "upper", "free")

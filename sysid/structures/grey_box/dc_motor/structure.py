@@ -10,6 +10,7 @@ import numpy as np
 from sysid.data.integrating import is_position
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError, argument
+from sysid.runners.single import together
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
 from sysid.structures.grey_box.dc_motor.constants import (
     OPTIONAL_EACH,
@@ -22,7 +23,6 @@ from sysid.structures.grey_box.dc_motor.constants import (
 from sysid.structures.grey_box.dc_motor.motion import STEPS, friction_constants, of_motors
 from sysid.structures.grey_box.dc_motor.start import central_guesses
 from sysid.structures.grey_box.dc_motor.torque import torque_source
-from sysid.structures.grey_box.single_runs import together
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.vehicle.dry_friction import decay
 from sysid.vehicle.motors import TorqueSource
