@@ -178,7 +178,7 @@ def _kinds(ranking: "Ranking") -> dict[str, list[str]]:
     kinds: dict[str, list[str]] = {}
     for line in ranking.lines:
         structure = line.contender.model.structure
-        names = kinds.setdefault(structure.tells, [])
+        names = kinds.setdefault(structure.traits.tells, [])
         if structure.name not in names:
             names.append(structure.name)
     return kinds if len(kinds) > 1 else {}

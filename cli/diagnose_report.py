@@ -100,7 +100,7 @@ def _what(result: "Diagnosis") -> None:
 
 def _logs(result: "Diagnosis") -> None:
     """What each of several logs shows, what is the same in all, and what differs."""
-    from sysid.diagnosis.several.words import sentences, table_of_logs
+    from sysid.diagnosis.several.results import sentences, table_of_logs
 
     if not result.several.logs:
         return

@@ -119,7 +119,7 @@ def _document(stored: "StoredModel") -> None:
 
 def _show(stored: "StoredModel") -> None:
     model = stored.model
-    render.say(f"{stored.id}: {model.structure.title}", "bold")
+    render.say(f"{stored.id}: {model.structure.traits.title}", "bold")
     level = model.operating_point_sentence()
     if level:
         render.say(level)

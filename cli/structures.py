@@ -51,25 +51,27 @@ def structures(
 
 def _facts(cls: "type[NamedStructure]") -> dict[str, Any]:
     """Description of a structure for users."""
+    from sysid.structures.grey_box.structure import GreyBox, constant_words
+
     description = " ".join((cls.__doc__ or "").split("Attributes:")[0].split()).replace("``", "")
-    orders = " ".join(f"{n}={1 if n == 'nk' else 2}" for n in cls.order_names)
+    orders = " ".join(f"{n}={1 if n == 'nk' else 2}" for n in cls.traits.order_names)
     return {
         "name": cls.name,
-        "title": cls.title,
-        "when": cls.when,
-        "equation": cls.equation,
+        "title": cls.traits.title,
+        "when": cls.traits.when,
+        "equation": cls.traits.equation,
         "description": description,
-        "noise_model": "its own" if cls.has_noise_model else "none (output error)",
+        "noise_model": "its own" if cls.traits.has_noise_model else "none (output error)",
         "orders": [
             {
                 "name": n,
-                "meaning": cls.order_words.get(n, ""),
+                "meaning": cls.traits.order_words.get(n, ""),
                 "default": "1" if n == "nk" else "searched without --orders",
             }
-            for n in cls.order_names
+            for n in cls.traits.order_names
         ],
-        "options": [{"name": n, "meaning": text} for n, text in cls.options.items()],
-        "constants": [dict(c) for c in cls.constant_words()],
+        "options": [{"name": n, "meaning": text} for n, text in cls.traits.options.items()],
+        "constants": [dict(c) for c in constant_words(cls)] if issubclass(cls, GreyBox) else [],
         "focus": ["prediction", "simulation"],
         "example": f'--orders "{orders}"' if orders else "",
     }

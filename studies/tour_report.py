@@ -120,7 +120,7 @@ def masked(text: str) -> str:
 
 def _output(command: str, place: str) -> str:
     """What a command prints, results and warnings in the order in which they appear."""
-    words = [sys.executable, "-m", "sysid_cli.app", *command.split()[1:]]
+    words = [sys.executable, "-m", "sysid_cli.start", *command.split()[1:]]
     env = os.environ | {
         "OPENBLAS_NUM_THREADS": "1",
         "PYTHONIOENCODING": "utf-8",

@@ -13,12 +13,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from sysid import launcher
-
-if TYPE_CHECKING:
-    from concurrent.futures import ProcessPoolExecutor
 
 INTERVAL = 0.5
 """How often a process of Python asks whether its parent is still there [s]."""
@@ -94,27 +91,6 @@ def started(
             os.killpg(process.pid, signal.SIGKILL)
         process.kill()
         process.wait()
-
-
-def pool(count: int | None) -> "ProcessPoolExecutor":
-    """Processes of Python that serve calls; fresh ones: a fork of threads that compile may hang."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    return ProcessPoolExecutor(
-        count, mp_context=get_context("spawn"), initializer=end_with, initargs=(os.getpid(),)
-    )
-
-
-def worker(function: Callable[..., None], *arguments: Any) -> Any:
-    """One process of Python that runs a function, and a started ``multiprocessing.Process``."""
-    from multiprocessing import get_context
-
-    process = get_context("spawn").Process(
-        target=tied, args=(os.getpid(), function, *arguments), daemon=True
-    )
-    process.start()
-    return process
 
 
 def tied(parent: int, function: Callable[..., Result], *arguments: Any) -> Result:

@@ -14,9 +14,9 @@ from .. import render, targets
 if TYPE_CHECKING:
     from sysid.data.record import Array
     from sysid.plant.package import Package
+    from sysid.robot.mission.batch.setup import Setup
     from sysid.robot.mission.contracts import SteppablePlant
     from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
-    from sysid.robot.mission.monte_carlo.setup import Setup
     from sysid.robot.mission.spec import Mission
     from sysid.structures.model import Model
     from sysid.workspace.store import Workspace
@@ -146,7 +146,7 @@ def _equal(one: "Array", other: "Array") -> bool:
 
 def ride(mission: "Mission", package: "Package", models: "Sequence[Model]", how: Repeats) -> Ride:
     """One run: nominal with the noise of a small seed, or the run of a batch whose seed it is."""
-    from sysid.robot.mission.monte_carlo.sampler import is_run_seed
+    from sysid.robot.mission.batch.sampler import is_run_seed
     from sysid.robot.mission.tracks.compensation import nothing_to_undo
     from sysid.robot.mission.tracks.mapping import as_robot
 
@@ -155,7 +155,7 @@ def ride(mission: "Mission", package: "Package", models: "Sequence[Model]", how:
         robot, warnings = as_robot(package.plant(), mission)
         warnings += nothing_to_undo(robot, mission.control.compensate)
         return Ride(mission, robot, robot, warnings, seed, seed)
-    from sysid.robot.mission.monte_carlo.setup import Setup
+    from sysid.robot.mission.batch.setup import Setup
 
     setup = Setup.of(mission, models, how.vary)
     varied, robot, noise = setup.alone(seed)
@@ -172,9 +172,9 @@ def drive_many(
     how: Repeats,
 ) -> dict[str, Any]:
     """Drive the mission many times; a row a run is written to ``table``."""
+    from sysid.robot.mission.batch.setup import Setup
+    from sysid.robot.mission.monte_carlo.mission_runs import write_runs
     from sysid.robot.mission.monte_carlo.runs import simulate_runs
-    from sysid.robot.mission.monte_carlo.runs_table import write_runs
-    from sysid.robot.mission.monte_carlo.setup import Setup
 
     runs = how.runs or 0
     with render.progress(f"Driving {path.name}", runs) as advance:

@@ -30,7 +30,7 @@ def lay_over(
     """
     from sysid.data.finding import warned
     from sysid.diagnosis.likely_cause import likely_cause
-    from sysid.robot.mission.measured.against import RUNS, against_runs
+    from sysid.robot.mission.measured.fan import RUNS, against_runs
 
     record, findings = _drive(log, read)
     runs = min(how.runs or RUNS, MOST)

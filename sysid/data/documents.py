@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from enum import Enum
 from os import PathLike, fspath
 from typing import Any
@@ -39,6 +39,22 @@ def plain(value: Any) -> Any:
     if hasattr(value, "tolist"):  # NumPy, without importing it for commands that need none
         return plain(value.tolist())
     raise TypeError(f"{type(value).__name__} cannot be written as JSON")
+
+
+class Document:
+    """A dataclass that is its own document: its fields, as they are in JSON."""
+
+    def to_json(self) -> dict[str, Any]:
+        """{name of a field: its value}, documents within it as they write themselves."""
+        return {f.name: _held(getattr(self, f.name)) for f in fields(self)}  # type: ignore[arg-type]
+
+
+def _held(value: Any) -> Any:
+    if isinstance(value, Document):
+        return value.to_json()
+    if isinstance(value, Mapping):
+        return {key: _held(item) for key, item in value.items()}
+    return [_held(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 MAX_BYTES = 64 * 1024**2

@@ -35,11 +35,7 @@ def experiment_between(
     """The schedule that separates models which explain the log equally well.
 
     Args:
-        search: the search around the models.
-        tied: the model with each of the tied effects, by id.
         floor: noise of each output, (ny,).
-        scales: full drive of each input.
-        delay: dead time of the base in samples.
     """
     ids = tuple(tied)
     record = search.estimation[0]

@@ -28,14 +28,7 @@ and by a larger share of itself, once the effect is added."""
 def named_effect(
     base: Base, selection: Selection, n: SelectedEffect, evidence: Evidence, remains: str
 ) -> NamedEffect:
-    """An accepted effect of the chain.
-
-    Args:
-        base, selection: where it was found.
-        n: the effect.
-        evidence: for it in the final model.
-        remains: what stays on its outputs, in words.
-    """
+    """An accepted effect of the chain."""
     e = about(n.id)
     names = base.parts.estimation[0].output_names
     values = values_of(base, selection.final, n.id, selection.intervals)
@@ -96,10 +89,9 @@ def indistinct_edges(
     model, warnings = base.search.model, []
     scales = base.scales
     u = np.concatenate([r.u for r in records]) / scales
-    edges = {(e.id, p.name): p.edge for e in model.effects for p in e.parameters}
     for k, interval in selection.intervals.items():
         p = model.parameters[k]
-        sign = edges.get((p.owner, p.name), 0)
+        sign = p.of.edge
         if not sign or not interval.visited or interval.low is None or interval.high is None:
             continue
         d = np.unique(np.round(sign * u[:, min(p.track, u.shape[1] - 1)], 6))

@@ -21,10 +21,8 @@ def not_followed(
     """The first sentence of a diagnosis whose model is none; empty where every output is followed.
 
     Args:
-        records: where the model was judged.
         errors: its free-run errors there, (N, ny) a record; NaN where a sample does not count.
         floor: measurement noise of each output, (ny,).
-        findings: what the checks of the log found.
     """
     e = np.concatenate(errors)
     y = np.concatenate([r.y for r in records])

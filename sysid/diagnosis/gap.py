@@ -1,12 +1,12 @@
 """The gap: how much of the error beyond the noise the added effects close on held-out data."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.documents import Document
 from sysid.data.noise import white_noise
 from sysid.data.record import Array
 
@@ -20,7 +20,7 @@ REFUTED = 0.85
 
 
 @dataclass(frozen=True)
-class ChannelGap:
+class ChannelGap(Document):
     """RMSE of one output before and after, and its noise floor with a 95 % interval."""
 
     rmse_before: float
@@ -35,7 +35,7 @@ class ChannelGap:
 
 
 @dataclass(frozen=True)
-class Gap:
+class Gap(Document):
     """Gap = RMSE² − floor² of all outputs (each in units of its base error), before and after.
 
     Attributes:
@@ -43,7 +43,6 @@ class Gap:
         noise_floor: floor of all outputs in the same units.
         closed_percent: 100 (1 − after/before).
         interval: 90 % interval of that share (block bootstrap).
-        channels: figures by output.
         parts: the share closed [%] of each part, by what it is; empty where there is but one.
     """
 
@@ -54,18 +53,6 @@ class Gap:
     interval: tuple[float, float]
     channels: dict[str, ChannelGap]
     parts: dict[str, float] = field(default_factory=dict)
-
-    def to_json(self) -> dict[str, Any]:
-        """JSON-able values."""
-        return {
-            "before": self.before,
-            "after": self.after,
-            "noise_floor": self.noise_floor,
-            "closed_percent": self.closed_percent,
-            "interval": list(self.interval),
-            "parts": self.parts,
-            "channels": {k: asdict(c) for k, c in self.channels.items()},
-        }
 
 
 def measure_gap(
@@ -106,25 +93,21 @@ def measure_gap(
     a = np.sum((old[:, at] ** 2 - floor[at] ** 2) * per, axis=1)
     b = np.sum((new[:, at] ** 2 - floor[at] ** 2) * per, axis=1)
     size = max(len(a) // BLOCKS, 5)
-    pairs = np.array(
-        [(a[k : k + size].sum(), b[k : k + size].sum()) for k in range(0, len(a), size)]
-    )
-    rng = np.random.default_rng(seed)
-    sums = pairs[rng.integers(0, len(pairs), size=(REPLICATES, len(pairs)))].sum(axis=1)
-    shares = 100.0 * (
-        1.0 - np.divide(sums[:, 1], sums[:, 0], where=sums[:, 0] > 0, out=np.ones(REPLICATES))
-    )
+    blocks = np.add.reduceat(np.column_stack([a, b]), np.arange(0, len(a), size))
     gap_before, gap_after = max(float(a.mean()), 0.0), float(b.mean())
     closed = 100.0 * (1.0 - gap_after / gap_before) if gap_before > 0 else 0.0
-    low, high = np.quantile(shares, [0.05, 0.95])
-    return Gap(
-        gap_before,
-        gap_after,
-        float(np.sum(floor[at] ** 2 / scale[at] ** 2)),
-        min(closed, 100.0),
-        (float(min(low, 100.0)), float(min(high, 100.0))),
-        channels,
-    )
+    noise = float(np.sum(floor[at] ** 2 / scale[at] ** 2))
+    interval = interval_of_closed(blocks, seed)
+    return Gap(gap_before, gap_after, noise, min(closed, 100.0), interval, channels)
+
+
+def interval_of_closed(blocks: Array, seed: int) -> tuple[float, float]:
+    """90 % interval of 100 (1 − after/before) by a bootstrap over blocks of both sums, (n, 2)."""
+    drawn = np.random.default_rng(seed).integers(0, len(blocks), (REPLICATES, len(blocks)))
+    before, after = blocks[drawn].sum(axis=1).T
+    remains = np.divide(after, before, where=before > 0.0, out=np.ones(REPLICATES))
+    low, high = np.quantile(np.minimum(100.0 * (1.0 - remains), 100.0), [0.05, 0.95]).tolist()
+    return low, high
 
 
 SPEEDS, PATH = "outputs", "path"
@@ -211,11 +194,9 @@ def carries_an_output(
     What remains on one output speaks not against an effect that carries another one: there is
     something else on that one alone. Arguments are those of ``share_closed``.
     """
-    for i in np.flatnonzero(served):
-        closed, open_ = share_closed(before, without, after, floor, np.arange(len(served)) == i)
-        if closed > open_:
-            return True
-    return False
+    each = np.eye(len(served), dtype=bool)[served]
+    shares = (share_closed(before, without, after, floor, one) for one in each)
+    return any(closed > open_ for closed, open_ in shares)
 
 
 def floor_of_errors(errors: Sequence[Array]) -> Array:

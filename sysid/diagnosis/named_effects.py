@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from sysid.data.documents import Document
+
 
 @dataclass(frozen=True)
 class Value:
@@ -89,14 +91,10 @@ class NamedEffect:
     """One accepted effect.
 
     Attributes:
-        id: in the catalogue.
         stage: actuator, motor, vehicle, sensor or any.
-        channels: outputs on which it shows.
-        parameters: its parameters with standard errors.
         delta_bic, p_value, heldout_gain: evidence; the gain is the relative fall of the held-out
             RMSE, 1 − with/without.
         indistinguishable: other effects that explain this log as well.
-        sentence: what it is and how large, in plain words.
         remains: what stays there although it is added, in words; empty where that is noise.
     """
 
@@ -144,12 +142,8 @@ class NamedEffect:
 
 
 @dataclass(frozen=True)
-class RejectedEffect:
+class RejectedEffect(Document):
     """An effect that was selected first and rejected later, with the reason."""
 
     id: str
     reason: str
-
-    def to_json(self) -> dict[str, str]:
-        """{id, reason}."""
-        return {"id": self.id, "reason": self.reason}

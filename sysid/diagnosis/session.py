@@ -22,7 +22,6 @@ from sysid.diagnosis.search.selection import (
     Selection,
     moved_to_base,
 )
-from sysid.diagnosis.search.sensitivities import sensitivities
 from sysid.diagnosis.validation.acceptance import (
     drifting_level,
     final_evidence,
@@ -65,13 +64,8 @@ class DiagnosisSession:
     """One diagnosis in progress.
 
     Attributes:
-        base: base and search.
-        noise: measurement noise of each output.
-        scales: full drive of each input.
-        seed: of every bootstrap.
         given: the session of the model that was given, where that had absorbed so much that effects
             are added to the baseline.
-        jitter: outputs whose command delay varies, where samples that this spoils were left out.
     """
 
     base: Base
@@ -177,7 +171,7 @@ class DiagnosisSession:
         """What the errors on the held-out data still depend on; None with too few samples."""
         base, candidate = self.base, selection.final if after else selection.base
         runs = holdout_runs(findings.traces(base, selection), after)
-        gradients = sensitivities(base.search, candidate, holdout=True) if candidate.free else None
+        gradients = base.search.slopes(candidate, holdout=True) if candidate.free else None
         if gradients is None:
             gradients = tuple(np.zeros((*r.y.shape, 0)) for r in base.parts.holdout)
         if sum(len(e) for e in candidate.errors.holdout) < MIN_SAMPLES:
@@ -339,10 +333,6 @@ class DiagnosisSession:
         something else on that one alone. Nor does what remains speak against an effect that closes
         some of the gap and that no other comes near: a stand-in has rivals. What an effect that is
         gone by now had taken is no part of what the others leave: else one would go after another.
-
-        Args:
-            selection: what is named.
-            least_left: of the rounds before; brought up to date.
         """
         effects = selection.effects
         if len(effects) < 2 or not self.unexplained(selection):
@@ -408,9 +398,8 @@ class DiagnosisSession:
 def poles_of(base: Base) -> Array:
     """Discrete poles of all cores of the base."""
     model = base.search.model
-    names = [f"f{k + 1}" for k in range(model.order)]
-    cores = [[base.model.q[model.index["core", n, i]] for n in names] for i in range(model.tracks)]
-    return np.concatenate([np.roots([1.0, *f]) for f in cores])
+    cores = (model.core(base.model.q, i) for i in range(model.tracks))
+    return np.concatenate([np.roots([1.0, *f]) for _, f, _ in cores])
 
 
 def least_damping(base: Base) -> float:
@@ -438,12 +427,7 @@ def noise_of(base: Base) -> NoiseFloor:
 
 @dataclass(frozen=True, eq=False)
 class SelectionResult:
-    """What a search has found.
-
-    Attributes:
-        session: where.
-        selection: the effects that it accepted.
-    """
+    """What a search has found."""
 
     session: DiagnosisSession
     selection: Selection

@@ -26,8 +26,6 @@ class Remaining:
     """What remains in the errors of the augmented model.
 
     Attributes:
-        structure: what they depend on; None where there are too few samples.
-        gap: the gap before and after.
         where: the regime that holds most of what is left beyond its size, in words; empty where
             none stands out.
     """
@@ -68,8 +66,6 @@ def verdict_of(ids: Sequence[str], remaining: Remaining, missing: bool) -> str:
     """``effects-found``, ``no-missing-effect`` or ``unexplained``.
 
     Args:
-        ids: what was named.
-        remaining: what the errors of the augmented model hold.
         missing: whether something else shows that something is missing.
     """
     # what is a matter of the log is no missing effect and explains no error
@@ -79,14 +75,7 @@ def verdict_of(ids: Sequence[str], remaining: Remaining, missing: bool) -> str:
 
 
 def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool = False) -> str:
-    """Why this verdict, in a sentence or two.
-
-    Args:
-        verdict: see ``verdict_of``.
-        ids: what was named.
-        remaining: what the errors of the augmented model hold.
-        on_rate: whether effects were looked for on the rate of the output.
-    """
+    """Why this verdict, in a sentence or two."""
     missing = [id for id in ids if id not in OF_THE_LOG]
     if verdict == "effects-found" and missing:
         return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}"

@@ -51,10 +51,6 @@ class LagGram:
         """Row and column of signal ``signal`` delayed by ``lag``."""
         return self.signals.index(signal) * (self.lags + 1) + lag
 
-    def columns(self, signal: int, first: int, count: int) -> list[int]:
-        """Columns of ``count`` lags from ``first`` on."""
-        return [self.column(signal, first + k) for k in range(count)]
-
 
 def lag_gram(
     records: Sequence[Record],

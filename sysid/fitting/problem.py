@@ -1,6 +1,7 @@
 """Least-squares problems of a fit, their parameters, and the focus."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -8,6 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
+
+Data = Sequence[tuple[Array, Array]]
+"""(u, y) of each record."""
+
+HUGE = 1e100
+"""What stands for an infinite error or slope: the solver rejects the step."""
 
 
 class Focus(Enum):

@@ -13,8 +13,9 @@ from sysid.data.record import Array, Channel
 from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, Termination
 from sysid.structures.model import Model, Provenance
+from sysid.structures.physics import ground_effects
 from sysid.structures.plant import Plant
-from sysid.structures.registry import structure_from_json
+from sysid.structures.registry import structure_from_json, structure_to_json
 from sysid.version import __version__
 
 SCHEMA = "sysid-plant/1"
@@ -36,7 +37,7 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
     ranges = {c.name: [float(a), float(b)] for c, (a, b) in zip(channels, model.ranges)}  # noqa: B905 (a model may store no ranges)
     core = {
         "kind": "core",
-        **model.structure.to_json(),
+        **structure_to_json(model.structure),
         "parameters": [
             {
                 "name": p.name,
@@ -101,7 +102,7 @@ def _symmetric(rows: tuple[str, ...], n: int) -> Array:
 
 def _ground(model: Model) -> dict[str, Any]:
     """What stands between tracks and ground: effect → parameter → [left, right], in order."""
-    ground = model.structure.ground(model.theta)
+    ground = ground_effects(model.structure, model.theta)
     effects = {
         id: {name: v.tolist() for name, v in ground.parameters[id].items()} for id in ground.effects
     }

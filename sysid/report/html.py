@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.diagnosis.diagnosis import Diagnosis, Experiment
-from sysid.diagnosis.several.words import sentences, table_of_logs
+from sysid.diagnosis.several.results import sentences, table_of_logs
 from sysid.report import diagnosis_bars, diagnosis_drawing, diagnosis_picture, style
 from sysid.report import diagnosis_words as words
 from sysid.report.plots import inline_svg, share_letters
@@ -139,14 +139,14 @@ def _path(k: int, record: str, lines: tuple[tuple[str, Array], ...]) -> dict[str
 
 def _experiments(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return [
-        {"it": e, "picture": _schedule(k, e) if len(e.rows) > 1 else ""}
+        {"it": e, "picture": _schedule(k, e) if len(e.schedule) > 1 else ""}
         for k, e in enumerate(diagnosis.next_experiments)
     ]
 
 
 def _schedule(k: int, e: Experiment) -> str:
     """The picture of one experiment's commands."""
-    rows = np.array(e.rows, dtype=np.float64)
+    rows = np.array(e.schedule, dtype=np.float64)
     return inline_svg(
         f"next{k}",
         diagnosis_drawing.schedule_size(e.columns),

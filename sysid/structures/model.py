@@ -17,13 +17,13 @@ from sysid.data.same_kind import SAME_CLOCK, difference
 from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
+from sysid.fitting.searchable import StartReport
 from sysid.structures.base import Structure
-from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.transfer import TransferMatrix
-from sysid.structures.outcome import StartReport
+from sysid.structures.motion import initial_state_window
 from sysid.structures.plant import Plant
-from sysid.structures.registry import require_readable, structure_from_json
+from sysid.structures.registry import require_readable, structure_from_json, structure_to_json
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
@@ -126,6 +126,13 @@ class _ModelFile:
     level: Mapping[str, Any] | None = None  # of 0.1.0, the first models had none
 
 
+_AS_THEY_ARE = (
+    *("inputs", "outputs", "n_estimated", "at_bound", "null_directions"),
+    *("starts", "warnings", "provenance"),
+)
+"""Fields that a file holds under the same name and in the same form as the model."""
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """A fitted structure.
@@ -217,7 +224,7 @@ class Model:
                 p.unit,
                 p.fixed is not None,
                 p.name in self.at_bound,
-                p.fixed is not None or p.name not in unseen or self.structure.linear,
+                p.fixed is not None or p.name not in unseen or self.structure.traits.linear,
             )
             for p, v, s in zip(self.parameters, self.theta, errors, strict=True)
         )
@@ -384,7 +391,7 @@ class Model:
         described: dict[str, Any] = documents.plain(
             {
                 "schema": SCHEMA,
-                **self.structure.to_json(),
+                **structure_to_json(self.structure),
                 "parameters": [
                     {
                         "name": p.name,
@@ -398,21 +405,14 @@ class Model:
                 ],
                 "covariance": self.covariance,
                 "sample_time": self.dt,
-                "inputs": self.inputs,
-                "outputs": self.outputs,
                 "detrend": self.detrend.to_json(),
                 "level": self.operating_point.to_json(),
                 "noise_covariance": self.noise_covariance,
-                "n_estimated": self.n_estimated,
                 "criteria": self.criteria,
                 "termination": self.termination.code,
                 "initial_states": self.initial_states,
                 "ranges": self.ranges,
-                "at_bound": self.at_bound,
-                "null_directions": self.null_directions,
-                "starts": self.starts,
-                "warnings": self.warnings,
-                "provenance": vars(self.provenance),
+                **{name: getattr(self, name) for name in _AS_THEY_ARE},
             }
         )
         return described
@@ -439,25 +439,18 @@ class Model:
                 covariance=_array(file.covariance, len(theta), np.inf),
                 parameters=tuple(p.parameter() for p in file.parameters),
                 dt=file.sample_time,
-                inputs=file.inputs,
-                outputs=file.outputs,
                 detrend=detrend,
                 noise_covariance=_array(file.noise_covariance, len(file.outputs), np.nan),
-                n_estimated=file.n_estimated,
                 criteria={k: np.nan if v is None else v for k, v in file.criteria.items()},
                 termination=_termination(file.termination),
                 initial_states=tuple(np.array(x, dtype=np.float64) for x in file.initial_states),
                 ranges=np.array(file.ranges, dtype=np.float64).reshape(-1, 2),
-                at_bound=file.at_bound,
-                null_directions=file.null_directions,
-                starts=file.starts,
-                warnings=file.warnings,
-                provenance=file.provenance,
                 operating_point=(
                     OperatingPoint.of_detrend(detrend)
                     if file.level is None
                     else OperatingPoint.from_json(file.level)
                 ),
+                **{name: getattr(file, name) for name in _AS_THEY_ARE},
             )
             return model.tried()
         except DAMAGED as error:

@@ -31,13 +31,14 @@ from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.difference_equations.expressions import FUNCTIONS
 from sysid.structures.grey_box.constants import Constant
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
-from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
 from sysid.structures.grey_box.tanks import Tanks
 from sysid.structures.model import Model
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_network import KINDS as ESTIMATORS
 from sysid.structures.narx.wavelet_network import RowDesign
+from sysid.structures.traits import Traits
 
 EXACT = 1e-10
 """Relative to the output's range: other orders of addition and another libm cost some 1e-16 a
@@ -322,9 +323,11 @@ class _Filling(GreyBox):
     """A tank written in a way of which C knows nothing."""
 
     name: ClassVar[str] = "filling"
-    title: ClassVar[str] = "Filling"
-    equation: ClassVar[str] = "dh/dt = u - k h"
-    when: ClassVar[str] = "tests"
+    traits: ClassVar[Traits] = grey_box_traits(
+        title="Filling",
+        equation="dh/dt = u - k h",
+        when="tests",
+    )
     way: ClassVar[str] = "sinc"
 
     @property

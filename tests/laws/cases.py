@@ -78,7 +78,7 @@ class Case:
 def driven_by(structure: Structure, theta: Array, u: Array, e: Array) -> Array:
     """y (N, ny) whose one-step errors are e; samples without prediction keep the free run."""
     y = structure.simulate(theta, u)
-    if not structure.has_noise_model:
+    if not structure.traits.has_noise_model:
         return y + e
     for t in range(len(u)):  # a prediction looks back only: the first miss is the error itself
         y[t] += np.nan_to_num(e[t] - structure.errors(theta, u[: t + 1], y[: t + 1], 0)[t])
@@ -123,7 +123,7 @@ def _polynomial(
     slow: list[float] | None,
     runaway: list[float] | None,
 ) -> Case:
-    nu = int(structure_class(name).takes_inputs)
+    nu = int(structure_class(name).traits.takes_inputs)
     made = structure_class(name).from_orders(orders, nu, 1)
     own = [None if t is None else np.array(t) for t in (slow, runaway)]
     return Case(made, np.array(theta), made, *own, noise=0.1)

@@ -17,15 +17,15 @@ from sysid.errors import SysidError, Termination, UsageError
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.solvers import many_starts
+from sysid.methods.grey_box import _determined
+from sysid.methods.grey_box_starts import Setting
 from sysid.structures.grey_box import runs as grey_box_runs
 from sysid.structures.grey_box.constants import Constant, Rung
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
-from sysid.structures.grey_box.fit import _determined
-from sysid.structures.grey_box.starts import Setting
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.grey_box.tanks import Tanks
-from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.model import Model
+from sysid.structures.motion import initial_state_window
 from sysid.structures.registry import structure_class
 
 VOLTS = Channel("u", "V")

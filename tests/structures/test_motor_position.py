@@ -9,7 +9,7 @@ from command_line import Capture, run, write_log
 from sysid.data.integrating import is_position
 from sysid.data.record import Array, Channel, Record
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
-from sysid.structures.initial_state_window import LONGEST_HEAD, initial_state_window
+from sysid.structures.motion import LONGEST_HEAD, initial_state_window
 
 GAIN, TAU, DRY, LOAD = 0.17, 0.45, 0.5, -0.09
 DT, N = 0.02, 1500

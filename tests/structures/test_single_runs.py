@@ -9,6 +9,7 @@ from sysid.data.record import Array
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.grey_box.tanks import Tanks
+from sysid.structures.special_runs import readout
 
 MOTOR = {
     "gain": 2.0,
@@ -27,7 +28,7 @@ TRACKS = {**MOTOR, "gain": [2.0, 2.4], "coulomb": [0.8, 0.6], "coupling": -0.3}
 
 def on_both(s: GreyBox, theta: Array, inputs: Array, x: Array) -> tuple[Array, Array]:
     """States along a run on plain numbers, and each from the one before it on arrays."""
-    step, read, p = s.step(theta), s.readout(theta), s.prepared(np, s.unpack(np, theta), s.h)
+    step, read, p = s.step(theta), readout(s, theta), s.prepared(np, s.unpack(np, theta), s.h)
     plain, arrays = [], []
     for u in inputs:
         after, y = step(x, u)

@@ -9,7 +9,8 @@ import numpy as np
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
 from sysid.structures.grey_box.constants import Constant, Signal
-from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
+from sysid.structures.traits import Traits
 
 
 @dataclass(frozen=True)
@@ -17,9 +18,11 @@ class Pendulum(GreyBox):
     """φ̈ = k u − d φ̇ − ω² sin φ,  y = φ [rad]."""
 
     name: ClassVar[str] = "pendulum"
-    title: ClassVar[str] = "Pendulum with a drive at its axle: a grey box"
-    equation: ClassVar[str] = "d²φ/dt² = gain·u − damping·dφ/dt − omega²·sin φ"
-    when: ClassVar[str] = "an arm that hangs and swings, its angle measured in radians"
+    traits: ClassVar[Traits] = grey_box_traits(
+        title="Pendulum with a drive at its axle: a grey box",
+        equation="d²φ/dt² = gain·u − damping·dφ/dt − omega²·sin φ",
+        when="an arm that hangs and swings, its angle measured in radians",
+    )
 
     @classmethod
     def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:

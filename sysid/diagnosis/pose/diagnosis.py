@@ -77,20 +77,15 @@ class PoseDiagnosis:
     """What is missing between tracks and ground.
 
     Attributes:
-        effects: accepted effects in order of acceptance.
-        ground: the same with their parameters, for a model.
         std_errors: effect → parameter → standard error of the left and the right track, (2,);
             0 where a parameter was not free.
         candidates: (effect, score) of every one at the first stage, best first; the score is the
             share of the error of the increments that it takes away.
         gap: held-out increments x, y (forward, lateral [m]) and psi [rad] before and after, over
             the windows that the effects move.
-        whole: the same over all held-out windows.
-        residuals: what the increments are still off by.
         detectable: per effect the smallest change of its parameter that these logs would have
             shown; None where they cannot.
         windows: windows (estimation, held-out); they overlap fourfold.
-        warnings: sentences.
         geometry: the vehicle's lengths, where they had to be estimated from the pose.
     """
 

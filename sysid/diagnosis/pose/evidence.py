@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
-from sysid.diagnosis.gap import REPLICATES, ChannelGap, Gap
+from sysid.diagnosis.gap import ChannelGap, Gap, interval_of_closed
 from sysid.diagnosis.policies import POSE
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.effects.ground import Ground
@@ -121,30 +121,20 @@ def pose_gap(
     Args:
         pairs: errors before and after of each record (see ``holdout_pairs``).
         floor: noise of the increments, (3,).
-        seed: of the bootstrap.
         everywhere: over all windows instead.
     """
     at = [np.ones(len(a), dtype=bool) for a, _ in pairs] if everywhere else _touched(pairs)
     old, new = (np.concatenate([p[i][t] for p, t in zip(pairs, at, strict=True)]) for i in (0, 1))
-    groups = np.arange(len(old)) // OVERLAP
-    excess = np.array(
-        [
-            [np.sum(e[groups == g] ** 2 - 1.0) for e in (old, new)]
-            for g in range(int(groups[-1]) + 1)
-        ]
-    )
-    drawn = np.random.default_rng(seed).integers(0, len(excess), (REPLICATES, len(excess)))
-    sums = excess[drawn].sum(axis=1)
-    shares = [100.0 * (1.0 - max(b, 0.0) / a) if a > 0 else 0.0 for a, b in sums]
+    each = np.column_stack([np.sum(e**2 - 1.0, axis=1) for e in (old, new)])
+    excess = np.add.reduceat(each, np.arange(0, len(each), OVERLAP))
     before, after = (excess.sum(axis=0) / len(old)).tolist()
-    low, high = np.quantile(shares, [0.05, 0.95]).tolist()
     rms = [np.sqrt(np.mean(e**2, axis=0)) * floor for e in (old, new)]
     return Gap(
         before=max(before, 0.0),
         after=after,
         noise_floor=float(len(CHANNELS)),
         closed_percent=100.0 * (1.0 - max(after, 0.0) / before) if before > 0 else 0.0,
-        interval=(low, high),
+        interval=interval_of_closed(excess, seed),
         channels={
             name: ChannelGap(float(rms[0][i]), float(rms[1][i]), float(floor[i]))
             for i, name in enumerate(CHANNELS)

@@ -70,8 +70,6 @@ def against(
     """The objection to an accepted effect, in words after its name; empty where there is none.
 
     Args:
-        evidence: of the final model against that without the effect.
-        parameters: its free parameters; none where it is read off the data.
         needed: what the held-out error must fall below, as a share of before.
     """
     if not evidence.delta_bic < RULE.bic:

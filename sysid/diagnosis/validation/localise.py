@@ -1,12 +1,12 @@
 """Where simulation and data disagree: the excess error by regime, with its uncertainty."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.documents import Document
 from sysid.data.record import Array, Record
 from sysid.robot.calibration.windows import track_channels
 
@@ -23,11 +23,10 @@ STANDS_OUT = 1.15
 
 
 @dataclass(frozen=True)
-class Region:
+class Region(Document):
     """One regime of one output.
 
     Attributes:
-        region: in words.
         share_of_excess: share of the squared error above the noise floor that lies here.
         share_of_samples: share of the samples that lie here.
         interval: 90 % interval of the share of excess (block bootstrap).
@@ -47,10 +46,6 @@ class Region:
             f"(90 % interval {100 * self.interval[0]:.0f}–{100 * self.interval[1]:.0f} %)."
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """{region, share_of_excess, share_of_samples, interval}."""
-        return asdict(self)
-
 
 def localise(
     records: Sequence[Record], errors: Sequence[Array], floor: Array, scales: Array, seed: int = 0
@@ -58,11 +53,8 @@ def localise(
     """Regimes ordered by how much of the excess error they hold beyond their size.
 
     Args:
-        records: where the model was run.
         errors: free-run errors (N, ny) on each; NaN where a sample does not count.
         floor: measurement noise of each output, (ny,).
-        scales: full drive of each track's command.
-        seed: of the bootstrap.
     """
     rng = np.random.default_rng(seed)
     regions: list[Region] = []

@@ -136,7 +136,7 @@ def step_responses(model: Model) -> tuple[StepResponse, ...]:
         Output by output, input by input, the small steps first; nothing for a model without
         inputs, and no pair whose input cannot reach the output.
     """
-    linear = model.structure.linear
+    linear = model.structure.traits.linear
     responses = [
         step
         for j in range(len(model.inputs))
@@ -226,7 +226,7 @@ def _levels(model: Model, j: int, share: float | None) -> tuple[float, float]:
 def _response(model: Model, theta: Array, j: int, start: float, level: float, length: int) -> Array:
     """All outputs after a step of input j, less what they were before, (length, ny)."""
     structure = model.structure
-    if structure.linear:  # superposition: a step from rest
+    if structure.traits.linear:  # superposition: a step from rest
         u = np.zeros((length, structure.nu))
         u[:, j] = level - start
         return structure.simulate(theta, u)

@@ -16,11 +16,11 @@ from sysid.errors import UsageError
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import hold_out, longest_of
-from sysid.structures.held_out_error import free_run_error
+from sysid.methods.held_out_error import free_run_error
 from sysid.structures.linear import closed_form
-from sysid.structures.linear.arx import ARX
 from sysid.structures.linear.arx_at_once import promising, solved_at_once
 from sysid.structures.linear.constant_input import constant_places, with_constant, with_ones
+from sysid.structures.linear.families import ARX
 
 POLICIES = ("auto", "none", "mean", "linear", "level")
 

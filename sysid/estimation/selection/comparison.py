@@ -69,7 +69,7 @@ class Ranked:
             "residuals": self.residuals,
             "doubts": list(doubts_about(m).clauses),
             "step_time_s": self.step_time,
-            "tells": m.structure.tells,
+            "tells": m.structure.traits.tells,
         }
 
 

@@ -10,7 +10,7 @@ from sysid.data.record import Array
 from sysid.structures.augmented.chain import drive_before
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
-from sysid.structures.registry import structure_from_json
+from sysid.structures.registry import structure_from_json, structure_to_json
 
 
 def begins_at_rest(u0: Array, y0: Array, y: Array) -> bool:
@@ -88,7 +88,7 @@ class GivenBase:
     def to_json(self) -> dict[str, Any]:
         """JSON-able values."""
         return {
-            "structure": self.structure.to_json(),
+            "structure": structure_to_json(self.structure),
             "theta": self.theta.tolist(),
             "u0": self.u0.tolist(),
             "y0": self.y0.tolist(),

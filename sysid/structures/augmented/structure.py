@@ -3,22 +3,19 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.record import Array, Channel, Index
 from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import chain_effects, effect, in_chain
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.effects.sensor import SAMPLING
 from sysid.fitting.problem import (
-    Focus,
-    Initial,
     Parameter,
-    Problem,
 )
 from sysid.structures.augmented.chain import (
     ChainState,
@@ -31,11 +28,11 @@ from sysid.structures.augmented.chain import (
     with_constants,
 )
 from sysid.structures.augmented.given_base import GivenBase
-from sysid.structures.augmented.runs import ChainRuns
 from sysid.structures.base import Structure
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
+from sysid.structures.motion import poles, time_constants
+from sysid.structures.physics import friction_entries, ground_effects, identified_effects
+from sysid.structures.special_runs import readout
+from sysid.structures.traits import Traits
 
 SLOPE = 1e-5
 """Relative shift of a parameter for its slope: the root of what rounding leaves of a long run."""
@@ -61,12 +58,13 @@ class Augmented(Structure):
     """
 
     name: ClassVar[str] = "augmented"
-    tells: ClassVar[str] = "gain and time constants, and each effect with its parameters"
-    title: ClassVar[str] = "Augmented: a linear core with named physical effects"
-    equation: ClassVar[str] = "τ ω̇ = T − ω, T = K d, with the effects in their places"
-    order_names: ClassVar[tuple[str, ...]] = ("n", "nk")
-    has_noise_model: ClassVar[bool] = False
-    begins_at_values: ClassVar[bool] = True
+    traits: ClassVar[Traits] = Traits(
+        title="Augmented: a linear core with named physical effects",
+        equation="τ ω̇ = T − ω, T = K d, with the effects in their places",
+        order_names=("n", "nk"),
+        tells="gain and time constants, and each effect with its parameters",
+        has_noise_model=False,
+    )
 
     order: int
     delay: int
@@ -134,21 +132,6 @@ class Augmented(Structure):
         effects = [effect(id) for id in self.effects]
         return sum(len(e.parameters) * (1 if e.shared else self.ny) for e in effects)
 
-    def ground(self, theta: Array) -> Ground:
-        """The effects of the vehicle, which the chain leaves to those who move it."""
-        _, values = self.unpack(theta)
-        ids = [id for id in self.effects if effect(id).place is Place.POSE]
-        return Ground(tuple(ids), {id: values[id] for id in ids})
-
-    def identified(self, theta: Array) -> Identified:
-        """The effects of command and torque; none where another model drives the chain."""
-        if self.given is not None:  # its outputs, not the commands, are what the effects act on
-            return Identified()
-        core, values = self.unpack(theta)
-        ids = [e.id for e in self.active if e.place in (Place.COMMAND, Place.TORQUE)]
-        parameters = {id: values[id] for id in ids}
-        return Identified(tuple(ids), parameters, core.gain, np.array(self.scales))
-
     @cached_property
     def _indices(self) -> tuple[Index, Index, Index, dict[str, Index]]:
         """Entries of θ: K (tracks,), f (n, tracks), b₂ … (n − 1, tracks), effects by id."""
@@ -166,57 +149,26 @@ class Augmented(Structure):
         return first, f, b, effects
 
     def unpack(self, theta: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
-        """θ as a core and as each effect's parameters, one value a track."""
+        """θ (…, n) as a core and as each effect's parameters, one value a track: (…, tracks)."""
         xp: Any = theta.__array_namespace__()
         gain, f, b, effects = self._indices
-        denominator, numerator = theta[f], theta[b]
-        largest = 1.0 + denominator.sum(axis=0) - numerator.sum(axis=0)
+        denominator, numerator = ([theta[..., row] for row in rows] for rows in (f, b))
+        largest = 1.0 + sum(denominator) - sum(numerator, 0.0)
         parameters = {
-            id: {p.name: theta[at[k]] for k, p in enumerate(effect(id).parameters)}
+            id: {p.name: theta[..., at[k]] for k, p in enumerate(effect(id).parameters)}
             for id, at in effects.items()
         }
-        return Core(
-            theta[gain], denominator, xp.concatenate([largest[None], numerator])
-        ), parameters
-
-    def friction_entries(self) -> tuple[int, ...]:
-        """The parameters with which an effect holds a track at standstill."""
-        entries: list[int] = []
-        for e in self.active:
-            for k, p in enumerate(e.parameters if e.holds else ()):
-                alone = {q.name: float(q.name == p.name) for q in e.parameters}
-                if e.holds is not None and e.holds(alone):
-                    entries += sorted(set(self._indices[3][e.id][k].tolist()))
-        return tuple(entries)
-
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One: the errors of the free run, from the first measurements on.
-
-        The diagnosis finds effects and their first values in its full model; from there on the
-        structure is fitted like any other.
-        """
-        return (ChainRuns(self, [(r.u, r.y) for r in records]),)
+        core = Core(theta[..., gain], xp.stack(denominator), xp.stack([largest, *numerator]))
+        return core, parameters
 
     def first_sample(self) -> int:
         """Free-run structures predict from the first sample."""
         return 0
 
-    def _shape(self, theta: Array) -> tuple[ChainState, int]:
-        core, _ = self.unpack(theta)
-        state = rest_state(np, self.active, core, np.zeros(self.ny))
-        return state, _at_rest(state, np.zeros((self.delay - 1, self.ny))).size
-
-    def fitter(self) -> "Fitter":
-        """The search from given values only."""
-        from sysid.structures.augmented.fit import fit
-
-        return fit
-
     def n_states(self, theta: Array) -> int:
-        """Core, effects and dead time, before them those of the given model."""
-        return self._shape(theta)[1] + self._given_states
+        """Core, effects, dead time, angles and clock, before them those of the given model."""
+        rows = self.order + sum(e.states for e in self.active) + self.delay - 1
+        return self._given_states + self.ny * (rows + 2) + 1
 
     @property
     def _given_states(self) -> int:
@@ -238,8 +190,9 @@ class Augmented(Structure):
             drive = drive_before(drive, y)
             before = drive_before(u[0] / np.array(self.scales), y)
         state = rest_state(np, self.active, core, w, drive)
-        line = np.repeat(before[None], self.delay - 1, axis=0)
-        return np.concatenate([head, _at_rest(state, line)])
+        line = [before] * (self.delay - 1)
+        zeros = np.zeros(self.ny)
+        return np.concatenate([head, _flat(np, state, line, np.zeros(1), (zeros, zeros))])
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
         x = np.zeros(self.n_states(theta)) if x0 is None else x0
@@ -253,46 +206,12 @@ class Augmented(Structure):
             u: commands of all runs, (N, nu).
             states: initial states, (L, n_states); those of the given model are alike.
         """
-        lag, tracks, n_given = self.delay - 1, self.ny, self._given_states
-        core, parameters = self._side_by_side(thetas)
-        whole = with_constants(np, self.active, core, parameters, self.dt)
-        template, _ = self._shape(thetas[0])
-        parts = [_unflat(x[n_given:], template, lag, tracks) for x in states]
-        state: ChainState = (
-            np.stack([p[0][0] for p in parts], axis=1),
-            tuple(
-                tuple(np.stack(values) for values in zip(*effect_states, strict=True))
-                for effect_states in zip(*(p[0][1] for p in parts), strict=True)
-            ),
-        )
-        before = np.stack([p[1] for p in parts], axis=1)
-        clock = float(parts[0][2][0])
-        turned, counted = (np.stack([p[3][k] for p in parts]) for k in (0, 1))
-        drive = self._drive(u, states[0, :n_given])
-        out = np.zeros((len(thetas), len(u), tracks))
-        for k in range(len(u)):
-            now = np.broadcast_to(drive[k - lag], turned.shape) if k >= lag else before[k]
-            sample = Sample(now, now, np.float64(clock), turned, counted)
-            speed = state[0][0]
-            state, y = step_with(np, self.active, core, whole, state, sample, self.dt)
-            turned = turned + 0.5 * self.dt * (speed + state[0][0])
-            counted = counted + self.dt * y
-            clock += self.dt
-            out[:, k] = y
+        n_given = self._given_states
+        step, x = self._chain(thetas), states[:, n_given:]
+        out = np.zeros((len(thetas), len(u), self.ny))
+        for k, drive in enumerate(self._drive(u, states[0, :n_given])):
+            x, out[:, k] = step(x, np.broadcast_to(drive, out[:, k].shape))
         return out
-
-    def _side_by_side(self, thetas: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
-        """Cores and effects' parameters of many θ: one value a run and track."""
-        cores, values = zip(*(self.unpack(theta) for theta in thetas), strict=True)
-        core = Core(
-            np.stack([c.gain for c in cores]),
-            np.stack([c.f for c in cores], axis=1),
-            np.stack([c.b for c in cores], axis=1),
-        )
-        return core, {
-            id: {name: np.stack([v[id][name] for v in values]) for name in values[0][id]}
-            for id in self.effects
-        }
 
     def _drive(self, u: Array, head: Array) -> Array:
         """What drives the chain: the commands, or what the given model makes of them."""
@@ -304,38 +223,50 @@ class Augmented(Structure):
         return drive
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        return self.traced_step(theta, theta)
-
-    def traced_step(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
-        """One sample, its parameters in the namespace of θ."""
-        core, parameters = self.unpack(theta)
-        template, _ = self._shape(like)
-        active, lag, tracks = self.active, self.delay - 1, self.ny
-        scales, dt, n_given = np.array(self.scales), self.dt, self._given_states
+        chain, scales, n_given = self._chain(theta), np.array(self.scales), self._given_states
         base = None if self.given is None else self.given.step()
-        whole = with_constants(theta.__array_namespace__(), active, core, parameters, dt)
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             xp: Any = x.__array_namespace__()
             head, drive = (x[:0], u / scales) if base is None else base(x[:n_given], u)
-            state, line, clock, angles = _unflat(x[n_given:], template, lag, tracks)
-            line = xp.concatenate([line, drive[None]])
-            speed = state[0][0]
-            sample = Sample(line[0], line[0], clock[0], *angles)
-            state, y = step_with(xp, active, core, whole, state, sample, dt)
-            turned = angles[0] + 0.5 * dt * (speed + state[0][0])
-            counted = angles[1] + dt * y
-            following = _flat(xp, state, line[1:], clock + dt, (turned, counted))
+            following, y = chain(x[n_given:], drive)
             return xp.concatenate([head, following]), y
 
         return advance
 
-    def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
-        """The speeds in the state, which the reading is unless an effect changes it."""
-        if any(e.place is Place.READING for e in self.active):
-            return super().readout(theta)
-        n_given, tracks = self._given_states, self.ny
-        return lambda x, u: x[n_given : n_given + tracks]
+    def _chain(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """(x (…, n), drive (…, tracks)) → (x⁺, y) of the chain alone, its θ (…, n)."""
+        core, parameters = self.unpack(theta)
+        active, dt = self.active, self.dt
+        whole = with_constants(theta.__array_namespace__(), active, core, parameters, dt)
+
+        def advance(x: Array, drive: Array) -> tuple[Array, Array]:
+            xp: Any = x.__array_namespace__()
+            state, line, clock, angles = self._unflat(xp, x)
+            line = [*line, drive]
+            speed = state[0][0]
+            state, y = step_with(
+                xp, active, core, whole, state, Sample(line[0], line[0], clock, *angles), dt
+            )
+            turned = angles[0] + 0.5 * dt * (speed + state[0][0])
+            return _flat(xp, state, line[1:], clock + dt, (turned, angles[1] + dt * y)), y
+
+        return advance
+
+    def _unflat(
+        self, xp: Any, x: Array
+    ) -> tuple[ChainState, list[Array], Array, tuple[Array, Array]]:
+        """Core and effects, delayed commands, clock, angles; undoes ``_flat``."""
+        tracks, n = self.ny, self.order
+        count = n + sum(e.states for e in self.active) + self.delay - 1
+        rows = [x[..., k * tracks : (k + 1) * tracks] for k in range(count)]
+        clock, angles = x[..., count * tracks], x[..., count * tracks + 1 :]
+        effect_states, at = [], n
+        for e in self.active:
+            effect_states.append(tuple(rows[at : at + e.states]))
+            at += e.states
+        state = (xp.stack(rows[:n]), tuple(effect_states))
+        return state, rows[at:], clock[..., None], (angles[..., :tracks], angles[..., tracks:])
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """Free-run errors: there is no noise model."""
@@ -349,20 +280,9 @@ class Augmented(Structure):
     def stable(self, theta: Array) -> bool:
         """Whether core and given model are stable; effects only dissipate or bound."""
         base = self.given
-        if not np.all(np.isfinite(theta)) or np.any(np.abs(self.poles(theta)) >= 1.0):
+        if not np.all(np.isfinite(theta)) or np.any(np.abs(poles(self, theta)) >= 1.0):
             return False
         return base is None or base.structure.stable(base.theta)
-
-    def poles(self, theta: Array) -> NDArray[np.complex128]:
-        core, _ = self.unpack(theta)
-        roots = [np.roots([1.0, *core.f[:, i]]) for i in range(self.ny)]
-        return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
-
-    def time_constants(self, theta: Array) -> Array:
-        of_core, base = super().time_constants(theta), self.given
-        if base is None:
-            return of_core
-        return np.concatenate([of_core, base.structure.time_constants(base.theta)])
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ by central differences."""
@@ -415,6 +335,62 @@ class Augmented(Structure):
         }
 
 
+@ground_effects.register
+def _(s: Augmented, theta: Array) -> Ground:
+    """The effects of the vehicle, which the chain leaves to those who move it."""
+    _, values = s.unpack(theta)
+    ids = [id for id in s.effects if effect(id).place is Place.POSE]
+    return Ground(tuple(ids), {id: values[id] for id in ids})
+
+
+@identified_effects.register
+def _(s: Augmented, theta: Array) -> Identified:
+    """The effects of command and torque; none where another model drives the chain."""
+    if s.given is not None:  # its outputs, not the commands, are what the effects act on
+        return Identified()
+    core, values = s.unpack(theta)
+    ids = [e.id for e in s.active if e.place in (Place.COMMAND, Place.TORQUE)]
+    parameters = {id: values[id] for id in ids}
+    return Identified(tuple(ids), parameters, core.gain, np.array(s.scales))
+
+
+@friction_entries.register
+def _(s: Augmented) -> tuple[int, ...]:
+    """The parameters with which an effect holds a track at standstill."""
+    entries: list[int] = []
+    for e in s.active:
+        for k, p in enumerate(e.parameters if e.holds else ()):
+            alone = {q.name: float(q.name == p.name) for q in e.parameters}
+            if e.holds is not None and e.holds(alone):
+                entries += sorted(set(s._indices[3][e.id][k].tolist()))
+    return tuple(entries)
+
+
+@readout.register
+def _(s: Augmented, theta: Array) -> Callable[[Array, Array], Array]:
+    """The speeds in the state, which the reading is unless an effect changes it."""
+    if any(e.place is Place.READING for e in s.active):
+        step = s.step(theta)
+        return lambda x, u: step(x, u)[1]
+    n_given, tracks = s._given_states, s.ny
+    return lambda x, u: x[n_given : n_given + tracks]
+
+
+@poles.register
+def _(s: Augmented, theta: Array) -> NDArray[np.complex128]:
+    core, _ = s.unpack(theta)
+    roots = [np.roots([1.0, *core.f[:, i]]) for i in range(s.ny)]
+    return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
+
+
+@time_constants.register
+def _(s: Augmented, theta: Array) -> Array:
+    of_core, base = time_constants.dispatch(Structure)(s, theta), s.given
+    if base is None:
+        return of_core
+    return np.concatenate([of_core, time_constants(base.structure, base.theta)])
+
+
 def _named(
     name: str, values: Array, e: Effect, outputs: Sequence[Channel]
 ) -> list[tuple[str, float]]:
@@ -425,38 +401,9 @@ def _named(
 
 
 def _flat(
-    xp: Any, state: ChainState, line: Array, clock: Array, angles: tuple[Array, Array]
+    xp: Any, state: ChainState, line: Sequence[Array], clock: Array, angles: tuple[Array, Array]
 ) -> Array:
-    """State as one vector: core, effects, delayed commands, clock (1,), angles."""
+    """State as one vector (…, n): core, effects, delayed commands, clock (…, 1), angles."""
     effect_states = (s for states in state[1] for s in states)
-    parts = [xp.reshape(p, (-1,)) for p in (state[0], *effect_states, line)]
-    flat: Array = xp.concatenate([*parts, clock, *angles])
+    flat: Array = xp.concatenate([*state[0], *effect_states, *line, clock, *angles], axis=-1)
     return flat
-
-
-def _at_rest(state: ChainState, line: Array) -> Array:
-    """The state in which time and angles are zero."""
-    tracks = line.shape[1]
-    return _flat(np, state, line, np.zeros(1), (np.zeros(tracks), np.zeros(tracks)))
-
-
-def _unflat(
-    x: Array, template: ChainState, lag: int, tracks: int
-) -> tuple[ChainState, Array, Array, tuple[Array, Array]]:
-    n = template[0].size
-    core, at = x[:n].reshape(template[0].shape), n
-    effect_states = []
-    for states in template[1]:
-        block = []
-        for _ in states:
-            block.append(x[at : at + tracks])
-            at += tracks
-        effect_states.append(tuple(block))
-    line = x[at : at + lag * tracks].reshape(lag, tracks)
-    at += lag * tracks
-    return (
-        (core, tuple(effect_states)),
-        line,
-        x[at : at + 1],
-        (x[at + 1 : at + 1 + tracks], x[at + 1 + tracks :]),
-    )

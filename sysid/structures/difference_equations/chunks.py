@@ -12,14 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import HUGE, Data, Problem
+from sysid.fitting.run_errors import output_scales
 from sysid.structures.difference_equations.free_run import Chunks, FreeRun
-
-Data = Sequence[tuple[Array, Array]]
-"""(u, y) of each record."""
-
-DIVERGED = 1e100
-"""What stands for an infinite error or slope: the solver rejects the step."""
 
 
 class Piece(NamedTuple):
@@ -62,12 +57,6 @@ def side_by_side(
     return Chunks(u, past, y, inside)
 
 
-def spreads(ys: Sequence[Array]) -> Array:
-    """Standard deviation of each output over all records, 1 where it does not move, (ny,)."""
-    deviations = np.std(np.concatenate(ys), axis=0)
-    return np.where(deviations > 0.0, deviations, 1.0)
-
-
 class ChunkedRuns(Problem):
     """Free-run errors over chunks of the data, each started from its measured past.
 
@@ -92,7 +81,7 @@ class ChunkedRuns(Problem):
         centre: Array | None = None,
     ) -> None:
         self._run = run
-        self._scale = spreads([y for _, y in data]) if scale is None else scale
+        self._scale = output_scales([y for _, y in data]) if scale is None else scale
         self.index = np.unique(np.concatenate([np.zeros(0, dtype=int), *run.theta_index]))
         self.n_initial = 0
         where = pieces(run, data, length)
@@ -131,5 +120,5 @@ class ChunkedRuns(Problem):
         J = S[..., self.index].transpose(2, 1, 0, 3)[self._inside]
         draw = np.zeros((len(self._drawn), len(p)))
         draw[np.arange(len(self._drawn)), self._drawn] = self._pull
-        J = np.nan_to_num(J, nan=0.0, posinf=DIVERGED, neginf=-DIVERGED)
+        J = np.nan_to_num(J, nan=0.0, posinf=HUGE, neginf=-HUGE)
         return np.concatenate([J, draw])

@@ -143,15 +143,16 @@ class FreeRun(ABC):
         """(x, u) → (x⁺, y)."""
         source, n = self.shift().tolist(), self.n_states
         lows, highs = zip(*self.limits, strict=True)
-        numbers = isinstance(theta, np.ndarray)
-        plain = self.parts(floats, theta, self.place) if numbers else None
+
+        def prepared(xp: Any) -> tuple[OfInputs, OfOutputs, Callable[[Any, Any, Any], Any]]:
+            return *self.parts(xp, theta, self.place), kept_inside(xp)
+
+        plain = prepared(floats) if isinstance(theta, np.ndarray) else None
 
         def advance(xp: Any, x: Any, u: Any) -> tuple[list[Any], list[Any]]:
             known = [*x, *u]
-            of_plain = plain if xp is floats else None
-            of_inputs, of_outputs = of_plain or self.parts(xp, theta, self.place)
-            values = of_outputs(known, of_inputs(known))
-            y = list(map(kept_inside(xp), values, lows, highs))
+            of_inputs, of_outputs, keep = plain if xp is floats and plain else prepared(xp)
+            y = list(map(keep, of_outputs(known, of_inputs(known)), lows, highs))
             pool = [*known[:n], *y, *known[n:]]
             return [pool[k] for k in source], y
 

@@ -9,7 +9,7 @@ register theirs under the entry-point group ``sysid.structures``.
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -18,10 +18,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.data.schema import checked
 from sysid.errors import UsageError, argument
 from sysid.fitting.problem import (
-    Focus,
-    Initial,
     Parameter,
-    Problem,
 )
 from sysid.outside_text import whole
 from sysid.runners import floats
@@ -30,17 +27,36 @@ from sysid.runners.single import ahead, in_floats
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
 from sysid.structures.grey_box.runs import (
-    GreyErrors,
     fitted_state,
     free_run,
     stays_bounded,
     tangents,
 )
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
+from sysid.structures.motion import time_constants
+from sysid.structures.special_runs import readout
+from sysid.structures.traits import Traits
 
 MAX_SUBSTEPS = 1000
+
+OPTIONS: Mapping[str, str] = {
+    "substeps": "integration steps in a sample; chosen from the time constants unless given",
+    "free": "constants to estimate that are fixed by default, separated by commas",
+}
+"""Options of every grey box."""
+
+
+def grey_box_traits(
+    title: str, equation: str, when: str, options: Mapping[str, str] | None = None
+) -> Traits:
+    """The traits of a grey box; it has the options of all grey boxes, too."""
+    return Traits(
+        title=title,
+        equation=equation,
+        when=when,
+        options={**(options or {}), **OPTIONS},
+        tells="physical constants with units and errors",
+        physical=True,
+    )
 
 
 @dataclass(frozen=True)
@@ -66,18 +82,9 @@ class GreyBox(NamedStructure):
     opened: tuple[str, ...] = ()
     input_range: tuple[tuple[float, float], ...] = ()
 
-    order_names: ClassVar[tuple[str, ...]] = ()
-    has_noise_model: ClassVar[bool] = False
-    takes_method: ClassVar[bool] = False
-    tells: ClassVar[str] = "physical constants with units and errors"
-    physical: ClassVar[bool] = True
     takes_floats: ClassVar[bool] = False
     """Whether ``advance`` and ``reading`` also serve one run on plain numbers, which is ten times
     faster: x and u are lists of floats then, constants floats or, one an output, lists."""
-    options: ClassVar[Mapping[str, str]] = {
-        "substeps": "integration steps in a sample; chosen from the time constants unless given",
-        "free": "constants to estimate that are fixed by default, separated by commas",
-    }
 
     # ----------------------------------------------------------------- what a subclass gives
 
@@ -226,7 +233,7 @@ class GreyBox(NamedStructure):
         Raises:
             UsageError: orders are given, or an option does not exist or cannot be read.
         """
-        refuse_options(cls.name, options, tuple(cls.options))
+        refuse_options(cls.name, options, tuple(cls.traits.options))
         if raw:
             raise UsageError(
                 f"`orders`: {cls.name} is a physical model and has no orders; omit `orders`"
@@ -255,17 +262,6 @@ class GreyBox(NamedStructure):
     ) -> tuple[Mapping[str, Any], ...]:
         """One entry without orders."""
         return ({},)
-
-    @classmethod
-    def constant_words(cls) -> tuple[Mapping[str, str], ...]:
-        """The constants of its largest form: two tracks where it knows them."""
-        for channels in (2, 1):
-            try:
-                made = cls.from_orders({}, channels, channels)
-            except UsageError:
-                continue
-            return made.described_constants()
-        return ()
 
     def described_constants(self) -> tuple[Mapping[str, str], ...]:
         """Name, meaning, unit and estimation of each constant."""
@@ -334,20 +330,8 @@ class GreyBox(NamedStructure):
         """x one sample later, u held for ``steps`` steps of length h."""
         return repeated(xp, steps, lambda x: self.advance(xp, x, u, p, h), x)
 
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem: free-run errors of all outputs over all records, whatever the focus."""
-        return (GreyErrors(self, [(r.u, r.y) for r in records], initial is not Initial.ZERO),)
-
     def first_sample(self) -> int:
         return 0
-
-    def fitter(self) -> "Fitter":
-        """Many starts at once, then a polish of the best."""
-        from sysid.structures.grey_box.fit import by_multi_start
-
-        return by_multi_start
 
     def n_states(self, theta: Array) -> int:
         return len(self.state_names)
@@ -363,8 +347,10 @@ class GreyBox(NamedStructure):
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """The free run sample by sample: the same equations as the compiled runs."""
-        p = self.prepared(np, self.unpack(np, np.asarray(theta, dtype=np.float64)), self.h)
-        plain, h, steps = in_floats(p) if self.takes_floats else None, self.h, self.steps
+        own: Any = theta.__array_namespace__()
+        p = self.prepared(own, self.unpack(own, theta), self.h)
+        plain = in_floats(p) if self.takes_floats and own is np else None
+        h, steps = self.h, self.steps
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             xp: Any = x.__array_namespace__()
@@ -379,29 +365,6 @@ class GreyBox(NamedStructure):
 
         return advance
 
-    def traced_step(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
-        """The same equations with traced constants, prepared once a run."""
-        xp: Any = theta.__array_namespace__()
-        p = self.prepared(xp, self.unpack(xp, theta), self.h)
-
-        def advance(x: Any, u: Any) -> tuple[Any, Any]:
-            state, command = x[:, None], u[:, None]
-            after = self.sample(xp, state, command, p, self.h, self.steps)
-            return after[:, 0], self.reading(xp, state, p)[:, 0]
-
-        return advance
-
-    def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
-        """y(k), which no step of the equations is needed for."""
-        p = self.prepared(np, self.unpack(np, np.asarray(theta, dtype=np.float64)), self.h)
-
-        def read(x: Array, u: Array) -> Array:
-            xp: Any = x.__array_namespace__()
-            y: Array = xp.asarray(self.reading(xp, x[:, None], p))[:, 0]
-            return y
-
-        return read
-
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """Free-run errors: nothing but the initial state is taken from the outputs."""
         x0 = self.fitted_state(theta, u, y, window) if window else None
@@ -410,10 +373,6 @@ class GreyBox(NamedStructure):
     def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
         """The free run, whatever the horizon: there is no noise model."""
         return np.asarray(y - self.errors(theta, u, y, window))
-
-    def time_constants(self, theta: Array) -> Array:
-        """``time_constants_s`` in samples; nothing before the sample time is known."""
-        return self.time_constants_s(theta) / self.dt if self.dt > 0.0 else np.zeros(0)
 
     def stable(self, theta: Array) -> bool:
         """Whether a long run stays finite and grows no faster than an integral would.
@@ -440,7 +399,7 @@ class GreyBox(NamedStructure):
         values = ", ".join(
             f"{p.name} = {v:.5g} {p.unit}".rstrip() for p, v in zip(table, theta, strict=True)
         )
-        return (self.equation, values)
+        return (self.traits.equation, values)
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
         p = self.unpack(np, np.asarray(theta))
@@ -452,6 +411,39 @@ class GreyBox(NamedStructure):
             "states": list(self.state_names),
             "substeps": self.steps,
         }
+
+
+def constant_words(cls: type[GreyBox]) -> tuple[Mapping[str, str], ...]:
+    """Name, meaning, unit and estimation of each constant of a grey box.
+
+    Those of its largest form: two tracks where it knows them.
+    """
+    for channels in (2, 1):
+        try:
+            made = cls.from_orders({}, channels, channels)
+        except UsageError:
+            continue
+        return made.described_constants()
+    return ()
+
+
+@readout.register
+def _(s: GreyBox, theta: Array) -> Callable[[Array, Array], Array]:
+    """y(k), which no step of the equations is needed for."""
+    p = s.prepared(np, s.unpack(np, np.asarray(theta, dtype=np.float64)), s.h)
+
+    def read(x: Array, u: Array) -> Array:
+        xp: Any = x.__array_namespace__()
+        y: Array = xp.asarray(s.reading(xp, x[:, None], p))[:, 0]
+        return y
+
+    return read
+
+
+@time_constants.register
+def _(s: GreyBox, theta: Array) -> Array:
+    """``time_constants_s`` in samples; nothing before the sample time is known."""
+    return s.time_constants_s(theta) / s.dt if s.dt > 0.0 else np.zeros(0)
 
 
 def _substeps(text: str) -> int:

@@ -10,7 +10,8 @@ from sysid.data.record import Array, Record
 from sysid.errors import UsageError
 from sysid.runners.single import together
 from sysid.structures.grey_box.constants import Constant, Rung, Signal
-from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
+from sysid.structures.traits import Traits
 
 SMALL = 1e-3
 """Head below which outflow is smoothed, as a share of the sensor's unit."""
@@ -36,11 +37,11 @@ class Tanks(GreyBox):
 
     takes_floats: ClassVar[bool] = True
     name: ClassVar[str] = "tanks"
-    title: ClassVar[str] = "Two tanks in cascade: a grey box with outflow and overflow"
-    equation: ClassVar[str] = (
-        "dh1/dt = max(k3·u + k4, 0) - k1·h1^a1, dh2/dt = k1·h1^a1 - k2·(h2+d2)^a2"
+    traits: ClassVar[Traits] = grey_box_traits(
+        title="Two tanks in cascade: a grey box with outflow and overflow",
+        equation="dh1/dt = max(k3·u + k4, 0) - k1·h1^a1, dh2/dt = k1·h1^a1 - k2·(h2+d2)^a2",
+        when="levels of two tanks, one draining into the other, fed by a pump",
     )
-    when: ClassVar[str] = "levels of two tanks, one draining into the other, fed by a pump"
 
     @classmethod
     def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:

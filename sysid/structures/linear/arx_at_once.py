@@ -8,7 +8,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.fitting import normal_equations as ne
 from sysid.fitting.holdout import HoldOut
-from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.families import ARX
 
 SIMULATED = 16
 """Candidates, best one-step first, whose free run is looked at."""
@@ -53,14 +53,11 @@ def solved_at_once(structures: Sequence[ARX], data: HoldOut) -> list[Solved]:
         weights = np.zeros((s.ny, len(inside.matrix)))
         theta = []
         for i, lay in enumerate(rows):
-            columns = [inside.column(j, k) for j, n in enumerate(lay.na) for k in range(1, n + 1)]
-            split = len(columns)
-            for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True)):
-                columns += inside.columns(s.ny + j, nk, nb)
+            columns = [inside.column(*term) for term in lay.terms]
             row = _row(inside, inside.column(i, 0), columns)
             weights[i, inside.column(i, 0)] = 1.0
             weights[i, columns] -= row
-            theta.append(np.concatenate([-row[:split], row[split:]]))
+            theta.append(lay.signs * row)
         covariance = weights @ inside.matrix @ weights.T / inside.samples
         holdout = weights @ outside.matrix @ weights.T / outside.samples
         solved.append(

@@ -34,7 +34,7 @@ def affordable(
     delayed = [{**o, "nk": nk} for o in grid]
     kept = tuple(o for o in delayed if _bears(cls, o, nu, ny, samples))
     # a record that bears no order at all still gets the lowest one: the fit itself will refuse
-    return kept or (dict.fromkeys(cls.order_names, 1),)
+    return kept or (dict.fromkeys(cls.traits.order_names, 1),)
 
 
 def denominator_orders(nu: int, ny: int, samples: int) -> range:

@@ -8,10 +8,7 @@ import numpy as np
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Record
-from sysid.errors import Termination
 from sysid.fitting import normal_equations as ne
-from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Focus, Parameter
 from sysid.fitting.uncertainty import (
     AR_ORDER,
     PART,
@@ -20,74 +17,10 @@ from sysid.fitting.uncertainty import (
     sandwich,
     with_infinite,
 )
-from sysid.structures.base import Structure
-from sysid.structures.linear.arx import ARX
-from sysid.structures.linear.predictor import RowLayout
-from sysid.structures.outcome import FitOutcome, InitialGuesses, StartReport
-from sysid.structures.search import by_search
+from sysid.structures.linear.families import ARX
 
 SANDWICH_SAMPLES = 100_000
 """The sandwich form needs the regressors in memory: it is measured on at most this many samples."""
-
-
-def fit(
-    structure: Structure,
-    records: Sequence[Record],
-    options: FitOptions,
-    parameters: tuple[Parameter, ...],
-    initial_guesses: InitialGuesses,
-) -> FitOutcome:
-    """Least squares in one step, or a search where constraints or another loss forbid it."""
-    weighted = any(r.weights is not None for r in records)
-    if weighted or not (isinstance(structure, ARX) and is_linear(options, parameters)):
-        return by_search(structure, records, options, parameters, initial_guesses)
-    return solved_outcome(structure, parameters, solve(structure, records), "least squares")
-
-
-def solved_outcome(
-    structure: ARX,
-    parameters: tuple[Parameter, ...],
-    solved: tuple[Array, Array, Array],
-    how: str,
-) -> FitOutcome:
-    """The outcome of a fit that was solved directly.
-
-    Args:
-        solved: θ, its covariance and the directions without information.
-        how: what was solved, for the report of starts.
-    """
-    theta, covariance, null = solved
-    return FitOutcome(
-        structure,
-        parameters,
-        theta,
-        covariance,
-        null,
-        termination=Termination.CLOSED_FORM,
-        starts=(StartReport("all", how, None, None, 1),),
-    )
-
-
-def is_linear(options: FitOptions, parameters: Sequence[Parameter]) -> bool:
-    """Whether the fit is one unconstrained linear least-squares problem."""
-    free = all(p.fixed is None and not np.isfinite([p.lower, p.upper]).any() for p in parameters)
-    prediction = options.focus is Focus.PREDICTION
-    return prediction and free and not options.robust and not options.stable
-
-
-def lagged_terms(lay: RowLayout) -> list[tuple[int, int]]:
-    """The regressors of one output's equation as (signal, lag), outputs numbered first."""
-    terms = [(j, k) for j, na in enumerate(lay.na) for k in range(1, na + 1)]
-    return terms + [
-        (len(lay.na) + j, k)
-        for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True))
-        for k in range(nk, nk + nb)
-    ]
-
-
-def signs(lay: RowLayout) -> Array:
-    """What turns coefficients of these regressors into entries of θ: A stands on the left, (n,)."""
-    return np.where(np.array([s for s, _ in lagged_terms(lay)]) < len(lay.na), -1.0, 1.0)
 
 
 def solve(
@@ -109,7 +42,7 @@ def solve(
     grams: dict[int, ne.LagGram] = {}
     for i, lay in enumerate(layouts):
         index = structure.row_index(i)
-        terms = lagged_terms(lay)
+        terms = lay.terms
         start = lay.start
         if start not in grams:
             grams[start] = ne.lag_gram(records, start)
@@ -117,7 +50,7 @@ def solve(
         solved = ne.solve(gram, gram.column(i, 0), [gram.column(s, k) for s, k in terms])
         if solved is None:
             solved = ne.solve_by_blocks(records, start, i, terms)
-        sign = signs(lay)
+        sign = lay.signs
         theta[index] = sign * solved.theta
         weighed = [(s, k, float(c)) for (s, k), c in zip(terms, solved.theta, strict=True)]
         errors = [ne.residual_row((*r.y.T, *r.u.T), start, i, weighed) for r in records]
@@ -152,7 +85,7 @@ def solve_in_blocks(
     solutions: dict[int, ne.LagGram] = {}
     for i in range(structure.ny):
         lay = structure.layout(i)
-        terms, start = lagged_terms(lay), lay.start
+        terms, start = lay.terms, lay.start
         if start not in solutions:
             grams = (ne.lag_gram([r], start) for r in blocks(start))
             solutions[start] = reduce(operator.add, grams)
@@ -161,7 +94,7 @@ def solve_in_blocks(
         if solved is None:
             solved = ne.solve_by_blocks(blocks(start), start, i, terms)
         index = structure.row_index(i)
-        theta[index] = signs(lay) * solved.theta
+        theta[index] = lay.signs * solved.theta
         share = sum(max(len(r) - start, 0) for r in some) / gram.samples
         covariance[np.ix_(index, index)] *= share
     return theta, covariance, null

@@ -24,7 +24,7 @@ import numpy as np
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import HUGE, Problem
 from sysid.structures.linear.lagged import (
     impulse,
     lags,
@@ -35,9 +35,6 @@ from sysid.structures.linear.lagged import (
 
 _NoiseFilter = tuple[Array, Array, Array | None]
 """C, D and the impulse response of D/C, None where that is 1."""
-
-HUGE = 1e100
-"""Residual reported where the filters overflow: the solver rejects the step."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +84,27 @@ class RowLayout:
     def filtered(self) -> tuple[int, ...]:
         """Inputs with a denominator of their own."""
         return tuple(j for j, nf in enumerate(self.nf) if nf and self.nb[j])
+
+    @cached_property
+    def terms(self) -> tuple[tuple[int, int], ...]:
+        """The regressors of A and B as (signal, lag), outputs numbered first, in θ's order."""
+        past = [(j, k) for j, na in enumerate(self.na) for k in range(1, na + 1)]
+        around = [
+            (len(self.na) + j, k)
+            for j, (nb, nk) in enumerate(zip(self.nb, self.nk, strict=True))
+            for k in range(nk, nk + nb)
+        ]
+        return (*past, *around)
+
+    @property
+    def signs(self) -> Array:
+        """What turns coefficients of these regressors into entries of θ: A stands on the left."""
+        return np.where(np.array([s for s, _ in self.terms]) < len(self.na), -1.0, 1.0)
+
+    def weighed(self, theta: Array) -> list[tuple[int, int, float]]:
+        """(signal, lag, coefficient) of ŷ = Σ coefficient · signal(t − lag) of A and B."""
+        weights = (self.signs * theta[: len(self.terms)]).tolist()
+        return [(s, k, c) for (s, k), c in zip(self.terms, weights, strict=True)]
 
     @property
     def n_noise_states(self) -> int:

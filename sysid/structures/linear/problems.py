@@ -1,23 +1,19 @@
 """Problems made of others: free-run errors, what remains after them, several at once."""
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import HUGE, Problem
+from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.predictor import (
-    HUGE,
     RowErrors,
     largest_radius,
     roots_inside,
 )
 from sysid.structures.linear.transfer import adjugate, determinant
-
-if TYPE_CHECKING:
-    from sysid.structures.linear.polynomial import PolynomialStructure
 
 
 class FreeRunErrors(Problem):
@@ -33,7 +29,7 @@ class FreeRunErrors(Problem):
 
     def __init__(
         self,
-        structure: "PolynomialStructure",
+        structure: PolynomialStructure,
         data: Sequence[tuple[Array, Array]],
         estimate_initial: bool,
     ) -> None:

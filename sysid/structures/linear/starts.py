@@ -27,7 +27,6 @@ from sysid.structures.linear.long_arx import (
     plain_row,
     settled,
     shared_poles,
-    terms_of,
 )
 from sysid.structures.linear.output_error import (
     own_poles,
@@ -85,7 +84,7 @@ def starts_of(structure: PolynomialStructure, records: Sequence[Record], focus: 
         return output_error_starts(structure, records, focus)
     if "c" not in structure.letters:
         return arx_starts(structure, records, focus)
-    own = armax_starts if structure.takes_inputs else time_series_starts
+    own = armax_starts if structure.traits.takes_inputs else time_series_starts
     return own(structure, records, focus)
 
 
@@ -103,7 +102,7 @@ def _with_moving_average(records: Sequence[Record], lay: RowLayout, theta: Array
     plain = plain_row(lay)
     noise = []
     for r in records:
-        terms = terms_of(plain, theta, r.ny)
+        terms = plain.weighed(theta)
         v = ne.residual_row((*r.y.T, *r.u.T), plain.start, lay.output, terms)
         noise.append(passing(np.zeros((len(v), 0)), v, r.dt))
     return np.concatenate([theta, hannan_rissanen(noise, _noise_row(lay))])

@@ -204,7 +204,7 @@ def determinant(A: list[list[Array]]) -> Array:
         return A[0][0]
     total = np.zeros(1)
     for j, entry in enumerate(A[0]):
-        if np.any(entry):
+        if entry.dtype == object or np.any(entry):
             minor = [[p for c, p in enumerate(row) if c != j] for row in A[1:]]
             total = plus(total, (-1.0) ** j * np.convolve(entry, determinant(minor)))
     return total
@@ -228,8 +228,6 @@ def adjugate(A: list[list[Array]]) -> list[list[Array]]:
 
 
 def plus(p: Array, q: Array) -> Array:
-    """Sum of two polynomials in q⁻¹ of any lengths."""
-    out = np.zeros(max(len(p), len(q)))
-    out[: len(p)] += p
-    out[: len(q)] += q
-    return out
+    """Sum of two polynomials in q⁻¹ of any lengths; of numbers, or of objects that add."""
+    long, short = (p, q) if len(p) >= len(q) else (q, p)
+    return np.concatenate([long[: len(short)] + short, long[len(short) :]])

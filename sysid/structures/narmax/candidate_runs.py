@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array, Index
-from sysid.structures.difference_equations.chunks import Data, Piece, side_by_side
+from sysid.fitting.problem import Data
+from sysid.structures.difference_equations.chunks import Piece, side_by_side
 from sysid.structures.difference_equations.frols import TermGram
 from sysid.structures.difference_equations.monomials import Term
 from sysid.structures.narmax.runs import PolynomialRun

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
 from sysid.fitting.batched import Damping, descend_together
-from sysid.structures.difference_equations.chunks import Data, Piece, pieces, side_by_side
+from sysid.fitting.problem import Data
+from sysid.structures.difference_equations.chunks import Piece, pieces, side_by_side
 from sysid.structures.difference_equations.monomials import Term
 from sysid.structures.narmax.runs import PolynomialRun
 

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.fitting.problem import Problem
-from sysid.structures.difference_equations.chunks import DIVERGED, Data
+from sysid.fitting.problem import HUGE, Data, Problem
 from sysid.structures.difference_equations.monomials import Term, columns, is_noise, lagged
 
 
@@ -55,7 +54,7 @@ class OneStep(Problem):
                         for lag, g in gains:
                             if t >= lag:
                                 J[t] -= g[t] * J[t - lag]
-                J = np.nan_to_num(J, nan=0.0, posinf=DIVERGED, neginf=-DIVERGED)
+                J = np.nan_to_num(J, nan=0.0, posinf=HUGE, neginf=-HUGE)
             blocks.append(J)
         return np.concatenate([np.zeros((0, len(self.index))), *blocks])
 
@@ -78,7 +77,7 @@ class OneStep(Problem):
 
 
 def _fed_back(plain: Array, gains: Sequence[tuple[int, Array]]) -> Array:
-    """ε(t) = plain(t) − Σ g_l(t) ε(t−l); DIVERGED throughout where that runs away."""
+    """ε(t) = plain(t) − Σ g_l(t) ε(t−l); HUGE throughout where that runs away."""
     e: list[float] = []
     rows = zip(plain.tolist(), *(g.tolist() for _, g in gains), strict=True)
     lags = [lag for lag, _ in gains]
@@ -90,5 +89,5 @@ def _fed_back(plain: Array, gains: Sequence[tuple[int, Array]]) -> Array:
     out = np.array(e)
     size = float(np.max(np.abs(plain), initial=0.0))
     if not np.all(np.abs(out) <= 1e6 * (size + 1e-300)):
-        return np.full(len(out), DIVERGED)
+        return np.full(len(out), HUGE)
     return out

@@ -90,7 +90,7 @@ class PolynomialRun(FreeRun):
 
         def weighted(known: Any) -> list[Any]:
             products = of_inputs.values(known)
-            return [sum((c * products[q] for c, q in terms), 0.0) for terms in weights]
+            return [sum([c * products[q] for c, q in terms], 0.0) for terms in weights]
 
         def outputs(known: Any, row: Any) -> list[Any]:
             products = of_outputs.values(known)

@@ -3,8 +3,7 @@
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.fitting.problem import Problem
-from sysid.structures.difference_equations.chunks import Data
+from sysid.fitting.problem import Data, Problem
 from sysid.structures.difference_equations.compiled import compiled_runs
 from sysid.structures.difference_equations.regressors import columns
 from sysid.structures.narx.run import Maps, NarxRun

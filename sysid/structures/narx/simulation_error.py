@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from sysid.data.record import Array, Index
 from sysid.errors import Termination
 from sysid.fitting.holdout import HoldOut
+from sysid.fitting.run_errors import output_scales
 from sysid.fitting.solvers import many_starts
-from sysid.structures.difference_equations.chunks import Piece, pieces, side_by_side, spreads
+from sysid.structures.difference_equations.chunks import Piece, pieces, side_by_side
 from sysid.structures.difference_equations.compiled import WeightedChunks, compiled_runs
 from sysid.structures.difference_equations.expressions import replaced
 from sysid.structures.difference_equations.one_output import OneOutput
@@ -129,7 +130,7 @@ class RowRuns:
         self.counted: Sequence[NDArray[np.bool_]] = [
             m & ~r.left_out[:, output] for m, r in zip(data.counted, data.whole, strict=True)
         ]
-        self.scale = spreads([y for _, y in self.train])
+        self.scale = output_scales([y for _, y in self.train])
         outputs = np.concatenate(
             [y[m, 0] for (_, y), m in zip(self.whole, self.counted, strict=True)]
         )

@@ -52,7 +52,7 @@ def with_effect(record: Record, id: str) -> tuple[Base, CandidateModel]:
     base = fit_baseline([record], None, chain_effects())
     (judged,) = base.search.candidates(base.model, [effect(id)])
     base.search.origin = base.model.q
-    return base, base.search.polished(judged.model)
+    return base, base.search.fitted(judged.model)
 
 
 @cache

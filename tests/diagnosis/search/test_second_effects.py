@@ -15,6 +15,7 @@ from sysid.diagnosis.search.forward_selection import (
     is_nested_in,
     small_gain,
 )
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.selection import (
     CandidateModel,
     ScoredCandidate,
@@ -207,8 +208,10 @@ def test_what_explains_a_process_or_a_spring_in_part_may_stand_for_other_physics
 def test_the_damping_of_a_base_is_that_of_its_swing(damping: float) -> None:
     poles = np.roots([1.0, 2.0 * damping * 8.0, 64.0])  # s² + 2 ζ ω s + ω²
     f = np.poly(np.exp(poles * 0.05))[1:]
-    model = SimpleNamespace(tracks=1, order=2, index={("core", "f1", 0): 0, ("core", "f2", 0): 1})
-    base: Any = SimpleNamespace(search=SimpleNamespace(model=model), model=SimpleNamespace(q=f))
+    model = FullModel((), 2, 1, np.ones(1), 0.05)
+    q = model.null
+    model.set_core(q, 0, 1.0, f)
+    base: Any = SimpleNamespace(search=SimpleNamespace(model=model), model=SimpleNamespace(q=q))
     assert least_damping(base) == pytest.approx(min(damping, 1.0))
 
 
@@ -231,9 +234,9 @@ def test_a_tie_stays_one_beside_numbers_that_were_fitted_beside_one_of_the_two()
             self.model, self.logs = SimpleNamespace(of=slots.__getitem__), None  # type: ignore
             self.origin = np.zeros(3)
 
-        def polished(self, node: CandidateModel) -> CandidateModel:
-            assert node.free == tuple(sorted(node.free))
-            return model(node.effects[-1], float(node.q[2]))
+        def fitted(self, like: CandidateModel, q: Any = None, free: Any = None) -> CandidateModel:
+            assert free == tuple(sorted(free))
+            return model(like.effects[-1], float(q[2]))
 
         def best_of(self, base: CandidateModel, nodes: Any) -> CandidateModel:
             return min(nodes, key=lambda n: n.holdout_rmse)

@@ -8,21 +8,20 @@ import numpy as np
 import pytest
 from mission_cases import Robot, goal
 
+from benchmarks.agreement import TOLERANCE, agreement
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
 from sysid.errors import DataError, ModelError
+from sysid.robot.mission.batch.sampler import run_seeds
+from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import Body, MotionInputs, Pose, SensorInputs
-from sysid.robot.mission.monte_carlo.agreement import TOLERANCE, agreement
-from sysid.robot.mission.monte_carlo.chunks import Runner, chunks
-from sysid.robot.mission.monte_carlo.sampler import run_seeds
-from sysid.robot.mission.monte_carlo.setup import Setup
+from sysid.robot.mission.monte_carlo.runs import Runner, chunks
 from sysid.robot.mission.motion.slip import Slip
-from sysid.robot.mission.sensors.accelerometer import Accelerometer
+from sysid.robot.mission.sensors.inertial import Accelerometer
 from sysid.robot.mission.simulator import scene_of, simulate
 from sysid.robot.mission.spec import load_mission
 from sysid.robot.mission.tracks.mapping import as_robot
-from sysid.robot.mission.tracks.on_ground import on_ground
-from sysid.robot.mission.tracks.torque import motors_of
+from sysid.robot.mission.tracks.torque import motors_of, on_ground
 from sysid.runners import floats
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.plant import Plant

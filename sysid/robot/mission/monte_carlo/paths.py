@@ -2,18 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError
+from sysid.robot.mission.batch.clock import Block
+from sysid.robot.mission.batch.runner import BATCH_SIZE, FAILED
+from sysid.robot.mission.batch.sampler import run_seeds
+from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.chunks import BATCH_SIZE, chunks
-from sysid.robot.mission.monte_carlo.compiled import CompiledRuns
-from sysid.robot.mission.monte_carlo.figures import FAILED
-from sysid.robot.mission.monte_carlo.sampler import run_seeds
-from sysid.robot.mission.monte_carlo.setup import Setup
-from sysid.robot.mission.monte_carlo.workers import why_not_at_once
+from sysid.robot.mission.monte_carlo.runs import chunks
+from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns, why_not_at_once
 
 
 def paths_of(setup: Setup, seeds: Sequence[int]) -> list[Array]:
@@ -31,12 +32,12 @@ def paths_of(setup: Setup, seeds: Sequence[int]) -> list[Array]:
             continue
         seen: list[tuple[Array, Array]] = []
 
-        def keep(verdict: Array, positions: Array, seen: list[tuple[Array, Array]] = seen) -> None:
-            seen.append((verdict, positions))
+        def keep(_: Block, shown: Any, seen: list[tuple[Array, Array]] = seen) -> None:
+            seen.append(shown)
 
         samples = variant.sampler.draw([seeds[k] for k in runs])
         # as many columns as the runs themselves had: what was compiled for them serves again
-        CompiledRuns(setup, which, max(BATCH_SIZE, len(runs))).figures(samples, keep)
+        VariedRuns(setup, which, max(BATCH_SIZE, len(runs))).of(samples, keep)
         verdict = np.concatenate([v for v, _ in seen])
         positions = np.concatenate([p for _, p in seen])
         for column, k in enumerate(runs):
@@ -71,9 +72,6 @@ class RunPaths:
 def run_paths(setup: Setup, runs: int, seed: int = 0) -> RunPaths:
     """Drive so many runs and keep their paths, 24 bytes a sample of each.
 
-    Args:
-        setup: mission, plants and what varies.
-
     Raises:
         ModelError: the plant is none that could drive, or cannot be drawn.
     """
@@ -89,26 +87,24 @@ _Part = tuple[Array, Array, float]
 
 
 def _all_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
-    """Side by side."""
     batch_size = min(BATCH_SIZE, len(seeds))
-    compiled = [CompiledRuns(setup, k, batch_size) for k in range(len(setup.plants))]
+    compiled = [VariedRuns(setup, k, batch_size) for k in range(len(setup.plants))]
     parts = []
     for chunk in chunks(setup, seeds, batch_size):
-        compiled_runs, poses = compiled[chunk.which], list[Array]()
+        runner, blocks = compiled[chunk.which], list[tuple[Array, Array]]()
 
-        def keep(_: Array, positions: Array, poses: list[Array] = poses) -> None:
-            poses.append(positions)
+        def keep(block: Block, shown: Any, blocks: list[tuple[Array, Array]] = blocks) -> None:
+            blocks.append((block.t, shown[1]))
 
-        figures = compiled_runs.figures(compiled_runs.variant.sampler.draw(chunk.seeds), keep)
+        figures = runner.of(runner.variant.sampler.draw(chunk.seeds), keep)
         kept = np.flatnonzero(figures.verdict != FAILED)
-        t = np.concatenate([compiled_runs.clock.block(k).t for k in range(len(poses))])
-        pose = np.moveaxis(np.concatenate(poses)[..., kept], -1, 0)
+        t, positions = (np.concatenate(column) for column in zip(*blocks, strict=True))
+        pose = np.moveaxis(positions[..., kept], -1, 0)
         parts.append((t, pose, float(figures.time_s[kept].max(initial=0.0))))
     return parts
 
 
 def _single_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
-    """One after the other."""
     parts = []
     for seed in seeds:
         try:

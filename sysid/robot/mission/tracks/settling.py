@@ -54,10 +54,8 @@ class Settling:
     """What became of a plant whose inputs were held.
 
     Attributes:
-        ending: whether it rests.
         y: the outputs it rests at, shape (ny,); the last ones where it does not rest.
         swing: the largest excursion of each output from its first value, shape (ny,).
-        steps: samples that it took.
     """
 
     ending: Ending

@@ -23,9 +23,10 @@ from sysid.structures.grey_box.dc_motor.constants import (
 from sysid.structures.grey_box.dc_motor.motion import STEPS, friction_constants, of_motors
 from sysid.structures.grey_box.dc_motor.start import central_guesses
 from sysid.structures.grey_box.dc_motor.torque import torque_source
-from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
+from sysid.structures.physics import friction_entries, torques
+from sysid.structures.traits import Traits
 from sysid.vehicle.dry_friction import decay
-from sysid.vehicle.motors import TorqueSource
 
 Input = Literal["auto", "pwm", "voltage"]
 Output = Literal["auto", "speed", "position"]
@@ -44,6 +45,24 @@ _CHOICES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 
 _SHARED = ("breakaway", "stribeck", "limit")
+
+
+OPTIONS: Mapping[str, str] = {
+    "input": "pwm (µs, limited at full drive), voltage, or auto (default): pwm for columns "
+    "called pwm…",
+    "output": "measured output: speed, position, or auto (default): by the output's "
+    "unit, or by whether it integrates the input",
+    "friction": "none, coulomb, stribeck, full (with offset, asymmetry and drag), or auto "
+    "(default): each mechanism only where held-out data pay for it",
+    "parameters": "lumped (default: gain, time constant, Coulomb level …) or bench (R, "
+    "Kem, Kc, gear, inertia fixed at the bench's values; masses and friction estimated)",
+    "shared": "constants with one value for both tracks, divided by commas; "
+    "breakaway,stribeck,limit unless given, or none",
+    "torque_constant": "stall torque or force per unit of input, if known: the equations "
+    "then name inertia and friction in physical units",
+    "integrator": "exact (default: matrix exponential, friction implicit), rk4, or "
+    "implicit (cheaper: a track stops at the end of a step)",
+}
 
 
 @dataclass(frozen=True)
@@ -83,29 +102,12 @@ class DCMotor(GreyBox):
 
     takes_floats: ClassVar[bool] = True
     name: ClassVar[str] = "dc-motor"
-    title: ClassVar[str] = "DC motor: a grey box with friction, one motor or two tracks on a body"
-    equation: ClassVar[str] = "T dω/dt = K (sat(u) - o) - ω - f(ω), f: Coulomb and Stribeck, sticks"
-    when: ClassVar[str] = (
-        "motors driven by PWM or voltage whose speed or position is measured; physical parameters"
-    )
-    options: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {
-            "input": "pwm (µs, limited at full drive), voltage, or auto (default): pwm for columns "
-            "called pwm…",
-            "output": "measured output: speed, position, or auto (default): by the output's "
-            "unit, or by whether it integrates the input",
-            "friction": "none, coulomb, stribeck, full (with offset, asymmetry and drag), or auto "
-            "(default): each mechanism only where held-out data pay for it",
-            "parameters": "lumped (default: gain, time constant, Coulomb level …) or bench (R, "
-            "Kem, Kc, gear, inertia fixed at the bench's values; masses and friction estimated)",
-            "shared": "constants with one value for both tracks, divided by commas; "
-            "breakaway,stribeck,limit unless given, or none",
-            "torque_constant": "stall torque or force per unit of input, if known: the equations "
-            "then name inertia and friction in physical units",
-            "integrator": "exact (default: matrix exponential, friction implicit), rk4, or "
-            "implicit (cheaper: a track stops at the end of a step)",
-            **GreyBox.options,
-        }
+    traits: ClassVar[Traits] = grey_box_traits(
+        title="DC motor: a grey box with friction, one motor or two tracks on a body",
+        equation="T dω/dt = K (sat(u) - o) - ω - f(ω), f: Coulomb and Stribeck, sticks",
+        when="motors driven by PWM or voltage whose speed or position is measured; physical "
+        "parameters",
+        options=OPTIONS,
     )
 
     @classmethod
@@ -243,14 +245,6 @@ class DCMotor(GreyBox):
         speeds = np.linalg.eigvalsh(matrix)
         return np.append(speeds, np.inf) if self.output == "position" else np.asarray(speeds)
 
-    def torque(self, theta: Array) -> TorqueSource | None:
-        """The motors, where their torques are known: of the bench, or by ``torque_constant``."""
-        return torque_source(self, theta)
-
-    def friction_entries(self) -> tuple[int, ...]:
-        """Sliding friction; that at standstill counts in parts of it."""
-        return tuple(self.entries("coulomb") or self.entries("friction_torque"))
-
     def stable(self, theta: Array) -> bool:
         """Whether speeds stay bounded: T positive definite; friction only dissipates.
 
@@ -351,3 +345,12 @@ def _positive(text: str) -> float:
             "force per unit of input, a number above 0"
         )
     return value
+
+
+torques.register(DCMotor, torque_source)
+
+
+@friction_entries.register
+def _(s: DCMotor) -> tuple[int, ...]:
+    """Sliding friction; that at standstill counts in parts of it."""
+    return tuple(s.entries("coulomb") or s.entries("friction_torque"))
