@@ -101,7 +101,8 @@ def tied(parent: int, function: Callable[..., Result], *arguments: Any) -> Resul
 
 def end_with(parent: int) -> None:
     """Have this process end as soon as the process of this id is no longer its parent."""
-    if not any(thread.name == _WATCH for thread in threading.enumerate()):
+    watched = any(thread.name == _WATCH for thread in threading.enumerate())
+    if not watched and parent != os.getpid():  # a pool may serve a call itself
         threading.Thread(target=_watch, args=(parent,), name=_WATCH, daemon=True).start()
 
 

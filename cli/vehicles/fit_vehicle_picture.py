@@ -7,9 +7,9 @@ if TYPE_CHECKING:
     from sysid.data.record import Array
     from sysid.report.plots import Panel
     from sysid.robot.calibration.slip_curves import SlipPoint
-    from sysid.robot.calibration.slip_fit import Part
-    from sysid.robot.calibration.trajectory import Trajectory
-    from sysid.robot.calibration.vehicle_fit import Motion, VehicleFit
+    from sysid.robot.calibration.slip_model import Motion
+    from sysid.robot.calibration.trajectory import Part, Trajectory
+    from sysid.robot.calibration.vehicle_fit import VehicleFit
 
 PIECE = 10.0
 """Length of the pieces [s] after which a drawn path starts again from the measured pose."""
@@ -21,7 +21,7 @@ PIECES = 6
 def drawn(path: Path, name: str, fitted: "VehicleFit") -> None:
     """Draw held-out paths as measured, before and after, errors after two seconds, and slip."""
     from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
-    from sysid.robot.calibration.vehicle_fit import Kinematic
+    from sysid.robot.calibration.slip_model import Kinematic
 
     part = max(fitted.holdout, key=lambda p: len(p.windows))
     models: dict[str, Motion] = {"before": Kinematic(fitted.known), "after": fitted.model}

@@ -11,7 +11,6 @@ from sysid.diagnosis import findings
 from sysid.diagnosis.advise import experiment_between, experiment_on_ground, next_experiments
 from sysid.diagnosis.augment import model_of
 from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
-from sysid.diagnosis.following import ASTRAY, not_followed
 from sysid.diagnosis.gap import ChannelGap, Gap, with_path
 from sysid.diagnosis.long_logs import InFull
 from sysid.diagnosis.named_effects import NamedEffect, RejectedEffect
@@ -20,7 +19,7 @@ from sysid.diagnosis.pose.diagnosis import PoseDiagnosis
 from sysid.diagnosis.pose.ground_model import with_ground
 from sysid.diagnosis.search.detectable import detectable
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
-from sysid.diagnosis.session import DiagnosisSession, SelectionResult, holdout_runs
+from sysid.diagnosis.session import DiagnosisSession, SelectionResult
 from sysid.diagnosis.several.constancy import several_logs
 from sysid.diagnosis.validation.acceptance import final_evidence
 from sysid.diagnosis.validation.excess_error import ExcessError, excess_error
@@ -28,8 +27,10 @@ from sysid.diagnosis.validation.explain import described, explain
 from sysid.diagnosis.validation.jitter import detect_jitter
 from sysid.diagnosis.validation.localise import Region, leading, localise
 from sysid.diagnosis.verdict import (
+    ASTRAY,
     TOO_SHORT,
     Remaining,
+    not_followed,
     story,
     too_short,
     undecided,
@@ -147,7 +148,7 @@ class _Assembly:
             before=old,
             after=new,
             residuals=tuple(r.verdict(name) for name, r in tests if r is not None),
-            description="; ".join(filter(None, (linear, self.description(traces, bool(effects))))),
+            description="; ".join(filter(None, (linear, self.description(bool(effects))))),
             warnings=self.warnings(),
             traces=traces,
             geometry=pose.geometry if pose is not None else None,
@@ -210,15 +211,16 @@ class _Assembly:
             after = with_ground(after, ground.ground, ground.std_errors, tracks=channels)
         return before, after
 
-    def description(self, traces: Sequence[Trace], named: bool) -> str:
+    def description(self, named: bool) -> str:
         """A sparse description of what no effect explains; empty where nothing is left."""
         session, remaining = self.session, self.remaining
         nearly_all = named and remaining.gap.closed_percent >= VERDICT.nearly_all
         if not remaining.structured or nearly_all:
             return ""
-        runs, errors = holdout_runs(traces, after=True), self.selection.final.errors.holdout
+        records, final = session.base.parts.holdout, self.selection.final
+        runs = session.base.search.simulated(final, holdout=True)
         return described(
-            explain(session.base.parts.holdout, errors, runs, session.floor, session.scales)
+            explain(records, final.errors.holdout, runs, session.floor, session.scales)
         )
 
     def poor(self) -> str:

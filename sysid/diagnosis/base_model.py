@@ -152,8 +152,7 @@ class Base:
     def with_sampling(self, like: CandidateModel) -> "Base":
         """The base with a sampling lag, fitted from the shares of a candidate."""
         search = self.search.holding(SAMPLING.id)
-        q = self.model.q.copy()
-        indices = list(search.model.of(SAMPLING.id))
+        q, indices = self.model.q.copy(), list(search.model.of(SAMPLING.id))
         q[indices] = like.q[indices]
         candidate = search.base(q[None])
         shares = " and ".join(f"{v:.2f}" for v in candidate.q[indices])
@@ -167,17 +166,7 @@ class Base:
             tuple(w * m for w, m in zip(self.parts.weights[0], estimation, strict=True)),
             tuple(w * m for w, m in zip(self.parts.weights[1], holdout, strict=True)),
         )
-        search = ForwardSelection(
-            self.search.model,
-            self.parts.estimation,
-            self.parts.holdout,
-            self.scales,
-            self.delay,
-            self.level,
-            weights,
-            self.search.needed,
-        )
-        parts = replace(self.parts, weights=weights)
+        search, parts = self.search.weighted(weights), replace(self.parts, weights=weights)
         return replace(self, parts=parts, search=search, model=search.base(self.model.q[None]))
 
 
@@ -295,7 +284,7 @@ def given_base(
         RULE.in_loop if in_loop else RULE.held_out,
         fixed_core=True,
     )
-    q = plain.null.copy()
+    q = plain.null
     for i in range(first.ny):
         plain.set_core(q, i, gain[i], pole[[i]])
     candidate = search.evaluate((), q, ())

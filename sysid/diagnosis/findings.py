@@ -176,25 +176,16 @@ def traces(base: Base, selection: Selection) -> tuple[Trace, ...]:
     Measurements of a slow sensor are joined by lines: in a row of its own fresh reading another
     output has none.
     """
-    both_parts = []
-    model = base.search.model
-    for role, facts, data in (
-        ("estimation", base.parts.facts, base.search.data),
-        ("held-out", base.parts.holdout_facts, base.search.holdout_data),
+    search, traces = base.search, []
+    for role, facts, data, holdout in (
+        ("estimation", base.parts.facts, search.data, False),
+        ("held-out", base.parts.holdout_facts, search.holdout_data, True),
     ):
-        turned = [
-            base.search.in_phase(n.q, n.effects) if role == "held-out" else n.q
-            for n in (selection.base, selection.final)
-        ]
-        before, after = (data.split(run) for run in model.run(np.array(turned), data))
-        weights = data.split(data.weight)
-        both_parts += [
-            Trace(r, x, y, role, np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
-            for r, x, y, w in zip(
-                facts.without_repeats.records, before, after, weights, strict=True
-            )
-        ]
-    return tuple(both_parts)
+        runs = (search.simulated(n, holdout) for n in (selection.base, selection.final))
+        counted = (np.asarray(w.max(axis=1) > 0.0, float) for w in data.split(data.weight))
+        each = zip(facts.without_repeats.records, *runs, counted, strict=True)
+        traces += [Trace(r, before, after, role, counts) for r, before, after, counts in each]
+    return tuple(traces)
 
 
 def two_levels(records: Sequence[Record], scales: Array) -> tuple[str, ...]:

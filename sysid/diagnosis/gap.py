@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.documents import Document
 from sysid.data.noise import white_noise
@@ -152,51 +151,6 @@ def _sums(gap: Gap) -> tuple[float, float]:
     old = sum(1.0 - (c.noise_floor / c.rmse_before) ** 2 for c in open_)
     new = sum(max(c.rmse_after**2 - c.noise_floor**2, 0.0) / c.rmse_before**2 for c in open_)
     return old, new
-
-
-def share_closed(
-    before: Sequence[Array],
-    without: Sequence[Array],
-    after: Sequence[Array],
-    floor: Array,
-    served: NDArray[np.bool_],
-) -> tuple[float, float]:
-    """Shares of the gap [%] that one effect closes, and that stay open on its outputs.
-
-    100 (gap without it − gap after)/gap before, and 100 (gap after)/gap before.
-
-    Args:
-        before, without, after: held-out errors (N, ny) of the original model, of the augmented
-            model but for the effect, and of the augmented model.
-        floor: noise of each output, (ny,).
-        served: outputs that the effect changes, (ny,).
-    """
-    old, rest, new = (
-        np.nanmean(np.concatenate(e) ** 2, axis=0)[served] for e in (before, without, after)
-    )
-    low = np.minimum(floor[served] ** 2, new)
-    whole = float(np.sum((old - low) / (old + 1e-300)))
-    if whole <= 0.0:
-        return 0.0, 0.0
-    closed, open_ = (float(np.sum(v / (old + 1e-300))) for v in (rest - new, new - low))
-    return 100.0 * closed / whole, 100.0 * open_ / whole
-
-
-def carries_an_output(
-    before: Sequence[Array],
-    without: Sequence[Array],
-    after: Sequence[Array],
-    floor: Array,
-    served: NDArray[np.bool_],
-) -> bool:
-    """Whether an effect closes more of the gap of some output than stays open there.
-
-    What remains on one output speaks not against an effect that carries another one: there is
-    something else on that one alone. Arguments are those of ``share_closed``.
-    """
-    each = np.eye(len(served), dtype=bool)[served]
-    shares = (share_closed(before, without, after, floor, one) for one in each)
-    return any(closed > open_ for closed, open_ in shares)
 
 
 def floor_of_errors(errors: Sequence[Array]) -> Array:

@@ -250,10 +250,6 @@ class Effect:
         by_hand: what distinguishes it from its ties where no command can, and what is then seen;
             empty where commands suffice.
         rare: whether one of its ties is preferred where a log cannot distinguish them.
-        descriptive: whether its law says what is seen and no mechanism: then it has to explain
-            nearly all, as many mechanisms look in part like it.
-        contains: effects whose law is a case of its own: where one of them explains nearly as much,
-            it is named.
         couples: whether it ties tracks to each other: a single one cannot have it, and the search
             moves the parameters of all tracks together, because those of one change the others'
             runs.
@@ -304,8 +300,6 @@ class Effect:
     ties: tuple[str, ...] = ()
     by_hand: str = ""
     rare: bool = False
-    descriptive: bool = False
-    contains: tuple[str, ...] = ()
     couples: bool = False
     opposite: str = ""
     programmes: tuple[Programme, ...] = (LEVELS, REVERSALS)

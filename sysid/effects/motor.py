@@ -115,7 +115,6 @@ EFFECTS = (
         (EffectParameter("ratio", "", 1.0, 0.2, 6.0, (0.6, 1.8)),),
         _coast,
         ties=("freewheel",),
-        descriptive=True,
         programmes=(COASTING, LEVELS),
     ),
     Effect(

@@ -139,7 +139,6 @@ EFFECTS = (
         _loose,
         states=2,
         at_rest=_touching,
-        contains=("coulomb-friction",),
         programmes=(REVERSALS, RAMPS),
         reverses=True,
     ),

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,8 @@ from sysid.methods.grey_box_starts import Setting, cost_of, started
 from sysid.methods.method import Method
 from sysid.methods.outcome import FitOutcome, Part, outcome_of, with_covariance
 from sysid.structures.base import Structure
-from sysid.structures.grey_box.constants import Rung
-from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.grey_box.physics import Rung
+from sysid.structures.grey_box.structure import GreyBox, read_off
 
 Mask = NDArray[np.bool_]
 
@@ -73,7 +74,7 @@ def by_multi_start(
         ModelError: no start gives a finite cost.
     """
     assert isinstance(structure, GreyBox)
-    structure = structure.for_record(records[0]).sampled(records[0].dt).driven_as(records)
+    structure = read_off(structure, records)
     bare = structure.parameters(records[0].inputs, records[0].outputs)
     given = {p.name: p for p in parameters}
     names = [p.name for p in bare]
@@ -89,15 +90,15 @@ def by_multi_start(
         for n, a, b in zip(names, constrained, bare, strict=True)
     )
     free = np.array([p.fixed is None for p in table])
-    guesses = [(n, _admissible(t, table, free)) for n, t in structure.first_guess(records)]
+    guesses = [(n, _admissible(t, table, free)) for n, t in structure.physics.first_guess(records)]
     guesses += [
         (n, _admissible(t, table, free)) for n, t in initial_guesses if len(t) == len(table)
     ]
-    if structure.substeps == 0:
-        structure = replace(structure, substeps=_substeps(structure, [t for _, t in guesses]))
-    coarse = replace(structure, substeps=-(-structure.substeps // COARSER))
+    if structure.sampling.substeps == 0:
+        structure = _cut(structure, _substeps(structure, [t for _, t in guesses]))
+    coarse = _cut(structure, -(-structure.sampling.substeps // COARSER))
     setting = Setting(coarse, tuple(records), table, options, tuple(constrained))
-    cut = hold_out(records) if structure.ladder() else None
+    cut = hold_out(records) if structure.physics.ladder() else None
     kept = None if cut is None else [~m for m in cut.counted]
     p, reports = started(setting, guesses, free, kept)
     notes: list[StartReport] = []
@@ -113,9 +114,14 @@ def by_multi_start(
     return _outcome(setting, last, free, wider, (*reports, *notes))
 
 
-def _substeps(structure: GreyBox, guesses: Sequence[Array]) -> int:
-    fastest = min((structure.time_scale(t) for t in guesses[:1]), default=np.inf)
-    steps = STEPS_IN_TIME_CONSTANT * structure.dt / max(fastest, 1e-12)
+def _cut(structure: GreyBox[Any], substeps: int) -> GreyBox[Any]:
+    return replace(structure, sampling=replace(structure.sampling, substeps=substeps))
+
+
+def _substeps(structure: GreyBox[Any], guesses: Sequence[Array]) -> int:
+    dt = structure.sampling.dt
+    fastest = min((structure.physics.time_scale(t, dt) for t in guesses[:1]), default=np.inf)
+    steps = STEPS_IN_TIME_CONSTANT * dt / max(fastest, 1e-12)
     return int(min(max(np.ceil(steps), 1.0), MOST_SUBSTEPS))
 
 
@@ -150,7 +156,7 @@ def _climbed(
         words = f"{rung.words}: {verdict}, held-out error {error:.4g}"
         reports.append(StartReport(output, words, None, solution.cost, solution.evaluations))
 
-    for rung in s.structure.ladder():
+    for rung in s.structure.physics.ladder():
         entries = [k for k in _entries(s, rung) if not free[k]]
         if not entries:
             continue
@@ -159,7 +165,7 @@ def _climbed(
         problem = s.problem(kept)
         starts = [
             np.concatenate([theta, p[len(free) :]])
-            for theta in s.structure.rung_starts(p[: len(free)], rung, s.records)
+            for theta in s.structure.physics.rung_starts(p[: len(free)], rung, s.records)
         ]
         starts.sort(key=lambda q: cost_of(problem.residual(q)))
         runs = [s.descend(q, wider, kept, RUNG_EVALUATIONS) for q in starts[:RUNG_STARTS]]
@@ -173,7 +179,7 @@ def _climbed(
         if pays:
             p, free, base_error, cost = best.p, wider, error, best.cost
             climbed.append((rung, entries))
-    null = s.structure.pack({})
+    null = s.structure.physics.pack({})
     for rung, entries in climbed[:-1]:
         narrower, without = free.copy(), p.copy()
         narrower[entries] = False
@@ -188,7 +194,7 @@ def _climbed(
 
 def _entries(s: Setting, rung: Rung) -> list[int]:
     """Entries of a rung that neither the user nor an option has settled."""
-    entries = [k for name in rung.names for k in s.structure.entries(name)]
+    entries = [k for name in rung.names for k in s.structure.physics.entries(name)]
     return [k for k in entries if not s.user_fixed[k]]
 
 
@@ -203,7 +209,7 @@ def _determined(s: Setting, solution: Solution, free: Mask, rung: Rung, kept: Ma
     return all(
         any(
             known[k] or (lower[k] < 0.0 and np.isfinite(error[k]))
-            for k in s.structure.entries(name)
+            for k in s.structure.physics.entries(name)
             if free[k]
         )
         for name in rung.names
@@ -236,7 +242,7 @@ def _profiled(
     The rise of the cost counts in units of the variance that slopes and the colour of the
     residuals give: for white ones 2 Δ(½‖ε‖²)/σ².
     """
-    jumps = s.structure.by_entry(lambda c: float(c.jumps)) > 0.0
+    jumps = s.structure.physics.by_entry(lambda c: float(c.jumps)) > 0.0
     entries = [int(k) for k in np.flatnonzero(jumps & free) if k not in solution.at_bound]
     errors: dict[int, float] = {}
     for _ in range(REPEATS if entries else 0):

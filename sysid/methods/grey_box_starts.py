@@ -17,6 +17,7 @@ from sysid.fitting.problem import Initial, Parameter
 from sysid.fitting.run_errors import Masks
 from sysid.fitting.searchable import StartReport
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt, many_starts
+from sysid.structures.grey_box.physics import Physics
 from sysid.structures.grey_box.runs import GreyErrors, scan
 from sysid.structures.grey_box.structure import GreyBox
 
@@ -63,7 +64,7 @@ DIVERGED = 1e99
 class Setting:
     """What every descent of one fit shares."""
 
-    structure: GreyBox
+    structure: GreyBox[Any]
     records: tuple[Record, ...]
     parameters: tuple[Parameter, ...]
     options: FitOptions
@@ -226,7 +227,7 @@ def _varied(
     """The guesses, then variations of the best ones by each constant's spread."""
     names, thetas = [n for n, _ in guesses], [t for _, t in guesses]
     rng = np.random.default_rng(0)
-    spread = s.structure.spreads()
+    spread = s.structure.physics.by_entry(lambda c: c.spread)
     base = list(thetas)
     k = 0
     while len(thetas) < max(STARTS, len(base)) and base and np.any(free):
@@ -250,7 +251,8 @@ def _at_once(
     """Every start through the vmapped solver, on part of the data, initial states as guessed."""
     every = _decimation(s, thetas[0])
     pieces = shortened([_thinned(r, every) for r in s.records], START_SAMPLES)
-    structure = s.structure.rough().sampled(pieces[0].dt)
+    sampling = replace(s.structure.sampling, dt=pieces[0].dt)
+    structure = replace(s.structure, physics=s.structure.physics.rough(), sampling=sampling)
     problem = replace(s, records=pieces, structure=structure).problem(None)
     # rounded up, so that records of about equal length share a compilation
     longest = -(-max(len(r) for r in pieces) // PADDED) * PADDED
@@ -264,11 +266,11 @@ def _at_once(
     x0 = np.stack([problem.initial_states(problem.initial_guess(t)) for t in thetas])
     where = np.flatnonzero(free)
     typical = np.asarray(thetas[0])
-    spread = s.structure.spreads()
+    spread = s.structure.physics.by_entry(lambda c: c.spread)
     c = Coordinates.of(s.lower[where], s.upper[where], typical[where], spread[where])
-    residual, slopes = _screened(structure.timeless(), len(where))
+    residual, slopes = _screened(structure.physics.bare(), len(where))
     z0 = np.stack([c.z(t[where]) for t in thetas])
-    shared = (u, y, weight, structure.h, structure.steps, where, tuple(c))
+    shared = (u, y, weight, sampling.h, sampling.steps, where, tuple(c))
     endings = many_starts(
         residual, z0, (np.stack(thetas), x0), shared, START_ROUNDS, jacobian=slopes
     )
@@ -282,7 +284,7 @@ def _at_once(
 
 
 @lru_cache(maxsize=16)
-def _screened(structure: GreyBox, n: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def _screened(physics: Physics, n: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Free-run errors of one start over z (n,) and their slopes, as ``many_starts`` takes them.
 
     The slopes are differences, all runs side by side: exact ones took three times as long to
@@ -293,7 +295,7 @@ def _screened(structure: GreyBox, n: int) -> tuple[Callable[..., Any], Callable[
         base, x = start
         inputs, measured, weights, h, steps, where, c = shared
         theta = base.at[where].set(Coordinates(*c).theta(xp, z))
-        _, (_, out) = scan(structure, xp, lax, theta, x, inputs, h, steps)
+        _, (_, out) = scan(physics, xp, lax, theta, x, inputs, h, steps)
         return ((measured - out) * weights).ravel()
 
     def slopes(xp: Any, lax: Any, z: Any, start: Any, shared: Any) -> Any:
@@ -310,7 +312,8 @@ def _screened(structure: GreyBox, n: int) -> tuple[Callable[..., Any], Callable[
 def _decimation(s: Setting, theta: Array) -> int:
     """How many samples may be taken as one while starts are compared."""
     total = sum(len(r) for r in s.records)
-    room = s.structure.time_scale(theta) / (SAMPLES_IN_TIME_CONSTANT * s.structure.dt)
+    dt = s.structure.sampling.dt
+    room = s.structure.physics.time_scale(theta, dt) / (SAMPLES_IN_TIME_CONSTANT * dt)
     return int(max(min(total // START_SAMPLES, room), 1))
 
 

@@ -16,6 +16,9 @@ from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.base import Structure
+from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.physics import Sampling
+from sysid.structures.grey_box.tanks import Tanks
 from sysid.structures.model import Model
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narx.structure import NarxWavelet
@@ -190,20 +193,21 @@ def _dc_motor() -> Case:
     plain = structure_class("dc-motor").from_orders(
         {}, 1, 1, {"friction": "none", "input": "voltage", "output": "speed", "substeps": "1"}
     )
-    truth = replace(plain, dt=DT, input_range=((-1.0, 1.0),))  # type: ignore[call-arg]
+    assert isinstance(plain, DCMotor)
+    truth = replace(plain, sampling=Sampling(DT, 1, ((-1.0, 1.0),)))
     theta, slow, runaway = (
-        truth.pack({"gain": 2.0, "time_constant": tau})  # type: ignore[attr-defined]
-        for tau in (0.3, 5.0, -0.3)
+        plain.physics.pack({"gain": 2.0, "time_constant": tau}) for tau in (0.3, 5.0, -0.3)
     )
     return Case(truth, theta, plain, slow, runaway)
 
 
 def _tanks() -> Case:
     plain = structure_class("tanks").from_orders({}, 1, 1, {"substeps": "2"})
-    truth = replace(plain, dt=DT, input_range=((0.0, 5.0),))  # type: ignore[call-arg]
+    assert isinstance(plain, Tanks)
+    truth = replace(plain, sampling=Sampling(DT, 2, ((0.0, 5.0),)))
     own = {"k1": 2.0, "k2": 1.6, "k3": 1.5, "limit1": 4.0, "share": 0.4}
     theta, slow, runaway = (
-        truth.pack(own | more)  # type: ignore[attr-defined]
+        plain.physics.pack(own | more)
         for more in ({}, {"k1": 0.2, "k2": 0.16, "k3": 0.075}, {"k2": -1.6, "limit2": 1e9})
     )
     return Case(truth, theta, plain, slow, runaway, level=2.5, span=2.5, unique=False)

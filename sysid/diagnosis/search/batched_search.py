@@ -91,6 +91,8 @@ def best_tracks(model: FullModel, q: Array, cost: Array) -> Array:
 
 def slopes(model: FullModel, q: Array, free: Sequence[int], data: Data) -> Array:
     """∂ŷ/∂q over the free parameters in their own units, (M, tracks, n), by forward differences."""
+    if not free:
+        return np.zeros((*data.y.shape, 0))
     rows = np.repeat(q[None], len(free) + 1, axis=0)
     steps = [_step(model, q, k) for k in free]
     rows[np.arange(1, len(rows)), list(free)] += steps
@@ -107,8 +109,6 @@ def _step(model: FullModel, q: Array, k: int) -> float:
 
 def information(model: FullModel, q: Array, free: Sequence[int], data: Data) -> Array:
     """Gauss–Newton matrix JᵀWJ over the free parameters in their own units, (n, n)."""
-    if not free:
-        return np.zeros((0, 0))
     J = (data.weight[:, :, None] * slopes(model, q, free, data)).reshape(-1, len(free))
     return np.asarray(J.T @ J)
 

@@ -72,6 +72,15 @@ class CandidateSearch:
         search.core = (*self.core, *self.model.of(id))
         return search
 
+    def weighted(self, weights: tuple[Sequence[Array], Sequence[Array]]) -> Self:
+        """The same search with other weights of the samples of both parts, (N, tracks) a record."""
+        search = copy(self)
+        search.data, search.holdout_data = (
+            data.weighted(part)
+            for data, part in zip((self.data, self.holdout_data), weights, strict=True)
+        )
+        return search
+
     def base(self, starts: Array) -> CandidateModel:
         """The base fitted from given values of all parameters, (batch, parameters)."""
         q, cost = search(self.model, starts, [self.core] * len(starts), self.data, BUDGET.polish)
@@ -93,6 +102,13 @@ class CandidateSearch:
             self._errors(q, self.data), self._errors(self.in_phase(q, effects), self.holdout_data)
         )
         return CandidateModel(effects, q, tuple(free), errors, touched, excluded)
+
+    def simulated(self, at: CandidateModel, holdout: bool = False) -> tuple[Array, ...]:
+        """Free runs of a candidate model, (N, ny) a record of a part."""
+        if holdout:
+            q = self.in_phase(at.q, at.effects)
+            return self.holdout_data.split(self.model.run(q, self.holdout_data)[0])
+        return self.data.split(self.model.run(at.q, self.data)[0])
 
     def fitted(
         self, like: CandidateModel, q: Array | None = None, free: Sequence[int] | None = None

@@ -8,14 +8,13 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.diagnosis.policies import BUDGET, RULE, VERDICT
-from sysid.diagnosis.search.admission import beyond_sampling, tied
+from sysid.diagnosis.search.admission import tied
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
 from sysid.diagnosis.search.evidence import Evidence, alike
 from sysid.diagnosis.search.moves import (
     beside_either,
     on_more_tracks,
     swapped,
-    with_seen_clip,
 )
 from sysid.diagnosis.search.selection import (
     CandidateModel,
@@ -58,11 +57,7 @@ class ForwardSelection(CandidateSearch):
         judged = self.candidates(base, effects)
         first = tuple((j.id, j.score) for j in judged)
         passed = [j for j in self.passing(judged) if j.evidence.ratio < (needed or self.needed)]
-        others = [
-            j
-            for j in passed[1:]
-            if j.id not in passed[0].model.excluded and not is_nested_in(passed[0], j)
-        ]
+        others = [j for j in passed[1:] if j.id not in passed[0].model.excluded]
         beam = passed[:1] + others[: BUDGET.beam - 1]
         if not beam:
             return Selection(base, base, (), self._minor(judged), first)
@@ -79,15 +74,10 @@ class ForwardSelection(CandidateSearch):
             other, other_minor = self._grown(base, rival.model, effects, say, required)
             if self.best_of(base, (best, other)) is other:
                 best, minor = other, other_minor if other_minor is not None else minor
-        best = with_seen_clip(self, base, self.fitted(best), judged)
+        best = self.fitted(best)
         say("dropping and swapping", 0.85)
         best = self.pruned(base, best, effects)
         selected = self.account(base, best, effects, judged)
-        while len(selected) > 1 and (unsound := self._unsound(best, selected)):
-            # the effect that the others need least; what remains is fitted and judged again
-            weakest = max(unsound, key=lambda n: n.evidence.delta_bic)
-            best = self.without(best, weakest.id)
-            selected = self.account(base, best, effects, judged)
         say("done", 1.0)
         return Selection(base, best, selected, minor, first)
 
@@ -145,7 +135,6 @@ class ForwardSelection(CandidateSearch):
             j
             for j in passed
             if alike(top.model.errors, j.model.errors)
-            or is_nested_in(j, top)
             or (j.id in about(top.id).ties and about(top.id).rare and self.tied(top.model, j.model))
         ]
         lead = min(
@@ -265,7 +254,6 @@ class ForwardSelection(CandidateSearch):
                 rest = self.without(model, id)
                 judged = self.candidates(rest, others, most=4)
                 in_place = self._in_place(model, rest, judged, len(effects))
-                judged = self._as_far(in_place, judged)
             ties = tuple(
                 j.id
                 for j in judged
@@ -280,34 +268,6 @@ class ForwardSelection(CandidateSearch):
                 SelectedEffect(id, in_place.evidence, ties, in_place.model.touched, rivals, rest)
             )
         return tuple(selected)
-
-    def _as_far(
-        self, in_place: ScoredCandidate, judged: Sequence[ScoredCandidate]
-    ) -> Sequence[ScoredCandidate]:
-        """Rivals beside the same parameters as an effect in place, where only those set them apart.
-
-        The parameters of the other effects were fitted beside the one in place, and not beside
-        these.
-        """
-        anew = next((j for j in judged if j.id == in_place.id), in_place)
-        if anew is in_place:
-            return judged
-
-        def behind(j: ScoredCandidate) -> bool:
-            same = j.id in about(in_place.id).ties and self.tied(anew.model, j.model)
-            return same and not self.tied(in_place.model, j.model)
-
-        return [self._instead(in_place, j) if behind(j) else j for j in judged]
-
-    def _instead(self, in_place: ScoredCandidate, rival: ScoredCandidate) -> ScoredCandidate:
-        """The rival with the other effects as fitted beside the one in place, if that fits."""
-        q = in_place.model.q.copy()
-        own, others = list(self.model.of(in_place.id)), list(self.model.of(rival.id))
-        q[own], q[others] = self.origin[own], rival.model.q[others]
-        kept = [k for k in in_place.model.free if k not in own]
-        free = tuple(sorted({*kept, *(k for k in rival.model.free if k in others)}))
-        moved = self.fitted(rival.model, q, free)
-        return replace(rival, model=self.best_of(rival.model, (rival.model, moved)))
 
     def tied(self, best: CandidateModel, other: CandidateModel) -> bool:
         """Whether no log can distinguish two models."""
@@ -330,14 +290,6 @@ class ForwardSelection(CandidateSearch):
         touched = np.array([i in at or -1 in at for i in range(self.model.tracks)])
         return replace(model, effects=(*rest.effects, id), touched=touched)
 
-    def _unsound(
-        self, model: CandidateModel, selected: Sequence[SelectedEffect]
-    ) -> list[SelectedEffect]:
-        """Effects to reject: all where a gain is chance, else delays that have shrunk."""
-        if not all(n.evidence.significant for n in selected):
-            return list(selected)
-        return [n for n in selected if not beyond_sampling(self.model, n.id, model.q).any()]
-
     def _in_place(
         self,
         model: CandidateModel,
@@ -356,13 +308,6 @@ class ForwardSelection(CandidateSearch):
         if anew and self.likelihood(rest, anew[0].model, samples) >= score:
             return anew[0]
         return self.scored(rest, whole, tried, samples)
-
-
-def is_nested_in(scored: ScoredCandidate, other: ScoredCandidate) -> bool:
-    """Whether the law of an effect is a case of another's that closes hardly more of the gap."""
-    more = scored.evidence.ratio**2 - other.evidence.ratio**2
-    enough = RULE.redundant * (1.0 - other.evidence.ratio**2)
-    return scored.id in about(other.id).contains and more < enough
 
 
 def _little_left(base: CandidateModel, best: CandidateModel) -> bool:

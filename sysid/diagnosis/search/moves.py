@@ -12,8 +12,8 @@ from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
 from sysid.diagnosis.search.evidence import alike
 from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
-from sysid.diagnosis.search.starts import free_indices, repeats_at_top
-from sysid.effects.base import Effect, StartsFrom
+from sysid.diagnosis.search.starts import free_indices
+from sysid.effects.base import Effect
 from sysid.effects.catalogue import CHANGED, about
 
 CLEARLY = 10.0
@@ -126,27 +126,3 @@ def swapped(
             order = tuple(best.effects[-1] if e == id else e for e in model.effects)
             model = replace(best, effects=order, excluded=model.excluded)
     return model
-
-
-def with_seen_clip(
-    search: CandidateSearch,
-    base: CandidateModel,
-    best: CandidateModel,
-    judged: Sequence[ScoredCandidate],
-) -> CandidateModel:
-    """A clip that is seen in the measurements belongs to the model unless it makes it worse.
-
-    It comes first: it needs no inference, and what else is named has to go with it.
-    """
-    data, model = search.data, search.model
-    clipped = (repeats_at_top(data.y[data.weight[:, i] > 0.0, i]) for i in range(model.tracks))
-    clips = {e.id for e in model.effects if e.starts_from is StartsFrom.CLIP_LEVEL}
-    seen = next((j for j in judged if j.id in clips and j.evidence.accepted), None)
-    if seen is None or not any(clipped):
-        return best
-    q, own = best.q.copy(), list(model.of(seen.id))
-    q[own] = seen.model.q[own]
-    first = (seen.id, *(e for e in best.effects if e != seen.id))
-    every = np.ones(model.tracks, dtype=bool)
-    fitted = search.fitted(replace(best, effects=first, touched=every, excluded=()), q)
-    return search.best_of(base, (fitted, best))

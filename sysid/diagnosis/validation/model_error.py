@@ -21,6 +21,7 @@ from sysid.criteria.coloured import ar_fit
 from sysid.data.documents import Document
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index, Record
+from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.validation.error_tests import (
     ORDER,
     f_test,
@@ -94,6 +95,11 @@ class ResidualStructure:
     def verdict(self, model: str) -> ResidualVerdict:
         """As the noun of a diagnosis, for the model ``before`` or ``after``."""
         return ResidualVerdict(model, self.p_value, self.share)
+
+
+def structured(errors: ResidualStructure | None) -> bool:
+    """Whether errors depend on what is known."""
+    return errors is not None and errors.p_value < VERDICT.structured_p
 
 
 def error_structure(

@@ -76,7 +76,8 @@ def _theta_numbers(
     inputs: Sequence[Channel],
     outputs: Sequence[Channel],
 ) -> Iterator[Number]:
-    known = {c.name: c.words for c in structure.constants} if isinstance(structure, GreyBox) else {}
+    constants = structure.physics.constants if isinstance(structure, GreyBox) else ()
+    known = {c.name: c.words for c in constants}
     for p, value in zip(parameters, theta, strict=True):
         words = known.get(p.name.partition("[")[0], "")
         yield Number(p.name, p.unit, f"{p.name}: {words}" if words else p.name, float(value))

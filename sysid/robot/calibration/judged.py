@@ -8,8 +8,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import DataError
-from sysid.robot.calibration.slip_fit import Part
-from sysid.robot.calibration.trajectory import Trajectory
+from sysid.robot.calibration.trajectory import Part, Trajectory
 from sysid.robot.calibration.windows import WINDOW
 
 ESTIMATED = 0.7

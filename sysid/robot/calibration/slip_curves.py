@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.robot.calibration.slip_fit import Part, SlipFit
+from sysid.robot.calibration.slip_estimate import SlipFit
 from sysid.robot.calibration.slip_model import AT, increments
+from sysid.robot.calibration.trajectory import Part
 from sysid.robot.calibration.windows import OVERLAP
 from sysid.vehicle.kinematics import Geometry, body_velocity
 

@@ -1,6 +1,5 @@
 """Motions that slip and that have mass, in the loop of a mission."""
 
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -23,7 +22,8 @@ from sysid.robot.mission.spec import load_mission
 from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.robot.mission.tracks.torque import motors_of, on_ground
 from sysid.runners import floats
-from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.dc_motor.structure import DCMotor, MotorPhysics
+from sysid.structures.grey_box.physics import Sampling
 from sysid.structures.plant import Plant
 from sysid.vehicle.dynamics import VehicleState, step
 from sysid.vehicle.floor import Circle, Floor, HalfPlane, Polygon
@@ -36,11 +36,13 @@ SPEED = Channel("omega", "rad/s")
 def motor(ny: int = 1, options: dict[str, str] | None = None, **values: float) -> Plant:
     """A dc-motor of the bench's constants, 7.5 V at full drive."""
     given = {"input": "voltage", "friction": "coulomb", "parameters": "bench"} | (options or {})
-    m = replace(DCMotor.from_orders({}, ny, ny, given), dt=0.1, substeps=20)
+    m = DCMotor(MotorPhysics.from_options(given, ny, ny), Sampling(0.1, 20))
     volts, tags = "voltage", [""] if ny == 1 else ["_l", "_r"]
     return Plant.of_structure(
         m,
-        m.pack({"motor_friction": 2.9658e-5, "friction_torque": 0.0, "load_inertia": 0.0} | values),
+        m.physics.pack(
+            {"motor_friction": 2.9658e-5, "friction_torque": 0.0, "load_inertia": 0.0} | values
+        ),
         0.1,
         tuple(Channel(volts + t, "V") for t in tags),
         tuple(Channel("omega" + t, "rad/s") for t in tags),

@@ -84,7 +84,8 @@ def _in_processes(job: Job, parts: Sequence[Any]) -> Iterator[Any]:
     done = deaths = 0
     while done < len(parts):
         rest = parts[done:]
-        pool = Parallel(n_jobs=min(os.cpu_count() or 1, len(rest)), return_as="generator")
+        count = max(2, min(os.cpu_count() or 1, len(rest)))  # a pool of one would be this process
+        pool = Parallel(n_jobs=count, return_as="generator")
         calls = (delayed(tied)(os.getpid(), run_on_worker, job, part) for part in rest)
         try:
             for result in pool(calls):

@@ -50,7 +50,7 @@ class PlantVariant:
         fresh = np.array((state, state)) if robot.twins else state
         settling_steps = 0
         if not np.array_equal(robot.rest, fresh):
-            settling_steps = settle(nominal, state, robot.centre).steps
+            settling_steps = len(settle(nominal, state, robot.centre).response)
         return PlantVariant(Sampler(mission, plant, variation), robot, warnings, settling_steps)
 
     @cached_property

@@ -11,7 +11,6 @@ from sysid.data.integrating import is_position
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError, argument
 from sysid.runners.single import together
-from sysid.structures.grey_box.constants import Constant, Rung, Signal
 from sysid.structures.grey_box.dc_motor.constants import (
     OPTIONAL_EACH,
     bench,
@@ -23,10 +22,12 @@ from sysid.structures.grey_box.dc_motor.constants import (
 from sysid.structures.grey_box.dc_motor.motion import STEPS, friction_constants, of_motors
 from sysid.structures.grey_box.dc_motor.start import central_guesses
 from sysid.structures.grey_box.dc_motor.torque import torque_source
+from sysid.structures.grey_box.dc_motor.words import sentences
+from sysid.structures.grey_box.physics import Constant, Physics, Rung, Signal
 from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
-from sysid.structures.physics import friction_entries, torques
 from sysid.structures.traits import Traits
 from sysid.vehicle.dry_friction import decay
+from sysid.vehicle.motors import TorqueSource
 
 Input = Literal["auto", "pwm", "voltage"]
 Output = Literal["auto", "speed", "position"]
@@ -66,7 +67,7 @@ OPTIONS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class DCMotor(GreyBox):
+class MotorPhysics(Physics):
     """Geared DC motors with dry friction that really sticks (thesis 2.53–2.61).
 
     In units of speed, for each track (one motor: no coupling; r: reverse over forward)
@@ -101,18 +102,10 @@ class DCMotor(GreyBox):
     torque_per_input: float = 0.0
 
     takes_floats: ClassVar[bool] = True
-    name: ClassVar[str] = "dc-motor"
-    traits: ClassVar[Traits] = grey_box_traits(
-        title="DC motor: a grey box with friction, one motor or two tracks on a body",
-        equation="T dω/dt = K (sat(u) - o) - ω - f(ω), f: Coulomb and Stribeck, sticks",
-        when="motors driven by PWM or voltage whose speed or position is measured; physical "
-        "parameters",
-        options=OPTIONS,
-    )
 
     @classmethod
-    def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:
-        """Fields from options; a motor for each input, one or two of them."""
+    def from_options(cls, given: Mapping[str, str], nu: int, ny: int) -> Self:
+        """A motor for each input, one or two of them."""
         if nu != ny or nu not in (1, 2):
             raise UsageError(
                 f"dc-motor needs one motor (1 input, 1 output) or two tracks (2 and 2), got {nu} "
@@ -136,7 +129,7 @@ class DCMotor(GreyBox):
                     )
             settings["shared"] = names
         settings["torque_per_input"] = _positive(given.get("torque_constant", "0"))
-        return settings
+        return cls(nu, ny, **settings)
 
     # ----------------------------------------------------------------- constants and states
 
@@ -218,9 +211,9 @@ class DCMotor(GreyBox):
             "friction": friction_constants(xp, q, self.ny),
         }
 
-    def timeless(self) -> Self:
-        """The equations alone, whatever is estimated and written out."""
-        return replace(super().timeless(), friction="auto", torque_per_input=0.0)
+    def bare(self) -> Self:
+        """The equation alone, whatever is estimated and written out."""
+        return replace(self, friction="auto", torque_per_input=0.0)
 
     def rough(self) -> Self:
         """With implicit steps, a quarter of the work and of the compilation."""
@@ -238,7 +231,7 @@ class DCMotor(GreyBox):
             q["coulomb"] = q["gain"] * p["coulomb"]
         return q
 
-    def time_constants_s(self, theta: Array) -> Array:
+    def time_constants(self, theta: Array) -> Array:
         """Those of the coupled motion; a position keeps what its first speed was wrong by."""
         inertia, cross = self.motion(np, self.unpack(np, theta))["inertia"]
         matrix = np.diag(inertia[:, 0]) + (np.fliplr(np.eye(2)) * cross if self.ny == 2 else 0.0)
@@ -292,32 +285,29 @@ class DCMotor(GreyBox):
         extra = Rung("extra friction at standstill", ("breakaway", "stribeck"))
         return tuple((w, t) for w, g in guesses for t in self.rung_starts(g, extra, records))
 
-    def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
+    def state_guess(self, theta: Array, u: Array, y: Array, dt: float) -> Array:
         """First outputs; of positions also their slope over the head."""
         if self.output != "position":
             return np.array(y[0], dtype=np.float64)
         n = max(len(y) - 1, 1)
         t = np.arange(len(y)) - n / 2.0
-        slope = t @ y / max(float(t @ t), 1.0) / max(self.dt, 1e-300)
+        slope = t @ y / max(float(t @ t), 1.0) / max(dt, 1e-300)
         return np.concatenate([slope, y[0]])
 
     # ----------------------------------------------------------------- words
 
-    def equations(
+    def sentences(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[str, ...]:
         """The motion of each track with its numbers, and what follows for physical constants."""
-        from sysid.structures.grey_box.dc_motor.words import sentences
+        return sentences(self, theta, inputs, outputs)
 
-        return sentences(self, np.asarray(theta), inputs, outputs)
-
-    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
-        """Constants, lumped values, the command at which each track starts to move."""
-        q = self.motion(np, self.unpack(np, np.asarray(theta)))
+    def properties(self, theta: Array) -> dict[str, Any]:
+        """Lumped values, and the command at which each track starts to move."""
+        q = self.motion(np, self.unpack(np, theta))
         inertia, cross = q["inertia"]
         level = np.ravel(q["coulomb"] / q["gain"])
-        properties = super().properties(theta, dt)
-        return properties | {
+        return {
             "gain": np.ravel(q["gain"]).tolist(),
             "time_constant": np.ravel(inertia).tolist(),
             "coupling_time": float(np.sum(cross)),
@@ -325,6 +315,28 @@ class DCMotor(GreyBox):
             "breakaway_command": np.ravel(level[:, None] * q["breakaway"]).tolist(),
             "position": self.output == "position",
         }
+
+    def torque_source(self, theta: Any) -> TorqueSource | None:
+        """The motors, where their torques are known: of the bench, or by ``torque_constant``."""
+        return torque_source(self, theta)
+
+    def friction_entries(self) -> tuple[int, ...]:
+        """Sliding friction; that at standstill counts in parts of it."""
+        return tuple(self.entries("coulomb") or self.entries("friction_torque"))
+
+
+class DCMotor(GreyBox[MotorPhysics]):
+    """One geared motor, or two tracks on a body, as a structure."""
+
+    name: ClassVar[str] = "dc-motor"
+    traits: ClassVar[Traits] = grey_box_traits(
+        title="DC motor: a grey box with friction, one motor or two tracks on a body",
+        equation="T dω/dt = K (sat(u) - o) - ω - f(ω), f: Coulomb and Stribeck, sticks",
+        when="motors driven by PWM or voltage whose speed or position is measured; physical "
+        "parameters",
+        options=OPTIONS,
+    )
+    physics_class: ClassVar[type[Physics]] = MotorPhysics
 
 
 def _stribeck_scale(records: Sequence[Record], position: bool) -> float:
@@ -345,12 +357,3 @@ def _positive(text: str) -> float:
             "force per unit of input, a number above 0"
         )
     return value
-
-
-torques.register(DCMotor, torque_source)
-
-
-@friction_entries.register
-def _(s: DCMotor) -> tuple[int, ...]:
-    """Sliding friction; that at standstill counts in parts of it."""
-    return tuple(s.entries("coulomb") or s.entries("friction_torque"))
