@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from sysid.data.documents import Document
+from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import Gap
 from sysid.diagnosis.named_effects import NamedEffect, RejectedEffect
@@ -24,7 +24,7 @@ OF_THE_LOG = {
 
 
 @dataclass(frozen=True)
-class Experiment(Document):
+class Experiment:
     """A run that would show what this log cannot.
 
     Attributes:
@@ -116,29 +116,37 @@ class Diagnosis:
         return self.after is not self.before
 
     def to_json(self, before: str = "", after: str = "") -> dict[str, Any]:
-        """The document ``diagnosis.json``."""
-        effects = {k: getattr(self, k) for k in ("effects", "rejected", "where", "where_after")}
-        return {
-            "verdict": self.verdict,
-            "story": self.story,
-            "changes": list(self.changes),
-            "base": self.base_words,
-            "added_to": self.baseline_words or self.base_words,
-            "geometry": None if self.geometry is None else self.geometry.to_json(),
-            **{name: [item.to_json() for item in items] for name, items in effects.items()},
-            "minor": list(self.minor),
-            "excess_error": None if self.excess_error is None else self.excess_error.to_json(),
-            **self.several.to_json(),
-            "candidates": [{"id": k, "score": v} for k, v in self.candidates],
-            "gap": self.gap.to_json(),
-            "detectable": self.detectable,
-            "next_experiments": [e.to_json() for e in self.next_experiments],
-            "original_model": before,
-            "augmented_model": after,
-            "residual_tests": [r.to_json() for r in self.residuals],
-            "description": self.description,
-            "reading": list(self.reading),
-            "warnings": list(self.warnings),
-            "path": self.path,
-            "seconds": self.seconds,
-        }
+        """The document ``diagnosis.json``.
+
+        Args:
+            before, after: ids under which the models are kept in the workspace.
+        """
+        return plain_object(
+            {
+                "verdict": self.verdict,
+                "story": self.story,
+                "changes": self.changes,
+                "base": self.base_words,
+                "added_to": self.baseline_words or self.base_words,
+                "geometry": self.geometry,
+                "effects": self.effects,
+                "minor": self.minor,
+                "rejected": self.rejected,
+                "excess_error": self.excess_error,
+                **by_field(self.several),
+                "candidates": [{"id": k, "score": v} for k, v in self.candidates],
+                "where": self.where,
+                "where_after": self.where_after,
+                "gap": self.gap,
+                "detectable": self.detectable,
+                "next_experiments": self.next_experiments,
+                "original_model": before,
+                "augmented_model": after,
+                "residual_tests": self.residuals,
+                "description": self.description,
+                "reading": self.reading,
+                "warnings": self.warnings,
+                "path": self.path,
+                "seconds": self.seconds,
+            }
+        )

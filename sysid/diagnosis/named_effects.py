@@ -4,8 +4,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.data.documents import Document
-
 
 @dataclass(frozen=True)
 class Value:
@@ -73,13 +71,13 @@ class Value:
 
     def to_json(self) -> dict[str, Any]:
         """{name, value, std_error, unit, interval, visited, on_bound}, and the same ``in_file``."""
-        in_file = {} if self.in_file is None else {"in_file": self.in_file.to_json()}
+        in_file = {} if self.in_file is None else {"in_file": self.in_file}
         return {
             "name": self.name,
-            "value": self.value if self.visited else None,
+            "value": self.value,
             "std_error": self.std_error,
             "unit": self.unit,
-            "interval": None if self.interval is None else list(self.interval),
+            "interval": self.interval,
             "visited": self.visited,
             "on_bound": self.bounded,
             **in_file,
@@ -127,14 +125,14 @@ class NamedEffect:
         return {
             "id": self.id,
             "stage": self.stage,
-            "channels": list(self.channels),
-            "parameters": [p.to_json() for p in self.parameters],
+            "channels": self.channels,
+            "parameters": self.parameters,
             "evidence": {
                 "delta_bic": self.delta_bic,
                 "p_value": self.p_value,
                 "heldout_gain": self.heldout_gain,
             },
-            "indistinguishable": list(self.indistinguishable),
+            "indistinguishable": self.indistinguishable,
             "sentence": self.sentence,
             "error_ratio_without": self.error_ratio_without,
             "remains": self.remains,
@@ -142,7 +140,7 @@ class NamedEffect:
 
 
 @dataclass(frozen=True)
-class RejectedEffect(Document):
+class RejectedEffect:
     """An effect that was selected first and rejected later, with the reason."""
 
     id: str

@@ -1,8 +1,4 @@
-"""The free run of a linear model whose θ is traced by a compiler, and stability of many θ at once.
-
-Coefficients of a polynomial in q⁻¹ are objects here, each a number, an array with an entry for
-every θ, or what a compiler traces.
-"""
+"""The run of a linear model whose θ is traced by a compiler, and stability of many θ at once."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -13,11 +9,10 @@ from numpy.typing import NDArray
 from sysid.data.record import Array
 from sysid.runners.filters import Filter, filter_step
 from sysid.runners.single import on_arrays
+from sysid.structures.linear.polynomials import Coefficients, Matrix, Polynomials
 
 if TYPE_CHECKING:
     from sysid.structures.linear.polynomial import PolynomialStructure
-
-Coefficients = list[Any]
 
 
 def traced_step(
@@ -29,7 +24,7 @@ def traced_step(
         theta: traced, (n,).
         like: numbers with the same groups and orders, (n,).
     """
-    numerators, denominators = structure.fractions(_objects(theta, len(like)))
+    numerators, denominators = _transfer(structure, theta)
     filters = []
     for g in structure.transfer(like).groups:
         i, n = g.output, g.order + 1
@@ -43,7 +38,7 @@ def stable_each(structure: "PolynomialStructure", thetas: Array) -> NDArray[np.b
 
     The Schur-Cohn recursion, on the denominators of all rows at once.
     """
-    _, denominators = structure.fractions(_objects(thetas.T, thetas.shape[1]))
+    _, denominators = _transfer(structure, np.moveaxis(thetas, -1, 0))
     stable: NDArray[np.bool_] = np.all(np.isfinite(thetas), axis=1)
     for row in denominators:
         for den in row:
@@ -62,14 +57,12 @@ def all_roots_inside(c: Coefficients) -> NDArray[np.bool_]:
     return inside
 
 
-def _objects(theta: Any, n: int) -> Any:
-    """The entries of θ along its first axis as objects, (n,)."""
-    objects = np.empty(n, dtype=object)
-    for k in range(n):
-        objects[k] = theta[k]
-    return objects
+def _transfer(structure: "PolynomialStructure", theta: Any) -> tuple[Matrix, Matrix]:
+    """Numerators and denominators of G(q) by [output][input]; θ counts along its first axis."""
+    layouts = [structure.layout(i) for i in range(structure.ny)]
+    return Polynomials.of(layouts, theta).rational(structure.orders.coupled)
 
 
-def _sized(p: Any, size: int) -> Coefficients:
+def _sized(p: Coefficients, size: int) -> Coefficients:
     """Cut or padded to so many coefficients; what is cut is zero in every θ of the structure."""
     return [*p[:size], *([0.0] * (size - len(p)))]
