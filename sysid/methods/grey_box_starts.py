@@ -299,7 +299,7 @@ def _screened(physics: Physics, n: int) -> tuple[Callable[..., Any], Callable[..
         return ((measured - out) * weights).ravel()
 
     def slopes(xp: Any, lax: Any, z: Any, start: Any, shared: Any) -> Any:
-        from sysid.fitting.compiled import jax_module
+        from sysid.runners.compiled import jax_module
 
         moves = xp.concatenate([xp.zeros((1, n)), DIFFERENCE * xp.eye(n)])
         errors = jax_module().vmap(lambda d: residual(xp, lax, z + d, start, shared))(moves)

@@ -7,7 +7,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from sysid.errors import ModelError, SysidError
-from sysid.fitting.compiled import jax_module
 from sysid.robot.mission.batch.clock import Block
 from sysid.robot.mission.batch.runner import BatchRunner
 from sysid.robot.mission.batch.sampler import Samples
@@ -16,6 +15,7 @@ from sysid.robot.mission.contracts import Pose, Scene
 from sysid.robot.mission.loop import Loop, LoopState
 from sysid.robot.mission.monte_carlo.figures import NOTHING, Figures, figures_of
 from sysid.robot.mission.simulator import closed_loop
+from sysid.runners.compiled import jax_module
 from sysid.vehicle.kinematics import wrap_angle
 
 
