@@ -11,7 +11,7 @@ from sysid.errors import UsageError
 from . import reading, render, targets
 
 if TYPE_CHECKING:
-    from sysid.data.excitation import Schedule
+    from sysid.data.schedule import Schedule
 
 
 class Design(StrEnum):
@@ -91,7 +91,7 @@ def excite(
     json: reading.Json = False,
 ) -> None:
     """Write a PWM schedule that excites the plant well."""
-    from sysid.data.excitation import write_schedule
+    from sysid.data.schedule import write_schedule
 
     path = output or Path(f"schedule_{design.value}.csv")
     targets.check(path, "-o")
@@ -144,7 +144,7 @@ def _schedule(
 
 
 def _facts(schedule: "Schedule", design: Design, path: Path) -> dict[str, Any]:
-    from sysid.data.excitation import crest_factor
+    from sysid.data.schedule import crest_factor
 
     step = float(schedule.t[1] - schedule.t[0])
     return {

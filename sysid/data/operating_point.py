@@ -83,7 +83,7 @@ class OperatingPoint:
         "version 0.1.0."""
         if detrend.is_none:
             return OperatingPoint()
-        sloped = any(detrend.to_json()[k] and any(detrend.to_json()[k]) for k in _SLOPES)
+        sloped = any(any(detrend.to_json()[k]) for k in ("u_slope", "y_slope"))
         return OperatingPoint(Origin.LINES if sloped else Origin.MEANS)
 
     def sentence(
@@ -125,8 +125,6 @@ _DECIDED = {
     Origin.LINES: "straight lines removed",
     Origin.INSIDE: "none removed",
 }
-
-_SLOPES = ("u_slope", "y_slope")
 
 
 def shifted(channels: Sequence[Channel], offsets: Sequence[float]) -> tuple[Channel, ...]:

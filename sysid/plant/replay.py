@@ -17,7 +17,7 @@ from sysid.plant.selftest import run
 from sysid.structures.plant import Plant
 
 if TYPE_CHECKING:
-    from sysid.data.io import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
 
 ELSEWHERE = 0.1
 """Share of an output's range in the log by which it may begin beside the plant's rest: less than

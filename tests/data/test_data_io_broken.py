@@ -11,7 +11,8 @@ from data_io_cases import GOOD, put, table
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sysid.data.io import ReadOptions, read_files, read_log, read_logs
+from sysid.data.io import read_files, read_log, read_logs
+from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, SysidError, UsageError
 
 BAD_FILES: dict[str, tuple[str | bytes, str]] = {

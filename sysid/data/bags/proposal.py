@@ -18,22 +18,17 @@ from sysid.data.bags.contents import Contents, Field, Topic
 from sysid.data.bags.latency import DeadTime, dead_time
 from sysid.data.column_words import SIDES, words
 from sysid.data.reading.columns import choose_columns
+from sysid.data.unit_words import word_set
 from sysid.errors import DataError, UsageError
 
-COMMAND_WORDS = frozenset(
-    (
-        *("cmd", "command", "commands", "control", "controls", "ctrl", "reference", "references"),
-        *("pwm", "duty", "effort", "voltage", "setpoint", "drive", "target", "desired", "input"),
-        *("u", "motor", "motors", "throttle", "actuator", "actuators", "torque"),
-    )
+COMMAND_WORDS = word_set(
+    "cmd command commands control controls ctrl reference references pwm duty effort voltage "
+    "setpoint drive target desired input u motor motors throttle actuator actuators torque"
 )
 """Words of a topic that commands."""
-MEASUREMENT_WORDS = frozenset(
-    (
-        *("odom", "odometry", "state", "states", "wheel", "wheels", "encoder", "encoders"),
-        *("measured", "feedback", "speed", "speeds", "velocity", "imu", "gyro", "output"),
-        *("y", "pose", "sensor"),
-    )
+MEASUREMENT_WORDS = word_set(
+    "odom odometry state states wheel wheels encoder encoders measured feedback speed speeds "
+    "velocity imu gyro output y pose sensor"
 )
 """Words of a topic that measures."""
 MOST_FIELDS = 4

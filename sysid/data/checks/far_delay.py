@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, linalg, special
+from scipy import special
 
+from sysid.data.impulse import correlation, whitener
 from sysid.data.record import Array, Record
 
 SHARE = 4
@@ -73,30 +74,19 @@ def first_seen(records: Sequence[Record]) -> list[list[Window | None]]:
         return windows
     for i in range(nu):
         us = [r.u[:, i] - r.u[:, i].mean() for r in records]
-        whitener = _whitener(us)
-        if whitener is None:
+        white = whitener(us, min(ORDER, sum(map(len, us)) // 20), RIDGE)
+        if white is None:
             continue
-        filtered = [_filtered(whitener, u) for u in us]
+        filtered = [_filtered(white, u) for u in us]
         for j in range(ny):
-            ys = [_filtered(whitener, r.y[:, j] - r.y[:, j].mean()) for r in records]
+            ys = [_filtered(white, r.y[:, j] - r.y[:, j].mean()) for r in records]
             windows[j][i] = _window(filtered, ys, most)
     return windows
 
 
-def _filtered(whitener: Array, x: Array) -> Array:
+def _filtered(white: Array, x: Array) -> Array:
     """The signal behind the whitening filter, at rest before the record."""
-    return np.asarray(np.convolve(whitener, x)[: len(x)])
-
-
-def _whitener(us: Sequence[Array]) -> Array | None:
-    """1 + α₁q⁻¹ + … of the autoregression of the inputs (Yule–Walker), None for a constant."""
-    samples = sum(len(u) for u in us)
-    order = min(ORDER, samples // 20)
-    r = np.asarray(sum(_correlation(u, u, order) for u in us))
-    if r[0] <= 0.0 or order < 1:
-        return None
-    alpha = linalg.solve_toeplitz(np.append(r[0] * (1.0 + RIDGE), r[1:order]), r[1 : order + 1])
-    return np.concatenate([[1.0], -alpha])
+    return np.asarray(np.convolve(white, x)[: len(x)])
 
 
 def _window(us: Sequence[Array], ys: Sequence[Array], most: int) -> Window | None:
@@ -117,19 +107,12 @@ def _sizes(us: Sequence[Array], ys: Sequence[Array], most: int, width: int) -> A
     heads = [u[: len(s)] for u, s in zip(us, sums, strict=True)]
     if not sums:
         return np.zeros(most + 1)
-    cross = np.asarray(sum(_correlation(y, u, most) for u, y in zip(heads, sums, strict=True)))
+    cross = np.asarray(sum(correlation(y, u, most) for u, y in zip(heads, sums, strict=True)))
     autocorrelations = [
-        np.asarray(sum(_correlation(x, x, most) for x in xs)) for xs in (heads, sums)
+        np.asarray(sum(correlation(x, x, most) for x in xs)) for xs in (heads, sums)
     ]
     # Bartlett: variance of Σ u(t−k) y(t) = N Σ R_u(l) R_y(l), from sums that are N times R each
     products = autocorrelations[0] * autocorrelations[1]
     variance = max(float(products[0] + 2.0 * products[1:].sum()), float(products[0]))
     variance /= max(sum(len(u) for u in heads), 1)
     return np.abs(cross) / np.sqrt(variance) if variance > 0.0 else np.zeros(most + 1)
-
-
-def _correlation(a: Array, b: Array, most: int) -> Array:
-    """Σ a(t) b(t−k) for k = 0 … most, by FFT."""
-    size = fft.next_fast_len(len(a) + most + 1, real=True)
-    spectrum = fft.rfft(a, size) * np.conj(fft.rfft(b, size))
-    return np.asarray(fft.irfft(spectrum, size)[: most + 1])

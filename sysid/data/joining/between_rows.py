@@ -51,6 +51,13 @@ class Lookup:
         return cls(np.where(k >= 0, values[there][np.maximum(k, 0)], 0.0), k >= 0)
 
 
+def spanned(t: Array, at: Array, longest: float) -> NDArray[np.bool_]:
+    """Which instants t (N,) lie between two of ``at`` (M,), rising, that are no further apart."""
+    after = np.searchsorted(at, t, side="right")
+    gap = np.diff(at)[np.clip(after - 1, 0, len(at) - 2)]
+    return np.asarray((after > 0) & (after < len(at)) & (gap <= longest))
+
+
 def is_event_log(t: Array, at: Array) -> bool:
     """Whether a file beside a log is written when something happens, not at a steady rate.
 

@@ -9,8 +9,7 @@ on held-out samples of the estimation data. A sensor without sign has its signs 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from sysid.data.record import Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Record, shortened
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter

@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sysid.data.record import Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Record, shortened
 from sysid.errors import ModelError
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions

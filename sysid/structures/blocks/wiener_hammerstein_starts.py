@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.structures.blocks import candidates
 from sysid.structures.blocks.bla import input_denominators
 from sysid.structures.blocks.fit import ChainData, descend

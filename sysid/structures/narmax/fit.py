@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.errors import DataError, Termination, UsageError, argument
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter, Problem
