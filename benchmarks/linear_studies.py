@@ -19,6 +19,7 @@ from sysid.estimation.pem import fit
 from sysid.fitting.problem import Focus, Initial
 from sysid.fitting.solvers import Descent, levenberg_marquardt
 from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.searchable import LinearSearch
 from sysid.structures.registry import structure_class
 
 ROUNDS = 3
@@ -145,7 +146,7 @@ def whole_fit(case: Case, record: Record) -> tuple[Row, ...]:
 
 def search_stage(case: Case, record: Record, start: Array) -> float:
     """The search alone, its problem built anew: ½ Σ ε²."""
-    (problem,) = case.form().problems([record], Focus.PREDICTION, Initial.ZERO, False)
+    (problem,) = LinearSearch(case.form()).problems([record], Focus.PREDICTION, Initial.ZERO, False)
     nowhere = np.full(len(start), np.inf)
     free = np.ones(len(start), dtype=bool)
     return levenberg_marquardt(
@@ -184,7 +185,7 @@ def searches(ledger: Ledger) -> list[list[str]]:
     for case in (c for c in CASES if c.bare):
         u, y = case.signals(case.seed)
         record = Record(u, y, 0.1)
-        start = dict(case.form().starts([record], Focus.PREDICTION))["ARX"]
+        start = dict(LinearSearch(case.form()).starts([record], Focus.PREDICTION))["ARX"]
         found = take_turns(
             {
                 "sysid": partial(search_stage, case, record, start),

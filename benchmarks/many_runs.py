@@ -14,7 +14,7 @@ from time import process_time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sysid.robot.mission.monte_carlo.setup import Setup
+    from sysid.robot.mission.batch.setup import Setup
 
 RUNS = 10_000
 
@@ -53,11 +53,11 @@ class Timing:
 
 def timed(plant: Path) -> Timing:
     """Make the runs twice in this process, compiled from nothing before the first."""
+    from benchmarks.agreement import agreement
     from sysid.fitting.compiled import jax_module
-    from sysid.robot.mission.monte_carlo.agreement import agreement
-    from sysid.robot.mission.monte_carlo.chunks import Runner, chunks
-    from sysid.robot.mission.monte_carlo.sampler import run_seeds
-    from sysid.robot.mission.monte_carlo.workers import threaded
+    from sysid.robot.mission.batch.pool import threaded
+    from sysid.robot.mission.batch.sampler import run_seeds
+    from sysid.robot.mission.monte_carlo.runs import Runner, chunks
 
     setup = _setup(plant)
     jax_module().config.update("jax_enable_compilation_cache", False)
@@ -69,7 +69,7 @@ def timed(plant: Path) -> Timing:
     spans = []
     for _ in range(2):
         start = process_time()
-        found = list(threaded(runner, chunks(setup, run_seeds(0, RUNS), len(parts[0].runs))))
+        found = list(threaded(runner.run, chunks(setup, run_seeds(0, RUNS), len(parts[0].runs))))
         spans.append(process_time() - start)
     seconds = min(spans)
     start = process_time()
@@ -91,7 +91,7 @@ def _setup(plant: Path) -> "Setup":
     import sysid_datasets
 
     from sysid.plant.package import load_model
-    from sysid.robot.mission.monte_carlo.setup import Setup
+    from sysid.robot.mission.batch.setup import Setup
     from sysid.robot.mission.spec import load_mission
 
     return Setup.of(load_mission(sysid_datasets.path("obstacles_6_3")), [load_model(plant)])

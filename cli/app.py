@@ -200,9 +200,3 @@ def _prepare() -> None:
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:
             reconfigure(errors="backslashreplace")
-
-
-if __name__ == "__main__":
-    from .start import main as started
-
-    sys.exit(started())

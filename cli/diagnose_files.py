@@ -63,7 +63,7 @@ def write_results(
 
 def schedule_text(experiment: "Experiment") -> str:
     """A schedule as CSV: ``t`` [s] and one command a track, one row at each change."""
-    rows = [",".join(f"{v:.9g}" for v in row) for row in experiment.rows]
+    rows = [",".join(f"{v:.9g}" for v in row) for row in experiment.schedule]
     return "\n".join([",".join(experiment.columns), *rows]) + "\n"
 
 
@@ -72,8 +72,8 @@ def _named(experiments: "tuple[Experiment, ...]") -> "tuple[Experiment, ...]":
     taken: set[str] = set()
     named = []
     for k, e in enumerate(experiments, start=1):
-        name = Path(e.file).name if e.rows else ""
-        if e.rows and (not name or name in taken):
+        name = Path(e.file).name if e.schedule else ""
+        if e.schedule and (not name or name in taken):
             name = f"next_{k}_{e.effects[0]}.csv" if e.effects else f"next_{k}.csv"
         taken.add(name)
         named.append(replace(e, file=name))

@@ -1,10 +1,9 @@
 """``sysid structures``: the model structures, and when to use which."""
 
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from . import reading, render
+from .options import argument, command
 
 if TYPE_CHECKING:
     from sysid.structures.base import NamedStructure
@@ -17,11 +16,10 @@ _TABLES = {
 """Tables of a structure's description, and their columns."""
 
 
+@command
 def structures(
-    name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="Describe this structure.")
-    ] = None,
-    json: reading.Json = False,
+    name: str | None = argument("[NAME]", "Describe this structure.", default=None),
+    json: bool = reading.JSON,
 ) -> None:
     """List the model structures, or describe one."""
     from sysid.structures.registry import structure_class, structure_classes
@@ -51,25 +49,27 @@ def structures(
 
 def _facts(cls: "type[NamedStructure]") -> dict[str, Any]:
     """Description of a structure for users."""
+    from sysid.structures.grey_box.structure import GreyBox, constant_words
+
     description = " ".join((cls.__doc__ or "").split("Attributes:")[0].split()).replace("``", "")
-    orders = " ".join(f"{n}={1 if n == 'nk' else 2}" for n in cls.order_names)
+    orders = " ".join(f"{n}={1 if n == 'nk' else 2}" for n in cls.traits.order_names)
     return {
         "name": cls.name,
-        "title": cls.title,
-        "when": cls.when,
-        "equation": cls.equation,
+        "title": cls.traits.title,
+        "when": cls.traits.when,
+        "equation": cls.traits.equation,
         "description": description,
-        "noise_model": "its own" if cls.has_noise_model else "none (output error)",
+        "noise_model": "its own" if cls.traits.has_noise_model else "none (output error)",
         "orders": [
             {
                 "name": n,
-                "meaning": cls.order_words.get(n, ""),
+                "meaning": cls.traits.order_words.get(n, ""),
                 "default": "1" if n == "nk" else "searched without --orders",
             }
-            for n in cls.order_names
+            for n in cls.traits.order_names
         ],
-        "options": [{"name": n, "meaning": text} for n, text in cls.options.items()],
-        "constants": [dict(c) for c in cls.constant_words()],
+        "options": [{"name": n, "meaning": text} for n, text in cls.traits.options.items()],
+        "constants": [dict(c) for c in constant_words(cls)] if issubclass(cls, GreyBox) else [],
         "focus": ["prediction", "simulation"],
         "example": f'--orders "{orders}"' if orders else "",
     }

@@ -18,13 +18,11 @@ from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.select_structure import default_structures, select_structure
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
+from sysid.methods.held_out_error import free_run_error
 from sysid.report.markdown import table
 from sysid.structures.base import Structure
-from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.structure import BlockStructure
-from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.held_out_error import free_run_error
 from sysid.structures.model import Model
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narx.structure import NarxWavelet
@@ -122,7 +120,7 @@ class Fitted:
 
 def attempts(record: str) -> tuple[Attempt, ...]:
     """By default options: the best linear structure, then every nonlinear one."""
-    nonlinear = [name for name in BUILT_IN if not structure_class(name).linear]
+    nonlinear = [name for name in BUILT_IN if not structure_class(name).traits.linear]
     names = (BEST_LINEAR, *(n for n in nonlinear if record in RIGS.get(n, (record,))))
     return tuple(Attempt(record, n, options=OPTIONS.get((record, n), {})) for n in names)
 
@@ -200,11 +198,9 @@ def words(structure: Structure) -> str:
     """What a fit chose: structure, orders and what it read off the data."""
     values = structure.order_values()
     parts = [f"{structure.name} {orders_text(values)}" if values else structure.name]
-    if isinstance(structure, HammersteinWiener):
-        sides = (structure.inputs, structure.outputs)
-        parts.append(" → ".join(", ".join(dict.fromkeys(s.text for s in side)) for side in sides))
-    elif isinstance(structure, WienerHammerstein):
-        parts.append(", ".join(dict.fromkeys(s.text for s in structure.statics)))
+    if isinstance(structure, BlockStructure):
+        sides = (dict.fromkeys(s.text for s in side) for side in structure.statics)
+        parts.append(" → ".join(", ".join(side) for side in sides))
     elif isinstance(structure, NARMAX):
         degree = max((len(t) for row in structure.rows for t in row), default=0)
         parts.append(f"{_each([len(row) for row in structure.rows])} terms of degree ≤ {degree}")

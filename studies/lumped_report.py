@@ -243,7 +243,7 @@ def write(folder: Path) -> Mapping[str, str]:
         [
             name,
             *(_number(v) for v in (r.gain, r.time_constant, r.dead_band)),
-            made[name].structure.tells if name in made else "",
+            made[name].structure.traits.tells if name in made else "",
         ]
         for name, r in shown.items()
     ]

@@ -9,8 +9,9 @@ from sysid.data.record import Array, Channel, Record
 from sysid.fitting.marquardt import Conditions, Method, loss, marquardt
 from sysid.fitting.problem import Focus, Initial
 from sysid.report.markdown import table
-from sysid.structures.linear.oe import OE
+from sysid.structures.linear.families import OE
 from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.searchable import LinearSearch
 
 B, F, NOISE, SAMPLES = 0.5, -0.8, 0.05, 400
 START = np.array([0.1, 0.2])
@@ -44,7 +45,7 @@ def record() -> Record:
 
 def path(structure: PolynomialStructure, log: Record, method: Method) -> tuple[list[Array], int]:
     """The iterates of one method, and how often it evaluated the errors."""
-    (problem,) = structure.problems([log], Focus.SIMULATION, Initial.ZERO, False)
+    (problem,) = LinearSearch(structure).problems([log], Focus.SIMULATION, Initial.ZERO, False)
     walked: list[Array] = []
 
     def slopes(x: Array) -> Array:
@@ -60,7 +61,7 @@ def write(folder: Path) -> Mapping[str, str]:
     """The text of the report."""
     log = record()
     structure = OE.from_orders({"nb": 1, "nf": 1, "nk": 1}, 1, 1)
-    (problem,) = structure.problems([log], Focus.SIMULATION, Initial.ZERO, False)
+    (problem,) = LinearSearch(structure).problems([log], Focus.SIMULATION, Initial.ZERO, False)
     walks = {m: path(structure, log, m) for m in Method}
     rows = []
     for k in SHOWN:

@@ -1,7 +1,6 @@
 """``motions.md``: the thesis's motors under its vehicle, by every motion, on several soils."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,8 @@ from sysid.robot.mission.spec import Mission, load_mission
 from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.robot.mission.tracks.torque import motors_of
 from sysid.runners import floats
-from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.dc_motor.structure import DCMotor, MotorPhysics
+from sysid.structures.grey_box.physics import Sampling
 from sysid.structures.plant import Plant
 from sysid.vehicle.dynamics import VehicleState, step
 from sysid.vehicle.kinematics import Geometry
@@ -101,10 +101,12 @@ PICTURE = """
 def motor() -> Plant:
     """One motor on the bench, voltage in, speed of the output shaft out."""
     given = {"input": "voltage", "friction": "coulomb", "parameters": "bench"}
-    m = replace(DCMotor.from_orders({}, 1, 1, given), dt=0.1, substeps=20)
+    m = DCMotor(MotorPhysics.from_options(given, 1, 1), Sampling(0.1, 20))
     ranges = np.array([[-VOLTS, VOLTS], [-25.0, 25.0]])
     channels = (Channel("voltage", "V"),), (Channel("omega", "rad/s"),)
-    return Plant.of_structure(m, m.pack(PRINTED), m.dt, *channels, Detrend.none(1, 1), ranges)
+    return Plant.of_structure(
+        m, m.physics.pack(PRINTED), 0.1, *channels, Detrend.none(1, 1), ranges
+    )
 
 
 def mission_of(name: str, motion: str, soil: str, **more: Any) -> Mission:

@@ -30,6 +30,7 @@ from sysid.robot.calibration.windows import path_of
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tracks.mapping import as_robot
+from sysid.structures.physics import ground_effects
 from sysid.vehicle.kinematics import Geometry
 
 STUDY = Study("multibody_diagnosis", "multibody_diagnosis.md", first=21)
@@ -131,7 +132,7 @@ def run(name: str, seed: int) -> dict[str, Any]:
     rng = np.random.default_rng(seed)
     logs = [driven(s, floor, 100 * seed + k) for k, s in enumerate(goals(rng, TRAINED))]
     found = diagnose(logs, geometry=Geometry())
-    ground = found.after.structure.ground(found.after.theta)
+    ground = ground_effects(found.after.structure, found.after.theta)
     others = {f"goal {k + 1}": s for k, s in enumerate(goals(rng, HELD))}
     paths = {}
     for k, (goal, spec) in enumerate({**THESIS, **others}.items()):

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import sysid_datasets
 
+from studies.filter_truth import own_run
 from studies.runner import Study, seeds
 from sysid.data.io import read_logs
 from sysid.data.record import Array
 from sysid.estimation.identify import Request, identify
 from sysid.report.markdown import table
-from sysid.robot.mission.navigation.consistency import Consistency, consistency, own_run
+from sysid.robot.mission.navigation.consistency import Consistency, consistency
 from sysid.robot.mission.registry import law
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.simulator import simulate

@@ -6,7 +6,8 @@ alone, which the plant never sees.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,10 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Channel, Record
 from sysid.structures.base import Structure
-from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.dc_motor.structure import DCMotor, MotorPhysics
+from sysid.structures.grey_box.physics import Sampling
 from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.grey_box.tanks import Tanks
+from sysid.structures.grey_box.tanks import Tanks, TanksPhysics
 from sysid.structures.registry import structure_class
 
 Array = NDArray[np.float64]
@@ -181,12 +183,12 @@ def curved(u: Array, e: Array) -> Array:
     return y
 
 
-def grey(made: GreyBox, values: Mapping[str, float]) -> Simulated:
+def grey(made: GreyBox[Any], values: Mapping[str, float]) -> Simulated:
     """A grey box whose first state the disturbance moves."""
 
     def run(u: Array, e: Array) -> Array:
-        theta = made.pack(dict(values))
-        step, x, rows = made.step(theta), np.zeros(len(made.state_names)), []
+        theta = made.physics.pack(dict(values))
+        step, x, rows = made.step(theta), np.zeros(made.n_states(theta)), []
         for row, kick in zip(u[:, None], e, strict=True):
             x, y = step(x, row)
             x = x + np.concatenate([[kick], np.zeros(len(x) - 1)])
@@ -200,13 +202,13 @@ MOTOR = {"gain": 2.0, "time_constant": 0.3, "coulomb": 0.6}
 TANKS = {"k1": 0.05, "k2": 0.04, "k3": 0.05, "limit1": 8.0, "share": 0.4}
 
 
-def _motor() -> GreyBox:
-    made = DCMotor.from_orders({}, 1, 1, {"friction": "coulomb"})
-    return replace(made, dt=0.05, substeps=10, input="voltage")
+def _motor() -> DCMotor:
+    physics = MotorPhysics.from_options({"friction": "coulomb", "input": "voltage"}, 1, 1)
+    return DCMotor(physics, Sampling(0.05, 10))
 
 
-def _tanks() -> GreyBox:
-    return replace(Tanks.from_orders({}, 1, 1, {}), dt=4.0, substeps=4)
+def _tanks() -> Tanks:
+    return Tanks(TanksPhysics(1, 1), Sampling(4.0, 4))
 
 
 CASES: Mapping[str, Case] = {

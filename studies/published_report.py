@@ -11,7 +11,7 @@ from sysid.data.record import Record
 from sysid.estimation.assessment.figures import Start, figures
 from sysid.estimation.pem import fit
 from sysid.report.markdown import table
-from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.families import ARX
 from sysid.structures.model import Model
 
 HEAD = """# Published figures beside ours

@@ -17,7 +17,7 @@ from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.robot.mission.tuning.axes import Axis, answer
-from sysid.robot.mission.tuning.margins import SampledLoop
+from sysid.robot.mission.tuning.linear_loops import SampledLoop
 from sysid.robot.mission.tuning.rules import Gains, from_edge, from_lag, lag_model
 from sysid.structures.model import Model
 

@@ -13,12 +13,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from sysid import launcher
-
-if TYPE_CHECKING:
-    from concurrent.futures import ProcessPoolExecutor
 
 INTERVAL = 0.5
 """How often a process of Python asks whether its parent is still there [s]."""
@@ -96,27 +93,6 @@ def started(
         process.wait()
 
 
-def pool(count: int | None) -> "ProcessPoolExecutor":
-    """Processes of Python that serve calls; fresh ones: a fork of threads that compile may hang."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    return ProcessPoolExecutor(
-        count, mp_context=get_context("spawn"), initializer=end_with, initargs=(os.getpid(),)
-    )
-
-
-def worker(function: Callable[..., None], *arguments: Any) -> Any:
-    """One process of Python that runs a function, and a started ``multiprocessing.Process``."""
-    from multiprocessing import get_context
-
-    process = get_context("spawn").Process(
-        target=tied, args=(os.getpid(), function, *arguments), daemon=True
-    )
-    process.start()
-    return process
-
-
 def tied(parent: int, function: Callable[..., Result], *arguments: Any) -> Result:
     """The result of a function in a process that ends with its parent."""
     end_with(parent)
@@ -125,7 +101,8 @@ def tied(parent: int, function: Callable[..., Result], *arguments: Any) -> Resul
 
 def end_with(parent: int) -> None:
     """Have this process end as soon as the process of this id is no longer its parent."""
-    if not any(thread.name == _WATCH for thread in threading.enumerate()):
+    watched = any(thread.name == _WATCH for thread in threading.enumerate())
+    if not watched and parent != os.getpid():  # a pool may serve a call itself
         threading.Thread(target=_watch, args=(parent,), name=_WATCH, daemon=True).start()
 
 

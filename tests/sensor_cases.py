@@ -10,7 +10,7 @@ from sysid.data.record import Array
 from sysid.robot.mission.contracts import Body, Pose, Scene, Sensor, SensorInputs
 from sysid.robot.mission.loop import ticks
 from sysid.robot.mission.motion.kinematic import moved
-from sysid.robot.mission.noise import block, generator
+from sysid.robot.mission.noise import generator
 from sysid.robot.mission.spec import Mission
 from sysid.runners import floats
 from sysid.vehicle.kinematics import Geometry
@@ -34,7 +34,7 @@ def measurements(
 ) -> dict[str, Array]:
     """What a sensor reads on the way, by name, with the columns of the truth."""
     scene: Scene = SCENE._replace(dt=dt)
-    draws = block(generator(seed, name), sensor.draws, samples).tolist()
+    draws = generator(seed, name).standard_normal((samples, sensor.draws)).tolist()
     state, rows = sensor.start(scene, floats), []
     truth = way(samples, dt)
     for (t, body, left, right), numbers in zip(truth, draws, strict=True):

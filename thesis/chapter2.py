@@ -8,9 +8,8 @@ from sysid.report.plots import Line, Panel, ResponsePicture
 from sysid.vehicle.ground.presets import soil_preset
 from sysid.vehicle.ground.resistance import turning_moment
 from sysid.vehicle.kinematics import Geometry, body_velocity
-from sysid.vehicle.shear import mobilised_share, shear_stress
+from sysid.vehicle.shear import mobilised_share, shear_stress, thrust, uniform_thrust
 from sysid.vehicle.soil import Shear, Soil
-from sysid.vehicle.thrust import thrust, uniform_thrust
 from sysid.vehicle.tracked import TrackedVehicle
 from sysid.vehicle.wheels.description import load_vehicle
 from thesis.entries import MISPRINT, Row, Sheet, compared, line, number, verdict

@@ -30,7 +30,7 @@ def lay_over(
     """
     from sysid.data.finding import warned
     from sysid.diagnosis.likely_cause import likely_cause
-    from sysid.robot.mission.measured.against import RUNS, against_runs
+    from sysid.robot.mission.measured.fan import RUNS, against_runs
 
     record, findings = _drive(log, read)
     runs = min(how.runs or RUNS, MOST)
@@ -68,42 +68,3 @@ def show_measured(comparison: dict[str, Any]) -> None:
         render.say(note)
     share = 100 * comparison["inside_share"]
     render.say(f"{comparison['sentence']} {share:.3g} % of the drive lies inside.")
-
-
-def draw_measured(path: Path, name: str, mission: "Mission", comparison: "Comparison") -> None:
-    """Draw the fan with the measured path over it."""
-    import numpy as np
-
-    from sysid.report.plots import FanPanel, FanPicture, write_picture
-    from sysid.robot.mission.measured.fan import QUANTITIES, UNITS
-
-    from ..pictures import mission_scene
-
-    fan, reach = comparison.fan, comparison.fan.limit * comparison.fan.scale
-    turns = 2.0 * np.pi * np.round((comparison.values[:, 2] - fan.middle[:, 2]) / (2.0 * np.pi))
-    measured = comparison.values - np.array([0.0, 0.0, 1.0, 0.0]) * turns[:, None]
-    panels = tuple(
-        FanPanel(
-            f"{words} [{UNITS[k]}]",
-            fan.low[:, k],
-            fan.high[:, k],
-            (fan.middle - reach)[:, k],
-            (fan.middle + reach)[:, k],
-            measured[:, k],
-        )
-        for k, words in enumerate(("x", "y", "heading", "speed"))
-    )
-    head = (
-        "stays inside" if comparison.leaves is None else f"leaves at {comparison.leaves_at_s:.1f} s"
-    )
-    scene = mission_scene(
-        mission,
-        name,
-        fan.t,
-        comparison.values[:, :3],
-        comparison.values[:, QUANTITIES.index("speed")],
-    )
-    facts = f"{fan.runs} runs of {name}; measured: {comparison.name}"
-    tail = "the fan of its runs" if comparison.leaves is None else ""
-    title = f"{comparison.name} {head} {tail}".strip()
-    write_picture(path, FanPicture(scene, fan.ways, fan.t, panels, comparison.leaves, title, facts))

@@ -35,11 +35,7 @@ def experiment_between(
     """The schedule that separates models which explain the log equally well.
 
     Args:
-        search: the search around the models.
-        tied: the model with each of the tied effects, by id.
         floor: noise of each output, (ny,).
-        scales: full drive of each input.
-        delay: dead time of the base in samples.
     """
     ids = tuple(tied)
     record = search.estimation[0]
@@ -51,25 +47,20 @@ def experiment_between(
             best, least = programme, apart
     hand = next((about(id).by_hand for id in ids if about(id).by_hand), "")
     if hand and 0.0 <= least < FAINT:
-        return Experiment(
-            f"No command distinguishes {_listed(ids)}: the models would differ by "
-            f"{least:.1g} times the noise. {hand}",
-            ids,
-            (),
-            (),
-        )
-    purpose = f"To distinguish {_listed(ids)}: {_lower(_words(best, record))}"
-    if least >= 0.0:
-        clear = "clear" if least > CLEAR else "enough" if least > FAINT else "hardly enough"
-        purpose += f" The models then differ by {least:.2g} times the noise, which is {clear}."
-    return _written(purpose, ids, best.rows, record, scales)
+        purpose = f"No command distinguishes {_listed(ids)}: the models would differ by "
+        return Experiment(f"{purpose}{least:.1g} times the noise. {hand}", ids, (), ())
+    experiment = _written(f"To distinguish {_listed(ids)}:", ids, best, record, scales)
+    if least < 0.0:
+        return experiment
+    clear = "clear" if least > CLEAR else "enough" if least > FAINT else "hardly enough"
+    differ = f"The models then differ by {least:.2g} times the noise, which is {clear}."
+    return replace(experiment, purpose=f"{experiment.purpose} {differ}")
 
 
 def experiment_on_ground(ids: tuple[str, ...], record: Record, scales: Array) -> Experiment:
     """The schedule that the catalogue lists first for a tie between tracks and ground."""
     programme = about(ids[0]).programmes[0]
-    purpose = f"To distinguish {_listed(ids)}: {_lower(_words(programme, record))}"
-    return _written(purpose, ids, programme.rows, record, scales)
+    return _written(f"To distinguish {_listed(ids)}:", ids, programme, record, scales)
 
 
 def next_experiments(
@@ -81,11 +72,11 @@ def next_experiments(
     for id in undetectable:
         if is_known(id) and not (one_way and about(id).reverses):
             grouped.setdefault(about(id).programmes[0], []).append(id)
-    experiments = []
-    for programme, ids in sorted(grouped.items(), key=lambda item: -len(item[1]))[:most]:
-        purpose = f"This log cannot show {_listed(ids)}; {_lower(_words(programme, record))}"
-        experiments.append(_written(purpose, tuple(ids), programme.rows, record, scales))
-    return tuple(experiments)
+    largest = sorted(grouped.items(), key=lambda item: -len(item[1]))[:most]
+    return tuple(
+        _written(f"This log cannot show {_listed(ids)};", tuple(ids), programme, record, scales)
+        for programme, ids in largest
+    )
 
 
 def _apart(
@@ -146,24 +137,16 @@ def _scaled(rows: Sequence[Row], record: Record, scales: Array) -> tuple[tuple[f
 
 
 def _written(
-    purpose: str, ids: tuple[str, ...], rows: Sequence[Row], record: Record, scales: Array
+    before: str, ids: tuple[str, ...], programme: Programme, record: Record, scales: Array
 ) -> Experiment:
-    columns = ("t", *record.input_names)
-    return Experiment(
-        purpose, ids, columns, _scaled(rows, record, scales), f"next_{'_'.join(ids[:3])}.csv"
-    )
+    """The schedule of a programme; its purpose ends with what the programme does."""
+    words = programme.words
+    if track_channels(record) is None:
+        words = programme.plain or words
+    purpose = f"{before} {words[:1].lower()}{words[1:]}"
+    columns, rows = ("t", *record.input_names), _scaled(programme.rows, record, scales)
+    return Experiment(purpose, ids, columns, rows, f"next_{'_'.join(ids[:3])}.csv")
 
 
 def _listed(ids: Sequence[str]) -> str:
     return ids[0] if len(ids) == 1 else f"{', '.join(ids[:-1])} and {ids[-1]}"
-
-
-def _lower(text: str) -> str:
-    return text[:1].lower() + text[1:]
-
-
-def _words(programme: Programme, record: Record) -> str:
-    """What a programme does, in words that fit the log."""
-    if track_channels(record) is None:
-        return programme.plain or programme.words
-    return programme.words

@@ -57,9 +57,6 @@ def values_of(
     """The parameters of an effect with standard errors; None where nothing was estimated.
 
     Args:
-        base: of the diagnosis.
-        candidate: the model with the effect.
-        id: of the effect.
         intervals: of parameters without a standard error from gradients, by index.
     """
     m = base.search.model
@@ -67,7 +64,6 @@ def values_of(
     unit = base.search.estimation[0].outputs[0].unit
     covariance = covariance_of(base, candidate) if candidate.free else np.zeros((0, 0))
     at = {p: i for i, p in enumerate(candidate.free)}
-    parameters = {p.name: p for p in effect(id).parameters} if id != CHANGED.id else {}
     acting = _acting(base, candidate, id)
     values = []
     for k in m.of(id):
@@ -78,14 +74,13 @@ def values_of(
         idle = candidate.q[k] == p.null and p.track >= 0
         if idle and k not in at and id != CHANGED.id:
             continue
-        number = parameters.get(p.name)
-        value, words = float(candidate.q[k]), number.unit.replace("speed", unit) if number else ""
+        value, words = float(candidate.q[k]), p.of.unit.replace("speed", unit)
         interval = (intervals or {}).get(k)
         error = float(np.sqrt(max(covariance[at[k], at[k]], 0.0))) if k in at else None
         shown = _value(f"{p.name}{tag}", value, error, interval, words)
         shown = replace(shown, bounded=k in at and on_bound(p, value))
         values.append(replace(shown, in_file=_in_file(base, shown, p.track)))
-        if shown.visited and number is not None and number.as_command:
+        if shown.visited and p.of.as_command:
             # as the command that just overcomes it: what a person with a robot turns up
             gain = abs(candidate.q[m.index["core", "gain", p.track]])
             full = float(full_drive(base.parts.estimation)[p.track]) / gain
@@ -148,8 +143,6 @@ def model_of(
     """The candidate model as a Model with values, standard errors, figures and provenance.
 
     Args:
-        base: of the diagnosis.
-        candidate: what to make a model of.
         intervals: of parameters without a standard error from gradients, by index. One that the log
             never visits does nothing in the model, and its variance is infinite.
     """

@@ -15,7 +15,7 @@ from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.samples import SampleEffects, inspect_rates, inspect_samples, with_steps_of
 from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.full_model import FullModel
-from sysid.diagnosis.search.logs import logs_of
+from sysid.diagnosis.search.prepared import logs_of
 from sysid.diagnosis.search.selection import CandidateModel
 from sysid.effects.base import Effect, Place, is_of_servo, of_motor, of_servo
 from sysid.effects.by_log import for_logs
@@ -27,7 +27,7 @@ from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.structures.augmented.given_base import GivenBase, begins_at_rest
-from sysid.structures.linear.oe import OE
+from sysid.structures.linear.families import OE
 from sysid.structures.model import Model
 
 LARGEST_ORDER = 3
@@ -45,9 +45,6 @@ class Parts:
     Attributes:
         facts, holdout_facts: what is known of both; the same where blocks are held out.
         weights: weight of each sample of both, (N, ny) a record.
-        words: how the data were divided.
-        samples: what the measurements of the estimation part show by themselves.
-        whole: what is known of all logs together.
     """
 
     facts: LogFacts
@@ -130,14 +127,9 @@ class Base:
     """The base of a diagnosis.
 
     Attributes:
-        parts: estimation and held-out part.
-        search: the selection search around it.
-        model: the base itself.
         scales: full drive of each track's command.
         delay: dead time in samples.
         level: whether a constant level belongs to the base (logs without physical zeros).
-        words: what the base is, in words.
-        in_loop: whether the log was recorded in closed loop.
         on_rate: whether the rate of an output that integrates stands in its place.
         given: the model that was given, as the chain sees it; None for the plain base.
         sampled: whether measurements come a part of a sample late in it: how the log was made.
@@ -160,8 +152,7 @@ class Base:
     def with_sampling(self, like: CandidateModel) -> "Base":
         """The base with a sampling lag, fitted from the shares of a candidate."""
         search = self.search.holding(SAMPLING.id)
-        q = self.model.q.copy()
-        indices = list(search.model.of(SAMPLING.id))
+        q, indices = self.model.q.copy(), list(search.model.of(SAMPLING.id))
         q[indices] = like.q[indices]
         candidate = search.base(q[None])
         shares = " and ".join(f"{v:.2f}" for v in candidate.q[indices])
@@ -175,17 +166,7 @@ class Base:
             tuple(w * m for w, m in zip(self.parts.weights[0], estimation, strict=True)),
             tuple(w * m for w, m in zip(self.parts.weights[1], holdout, strict=True)),
         )
-        search = ForwardSelection(
-            self.search.model,
-            self.parts.estimation,
-            self.parts.holdout,
-            self.scales,
-            self.delay,
-            self.level,
-            weights,
-            self.search.needed,
-        )
-        parts = replace(self.parts, weights=weights)
+        search, parts = self.search.weighted(weights), replace(self.parts, weights=weights)
         return replace(self, parts=parts, search=search, model=search.base(self.model.q[None]))
 
 
@@ -199,10 +180,7 @@ def fit_baseline(
     third order with dead time and level chosen on the estimation part.
 
     Args:
-        data: what is fitted, or what is known of it.
         judging: validation logs; None holds blocks out.
-        effects: those that are tried.
-        highest: order at most.
 
     Raises:
         DataError: numbers of inputs and outputs differ.
@@ -285,9 +263,8 @@ def given_base(
     copies = [replace(r, y=runs[id(r)]) for r in parts.estimation]
     core_search = ForwardSelection(plain, copies, copies, scales, 1)
     core = core_search.base(_starts(plain, copies, scales)).q
-    gain = np.array([core[plain.index["core", "gain", i]] for i in range(first.ny)])
-    pole = np.array([core[plain.index["core", "f1", i]] for i in range(first.ny)])
-    pole = np.clip(pole, -0.999, -0.01)
+    gain = np.array([plain.core(core, i)[0] for i in range(first.ny)])
+    pole = np.clip([plain.core(core, i)[1][0] for i in range(first.ny)], -0.999, -0.01)
     given = GivenBase.of(model, gain, pole)
 
     def driven(r: Record) -> Record:
@@ -307,10 +284,9 @@ def given_base(
         RULE.in_loop if in_loop else RULE.held_out,
         fixed_core=True,
     )
-    q = plain.null.copy()
+    q = plain.null
     for i in range(first.ny):
-        q[plain.index["core", "gain", i]] = gain[i]
-        q[plain.index["core", "f1", i]] = pole[i]
+        plain.set_core(q, i, gain[i], pole[[i]])
     candidate = search.evaluate((), q, ())
     words = f"the {model.structure.name} model, as it is"
     scales = np.ones(first.nu)
@@ -426,11 +402,7 @@ def _start_of(linear: Model, model: FullModel, scales: Array) -> Array:
         gain = float(np.sum(top) / np.sum(bottom)) if len(top) else 0.0
         if not np.isfinite(gain) or gain == 0.0 or max(len(top), len(bottom) - 1) > model.order:
             return np.empty((0, len(q)))
-        q[model.index["core", "gain", i]] = gain * scales[i]
-        for k, f in enumerate(bottom[1:]):
-            q[model.index["core", f"f{k + 1}", i]] = f
-        for k, b in enumerate(top[1:], start=1):
-            q[model.index["core", f"b{k + 1}", i]] = b / gain
+        model.set_core(q, i, gain * scales[i], bottom[1:], top[1:] / gain)
     return q[None]
 
 
@@ -449,9 +421,8 @@ def _starts(model: FullModel, records: Sequence[Record], scales: Array) -> Array
         for k in (gain, size):
             q = model.null.copy()
             for i in range(model.tracks):
-                q[model.index["core", "gain", i]] = k[i] if abs(k[i]) > 1e-9 else size[i]
                 poles = [pole * 0.6**j for j in range(model.order)]
-                for j, c in enumerate(np.poly(poles)[1:]):
-                    q[model.index["core", f"f{j + 1}", i]] = float(c)
+                f = np.asarray(np.poly(poles)[1:], dtype=np.float64)
+                model.set_core(q, i, k[i] if abs(k[i]) > 1e-9 else size[i], f)
             rows.append(q)
     return np.array(rows)

@@ -3,10 +3,11 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import Gap
 from sysid.diagnosis.named_effects import NamedEffect, RejectedEffect
-from sysid.diagnosis.several_logs import ONE_LOG, SeveralLogs
+from sysid.diagnosis.several.results import SeveralLogs
 from sysid.diagnosis.validation.excess_error import ExcessError
 from sysid.diagnosis.validation.localise import Region
 from sysid.diagnosis.validation.model_error import ResidualVerdict
@@ -27,28 +28,16 @@ class Experiment:
     """A run that would show what this log cannot.
 
     Attributes:
-        purpose: what it would show, in a sentence.
-        effects: ids that it is about.
         columns: ``t`` [s] and one command a track, as the log calls them.
-        rows: the schedule, one row at each change: (time, command, command, …).
+        schedule: one row at each change: (time, command, command, …).
         file: name under which the schedule is written beside the diagnosis, empty when it is not.
     """
 
     purpose: str
     effects: tuple[str, ...]
     columns: tuple[str, ...]
-    rows: tuple[tuple[float, ...], ...]
+    schedule: tuple[tuple[float, ...], ...]
     file: str = ""
-
-    def to_json(self) -> dict[str, Any]:
-        """{purpose, effects, columns, schedule, file}."""
-        return {
-            "purpose": self.purpose,
-            "effects": list(self.effects),
-            "columns": list(self.columns),
-            "schedule": [list(r) for r in self.rows],
-            "file": self.file,
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +45,6 @@ class Trace:
     """A record with the free runs of both models on it, for pictures and words.
 
     Attributes:
-        record: what was measured.
         before, after: measurements of both models, (N, ny).
         role: ``estimation`` or ``held-out``.
         counted: samples that count in this role, (N,) of 0 and 1.
@@ -75,23 +63,10 @@ class Diagnosis:
 
     Attributes:
         verdict: ``effects-found``, ``no-missing-effect`` or ``unexplained``.
-        story: why this verdict, in a sentence.
-        base_words: what the original model is, in words.
-        effects: accepted effects, in order of acceptance.
-        minor: effects too small to matter or unproven.
         candidates: (id, score) of every effect tried first, best first.
-        where: regimes of the excess error before.
-        where_after: the same afterwards.
-        gap: the proof on held-out data.
         detectable: per effect the smallest size this log would have shown, None where it cannot.
-        next_experiments: runs that would show more.
-        before, after: the models.
-        residuals: residual tests before and after.
         description: a sparse description of what no effect explains, empty without one.
-        warnings: sentences.
-        traces: records with both runs.
         path: proof on a mission's path, JSON-able, empty without one.
-        seconds: time taken.
         baseline_words: the base that the effects were added to where that is not the original
             model.
         geometry: the vehicle's lengths, where nobody gave them and the pose contradicts those
@@ -102,8 +77,6 @@ class Diagnosis:
             does.
         undecided: why nothing is named although the errors are far above the noise of the
             measurements; empty elsewhere.
-        rejected: effects that were selected first and rejected later, each with the reason.
-        several: what several logs say together; empty for one.
         excess_error: size of the errors of the augmented model beyond the noise, where they are
             structured: what has no name.
     """
@@ -135,7 +108,7 @@ class Diagnosis:
     rejected: tuple[RejectedEffect, ...] = ()
     excess_error: ExcessError | None = None
     reading: tuple[str, ...] = ()
-    several: SeveralLogs = ONE_LOG
+    several: SeveralLogs = field(default_factory=SeveralLogs)
 
     @property
     def grown(self) -> bool:
@@ -148,30 +121,32 @@ class Diagnosis:
         Args:
             before, after: ids under which the models are kept in the workspace.
         """
-        return {
-            "verdict": self.verdict,
-            "story": self.story,
-            "changes": list(self.changes),
-            "base": self.base_words,
-            "added_to": self.baseline_words or self.base_words,
-            "geometry": None if self.geometry is None else self.geometry.to_json(),
-            "effects": [e.to_json() for e in self.effects],
-            "minor": list(self.minor),
-            "rejected": [d.to_json() for d in self.rejected],
-            "excess_error": None if self.excess_error is None else self.excess_error.to_json(),
-            **self.several.to_json(),
-            "candidates": [{"id": k, "score": v} for k, v in self.candidates],
-            "where": [r.to_json() for r in self.where],
-            "where_after": [r.to_json() for r in self.where_after],
-            "gap": self.gap.to_json(),
-            "detectable": self.detectable,
-            "next_experiments": [e.to_json() for e in self.next_experiments],
-            "original_model": before,
-            "augmented_model": after,
-            "residual_tests": [r.to_json() for r in self.residuals],
-            "description": self.description,
-            "reading": list(self.reading),
-            "warnings": list(self.warnings),
-            "path": self.path,
-            "seconds": self.seconds,
-        }
+        return plain_object(
+            {
+                "verdict": self.verdict,
+                "story": self.story,
+                "changes": self.changes,
+                "base": self.base_words,
+                "added_to": self.baseline_words or self.base_words,
+                "geometry": self.geometry,
+                "effects": self.effects,
+                "minor": self.minor,
+                "rejected": self.rejected,
+                "excess_error": self.excess_error,
+                **by_field(self.several),
+                "candidates": [{"id": k, "score": v} for k, v in self.candidates],
+                "where": self.where,
+                "where_after": self.where_after,
+                "gap": self.gap,
+                "detectable": self.detectable,
+                "next_experiments": self.next_experiments,
+                "original_model": before,
+                "augmented_model": after,
+                "residual_tests": self.residuals,
+                "description": self.description,
+                "reading": self.reading,
+                "warnings": self.warnings,
+                "path": self.path,
+                "seconds": self.seconds,
+            }
+        )

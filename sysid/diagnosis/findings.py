@@ -28,14 +28,7 @@ and by a larger share of itself, once the effect is added."""
 def named_effect(
     base: Base, selection: Selection, n: SelectedEffect, evidence: Evidence, remains: str
 ) -> NamedEffect:
-    """An accepted effect of the chain.
-
-    Args:
-        base, selection: where it was found.
-        n: the effect.
-        evidence: for it in the final model.
-        remains: what stays on its outputs, in words.
-    """
+    """An accepted effect of the chain."""
     e = about(n.id)
     names = base.parts.estimation[0].output_names
     values = values_of(base, selection.final, n.id, selection.intervals)
@@ -96,10 +89,9 @@ def indistinct_edges(
     model, warnings = base.search.model, []
     scales = base.scales
     u = np.concatenate([r.u for r in records]) / scales
-    edges = {(e.id, p.name): p.edge for e in model.effects for p in e.parameters}
     for k, interval in selection.intervals.items():
         p = model.parameters[k]
-        sign = edges.get((p.owner, p.name), 0)
+        sign = p.of.edge
         if not sign or not interval.visited or interval.low is None or interval.high is None:
             continue
         d = np.unique(np.round(sign * u[:, min(p.track, u.shape[1] - 1)], 6))
@@ -184,25 +176,16 @@ def traces(base: Base, selection: Selection) -> tuple[Trace, ...]:
     Measurements of a slow sensor are joined by lines: in a row of its own fresh reading another
     output has none.
     """
-    both_parts = []
-    model = base.search.model
-    for role, facts, data in (
-        ("estimation", base.parts.facts, base.search.data),
-        ("held-out", base.parts.holdout_facts, base.search.holdout_data),
+    search, traces = base.search, []
+    for role, facts, data, holdout in (
+        ("estimation", base.parts.facts, search.data, False),
+        ("held-out", base.parts.holdout_facts, search.holdout_data, True),
     ):
-        turned = [
-            base.search.in_phase(n.q, n.effects) if role == "held-out" else n.q
-            for n in (selection.base, selection.final)
-        ]
-        before, after = (data.split(run) for run in model.run(np.array(turned), data))
-        weights = data.split(data.weight)
-        both_parts += [
-            Trace(r, x, y, role, np.asarray(w.max(axis=1) > 0.0, dtype=np.float64))
-            for r, x, y, w in zip(
-                facts.without_repeats.records, before, after, weights, strict=True
-            )
-        ]
-    return tuple(both_parts)
+        runs = (search.simulated(n, holdout) for n in (selection.base, selection.final))
+        counted = (np.asarray(w.max(axis=1) > 0.0, float) for w in data.split(data.weight))
+        each = zip(facts.without_repeats.records, *runs, counted, strict=True)
+        traces += [Trace(r, before, after, role, counts) for r, before, after, counts in each]
+    return tuple(traces)
 
 
 def two_levels(records: Sequence[Record], scales: Array) -> tuple[str, ...]:

@@ -27,8 +27,6 @@ class LikelyCause:
 
     Attributes:
         name: id of the effect that a diagnosis names first; None where it names none.
-        others: ids of further effects.
-        sentence: what it says.
     """
 
     name: str | None
@@ -45,7 +43,6 @@ def likely_cause(
     cause.
 
     Args:
-        record: the log of the drive.
         model: of the plant that the prediction was made with.
         geometry: the vehicle's lengths, where somebody gave them.
         progress: called with what is being done and how far it is.

@@ -70,8 +70,6 @@ def searched_on(
     """The logs, or pieces of long ones.
 
     Args:
-        estimation: logs that effects are searched on.
-        holdout: validation logs, if any.
         given: whether a model is given; without one, rates of positions are few already.
     """
     if not given and integrates(estimation):
@@ -90,8 +88,6 @@ class InFull:
 
     Attributes:
         gap: over the samples that no effect was searched on.
-        traces: both runs, those samples counted.
-        sentence: what was searched and judged on.
     """
 
     gap: Gap
@@ -104,8 +100,6 @@ class WholeLogs:
     """The logs that pieces were taken from, or the validation logs.
 
     Attributes:
-        records: the logs.
-        pieces: what effects are searched on.
         apart: whether these are validation logs, of which every sample counts.
     """
 

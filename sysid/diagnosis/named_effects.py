@@ -71,13 +71,13 @@ class Value:
 
     def to_json(self) -> dict[str, Any]:
         """{name, value, std_error, unit, interval, visited, on_bound}, and the same ``in_file``."""
-        in_file = {} if self.in_file is None else {"in_file": self.in_file.to_json()}
+        in_file = {} if self.in_file is None else {"in_file": self.in_file}
         return {
             "name": self.name,
-            "value": self.value if self.visited else None,
+            "value": self.value,
             "std_error": self.std_error,
             "unit": self.unit,
-            "interval": None if self.interval is None else list(self.interval),
+            "interval": self.interval,
             "visited": self.visited,
             "on_bound": self.bounded,
             **in_file,
@@ -89,14 +89,10 @@ class NamedEffect:
     """One accepted effect.
 
     Attributes:
-        id: in the catalogue.
         stage: actuator, motor, vehicle, sensor or any.
-        channels: outputs on which it shows.
-        parameters: its parameters with standard errors.
         delta_bic, p_value, heldout_gain: evidence; the gain is the relative fall of the held-out
             RMSE, 1 − with/without.
         indistinguishable: other effects that explain this log as well.
-        sentence: what it is and how large, in plain words.
         remains: what stays there although it is added, in words; empty where that is noise.
     """
 
@@ -129,14 +125,14 @@ class NamedEffect:
         return {
             "id": self.id,
             "stage": self.stage,
-            "channels": list(self.channels),
-            "parameters": [p.to_json() for p in self.parameters],
+            "channels": self.channels,
+            "parameters": self.parameters,
             "evidence": {
                 "delta_bic": self.delta_bic,
                 "p_value": self.p_value,
                 "heldout_gain": self.heldout_gain,
             },
-            "indistinguishable": list(self.indistinguishable),
+            "indistinguishable": self.indistinguishable,
             "sentence": self.sentence,
             "error_ratio_without": self.error_ratio_without,
             "remains": self.remains,
@@ -149,7 +145,3 @@ class RejectedEffect:
 
     id: str
     reason: str
-
-    def to_json(self) -> dict[str, str]:
-        """{id, reason}."""
-        return {"id": self.id, "reason": self.reason}

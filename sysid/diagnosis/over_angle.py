@@ -48,11 +48,8 @@ def strongest_lines(
     """The strongest waves a rad, apart from each other; as many as asked for.
 
     Args:
-        lines: of a spectrum.
-        size: at each.
         between: least and largest line.
         span: range of the angle [rad].
-        count: how many.
     """
     size = np.where(lines >= between[0], size, 0.0)
     apart = APART * 2.0 * np.pi / max(span, 1e-9)

@@ -22,8 +22,7 @@ class AcceptanceRule:
         own_part: share below which an effect must bring the error to keep a track, or to stay
             beside others: smaller changes depend on the seed of the noise.
         minor: an effect that significantly lowers the error below this share is mentioned.
-        redundant: share of the gap below which a look-alike of an accepted effect is redundant, and
-            below which an effect gains nothing over one that is nested in it.
+        redundant: share of the gap below which a look-alike of an accepted effect is redundant.
         look_alike: a look-alike of an accepted effect that takes less than this share of the gap
             must take ``of_remainder`` of what is left; otherwise it corrects the other's law.
         of_remainder: a third effect that takes more than this share of what the others leave above
@@ -81,8 +80,6 @@ class VerdictRule:
             that floor.
         nearly_all: when less of the gap [%] is closed, the remainder is described.
         min_damping: a base with less damping swings on a spring; the catalogue has no spring law.
-        min_share_single: a single effect that closes less of the gap [%] while the rest keeps its
-            structure is part of something else.
         min_share: an effect that would close less of the gap [%] is too small to matter, …
         residual_power_to_noise: … where the rest has less than this share of the noise's power.
         min_fit: a model with a lower free-run fit [%] on held-out data does not follow the log: its
@@ -99,7 +96,6 @@ class VerdictRule:
     refuting: float = 0.8
     nearly_all: float = 90.0
     min_damping: float = 0.2
-    min_share_single: float = 25.0
     min_share: float = 1.0
     residual_power_to_noise: float = 0.3
     min_fit: float = 40.0

@@ -125,11 +125,7 @@ class SampleEffects:
 
 
 def inspect_samples(data: Sequence[Record] | LogFacts) -> SampleEffects:
-    """Quantisation and dropouts of every output, and the mask of lost measurements.
-
-    Args:
-        data: records with the same channels, or what is known of them.
-    """
+    """Quantisation and dropouts of every output, and the mask of lost measurements."""
     facts = LogFacts.of(data)
     records = facts.records
     weights = [np.ones(r.y.shape) for r in records]

@@ -1,6 +1,6 @@
 """One diagnosis session: whether errors need an explanation, and which effects explain them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -8,30 +8,18 @@ import numpy as np
 
 from sysid.data.column_words import may_move
 from sysid.data.record import Array
-from sysid.diagnosis import findings
 from sysid.diagnosis.base_model import Base
-from sysid.diagnosis.diagnosis import Trace
-from sysid.diagnosis.gap import Gap, carries_an_output, measure_gap, share_closed
+from sysid.diagnosis.gap import Gap, measure_gap
 from sysid.diagnosis.named_effects import RejectedEffect
 from sysid.diagnosis.policies import RULE, VERDICT
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.search.intervals import intervals_of
 from sysid.diagnosis.search.selection import (
     CandidateModel,
-    SelectedEffect,
     Selection,
     moved_to_base,
 )
-from sysid.diagnosis.search.sensitivities import sensitivities
-from sysid.diagnosis.validation.acceptance import (
-    drifting_level,
-    final_evidence,
-    least_beside,
-    small_share,
-    uncertain_parameters,
-    unknown_wave,
-    weakest,
-)
+from sysid.diagnosis.validation.acceptance import final_evidence, uncertain_parameters, weakest
 from sysid.diagnosis.validation.exchange import with_exchanged_lags
 from sysid.diagnosis.validation.jitter import Jitter, detect_jitter, rows_without_jitter
 from sysid.diagnosis.validation.linear_rival import (
@@ -40,24 +28,17 @@ from sysid.diagnosis.validation.linear_rival import (
     linear_rival,
     worse_than_rival,
 )
-from sysid.diagnosis.validation.model_error import MIN_SAMPLES, ResidualStructure, error_structure
+from sysid.diagnosis.validation.model_error import (
+    MIN_SAMPLES,
+    ResidualStructure,
+    error_structure,
+    structured,
+)
 from sysid.diagnosis.validation.noise import NoiseFloor, floor_of
 from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import about
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError
-
-STAND_IN = (
-    "the remaining errors are correlated with the command, and the catalogue covers motion rather "
-    "than processes: other physics may look like it"
-)
-
-
-TOO_FEW = "the held-out samples are too few to confirm it (p = {:.2g})"
-
-
-LeastLeft = dict[tuple[bool, ...], float]
-"""Least share of the gap left open while effects were rejected, by the outputs that count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +46,8 @@ class DiagnosisSession:
     """One diagnosis in progress.
 
     Attributes:
-        base: base and search.
-        noise: measurement noise of each output.
-        scales: full drive of each input.
-        seed: of every bootstrap.
         given: the session of the model that was given, where that had absorbed so much that effects
             are added to the baseline.
-        jitter: outputs whose command delay varies, where samples that this spoils were left out.
     """
 
     base: Base
@@ -176,21 +152,13 @@ class DiagnosisSession:
     def residual_structure(self, selection: Selection, after: bool) -> ResidualStructure | None:
         """What the errors on the held-out data still depend on; None with too few samples."""
         base, candidate = self.base, selection.final if after else selection.base
-        runs = holdout_runs(findings.traces(base, selection), after)
-        gradients = sensitivities(base.search, candidate, holdout=True) if candidate.free else None
-        if gradients is None:
-            gradients = tuple(np.zeros((*r.y.shape, 0)) for r in base.parts.holdout)
-        if sum(len(e) for e in candidate.errors.holdout) < MIN_SAMPLES:
+        records, errors = base.parts.holdout, candidate.errors.holdout
+        if sum(map(len, errors)) < MIN_SAMPLES:
             return None
+        gradients = base.search.slopes(candidate, holdout=True)
+        runs = base.search.simulated(candidate, holdout=True)
         try:
-            return error_structure(
-                base.parts.holdout,
-                candidate.errors.holdout,
-                runs,
-                self.floor,
-                self.scales,
-                gradients,
-            )
+            return error_structure(records, errors, runs, self.floor, self.scales, gradients)
         except DataError:
             return None
 
@@ -253,124 +221,18 @@ class DiagnosisSession:
         }
         return replace(gap, channels=channels)
 
-    def explained_by(self, selection: Selection, n: SelectedEffect) -> tuple[float, float]:
-        """Shares of the gap of its outputs [%]: closed by an effect beside the others, and open."""
-        return share_closed(*self._errors_around(selection, n), self.floor, n.touched)
-
-    def _errors_around(
-        self, selection: Selection, n: SelectedEffect
-    ) -> tuple[Sequence[Array], Sequence[Array], Sequence[Array]]:
-        """Held-out errors before, without an effect, and of the augmented model."""
-        before, without, after = self.origin.base.model, n.rest, selection.final
-        return before.errors.holdout, without.errors.holdout, after.errors.holdout
-
     def confirmed(self, selection: Selection) -> tuple[Selection, tuple[RejectedEffect, ...]]:
-        """The accepted effects of the final model, and the rejected ones."""
-        selection, gone = self.measured(selection), []
-        least_left: LeastLeft = {}
-        while (least := self._objection(selection, least_left)) is not None:
-            gone.append(least)
+        """The accepted effects of the final model, and the rejected ones, each with the reason."""
+        selection, rejected = self.measured(selection), []
+        while (least := self._objection(selection)) is not None:
+            rejected.append(least)
             selection = self.measured(self.base.search.without_effect(selection, least.id))
-        while selection.selected and self.stand_in(selection):
-            last = min(selection.selected, key=lambda n: -n.evidence.delta_bic)
-            gone.append(RejectedEffect(last.id, STAND_IN))
-            selection = self.measured(self.base.search.without_effect(selection, last.id))
-        return selection, tuple(gone)
+        return selection, tuple(rejected)
 
-    def stand_in(self, selection: Selection) -> bool:
-        """Whether the selected effects may stand in for physics outside the catalogue.
-
-        Outflow, radiation and boiling are none of its effects, and bend like a dead zone. Without
-        friction and gears beside it, an effect of the actuator or sensor explains nearly all. Nor
-        is the stiffness of a spring one of its effects: beside what swings long, the same is asked
-        of all but what a sensor does.
-        """
-        moves = any(may_move(c.name, c.unit) for c in self.base.parts.estimation[0].outputs)
-        by_sensor = all(about(n.id).place is Place.READING for n in selection.selected)
-        if moves and (by_sensor or least_damping(self.base) >= VERDICT.min_damping):
-            return False
-        structure = self.residual_structure(selection, after=True)
-        return structured(structure) and self.gap(selection).closed_percent < VERDICT.nearly_all
-
-    def _objection(self, selection: Selection, least_left: LeastLeft) -> RejectedEffect | None:
-        """The accepted effect that evidence speaks against most, and what speaks against it."""
-        least = weakest(self.base, selection)
-        if least is None and any(
-            not linear_motion(self.base, selection, n) for n in selection.selected
-        ):
-            least = worse_than_rival(self.base, self.linear_rival, selection)
-        return (
-            least
-            or drifting_level(self.base, selection)
-            or unknown_wave(self.base, selection)
-            or self.too_small_a_share(selection)
-            or self._absorber(selection, least_left)
-            or self._unconfirmed(selection)
-        )
-
-    def _unconfirmed(self, selection: Selection) -> RejectedEffect | None:
-        """The effect that too few held-out samples confirm, where they cannot be tested at all."""
-        if not selection.effects or self.residual_structure(selection, after=True) is not None:
-            return None
-        chances = {n.id: final_evidence(self.base, selection, n).p_value for n in selection.effects}
-        id, p = max(chances.items(), key=lambda pair: pair[1])
-        return RejectedEffect(id, TOO_FEW.format(p)) if p >= RULE.p else None
-
-    def too_small_a_share(self, selection: Selection) -> RejectedEffect | None:
-        """An effect that leaves more of the gap of its outputs than one of its kind may.
-
-        One that is alone closes a quarter, one without a mechanism nearly all of what the others
-        leave; where what remains has no structure, it is enough.
-        """
-        effects = selection.effects
-        for n in effects:
-            needed = VERDICT.min_share_single if len(effects) == 1 else 0.0
-            needed = VERDICT.nearly_all if about(n.id).descriptive else needed
-            if needed and self.unexplained(selection):
-                closed, open_ = self.explained_by(selection, n)
-                if closed < 0.01 * needed * (closed + open_):
-                    return RejectedEffect(n.id, small_share(closed, open_))
-        return None
-
-    def _absorber(self, selection: Selection, least_left: LeastLeft) -> RejectedEffect | None:
-        """The effect beside others that takes less than they leave, where they leave structure.
-
-        What remains on one output speaks not against an effect that carries another one: there is
-        something else on that one alone. Nor does what remains speak against an effect that closes
-        some of the gap and that no other comes near: a stand-in has rivals. What an effect that is
-        gone by now had taken is no part of what the others leave: else one would go after another.
-
-        Args:
-            selection: what is named.
-            least_left: of the rounds before; brought up to date.
-        """
-        effects = selection.effects
-        if len(effects) < 2 or not self.unexplained(selection):
-            return None
-        shares = {n.id: self._share_beside(selection, n, least_left) for n in effects}
-        short = [
-            n
-            for n in effects
-            if not carries_an_output(*self._errors_around(selection, n), self.floor, n.touched)
-        ]
-        search, rivals = self.base.search, self.base.search.model.effects
-        while least := least_beside([(n.id, *shares[n.id]) for n in short]):
-            (weakest_effect,) = (n for n in short if n.id == least.id)
-            if shares[weakest_effect.id][0] <= 0.0 or not search.unrivalled(
-                weakest_effect.rest, weakest_effect.id, rivals
-            ):
-                break
-            short.remove(weakest_effect)
-        return least
-
-    def _share_beside(
-        self, selection: Selection, n: SelectedEffect, least_left: LeastLeft
-    ) -> tuple[float, float]:
-        """``explained_by``, and of what stays open on its outputs the least there ever was."""
-        closed, open_ = self.explained_by(selection, n)
-        at = tuple(n.touched.tolist())
-        least_left[at] = open_ = min(open_, least_left.get(at, open_))
-        return closed, open_
+    def _objection(self, selection: Selection) -> RejectedEffect | None:
+        """What the first rule that objects says of an accepted effect."""
+        said = (rule(self, selection) for rule in OBJECTIONS if selection.selected)
+        return next((objection for objection in said if objection is not None), None)
 
     @cached_property
     def linear_rival(self) -> LinearRival:
@@ -408,17 +270,8 @@ class DiagnosisSession:
 def poles_of(base: Base) -> Array:
     """Discrete poles of all cores of the base."""
     model = base.search.model
-    names = [f"f{k + 1}" for k in range(model.order)]
-    cores = [[base.model.q[model.index["core", n, i]] for n in names] for i in range(model.tracks)]
-    return np.concatenate([np.roots([1.0, *f]) for f in cores])
-
-
-def least_damping(base: Base) -> float:
-    """The least damping ratio ζ of its poles, ln z = −ζ ω₀ Δt ± …; 1 where none swings."""
-    z = poles_of(base)
-    swinging = z[(np.abs(z.imag) > 0.0) & (np.abs(z) > 0.0)].astype(complex)
-    s = np.log(swinging)
-    return float(np.min(-s.real / np.abs(s), initial=1.0))
+    cores = (model.core(base.model.q, i) for i in range(model.tracks))
+    return np.concatenate([np.roots([1.0, *f]) for _, f, _ in cores])
 
 
 def noise_of(base: Base) -> NoiseFloor:
@@ -438,22 +291,66 @@ def noise_of(base: Base) -> NoiseFloor:
 
 @dataclass(frozen=True, eq=False)
 class SelectionResult:
-    """What a search has found.
-
-    Attributes:
-        session: where.
-        selection: the effects that it accepted.
-    """
+    """What a search has found."""
 
     session: DiagnosisSession
     selection: Selection
 
 
-def structured(errors: ResidualStructure | None) -> bool:
-    """Whether errors depend on what is known."""
-    return errors is not None and errors.p_value < VERDICT.structured_p
+def behind_linear_motion(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
+    """The weakest effect that explains less than linear motion does, where one is not linear."""
+    if all(linear_motion(session.base, selection, n) for n in selection.selected):
+        return None
+    return worse_than_rival(session.base, session.linear_rival, selection)
 
 
-def holdout_runs(traces: Sequence[Trace], after: bool) -> list[Array]:
-    """Free runs of the original model or after over the held-out records."""
-    return [t.after if after else t.before for t in traces if t.role == "held-out"]
+def unconfirmed(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
+    """The effect that too few held-out samples confirm, where they cannot be tested at all."""
+    if not selection.effects or session.residual_structure(selection, after=True) is not None:
+        return None
+    chances = {n.id: final_evidence(session.base, selection, n).p_value for n in selection.effects}
+    id, p = max(chances.items(), key=lambda pair: pair[1])
+    too_few = f"the held-out samples are too few to confirm it (p = {p:.2g})"
+    return RejectedEffect(id, too_few) if p >= RULE.p else None
+
+
+def stand_in(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
+    """The last effect where all may stand in for physics outside the catalogue.
+
+    Outflow, radiation and boiling are none of its effects, and bend like a dead zone. Without
+    friction and gears beside it, an effect of the actuator or sensor explains nearly all. Nor is
+    the stiffness of a spring one of its effects: beside what swings long, the same is asked of all
+    but what a sensor does.
+    """
+    moves = any(may_move(c.name, c.unit) for c in session.base.parts.estimation[0].outputs)
+    by_sensor = all(about(n.id).place is Place.READING for n in selection.selected)
+    if moves and (by_sensor or least_damping(session.base) >= VERDICT.min_damping):
+        return None
+    structure = session.residual_structure(selection, after=True)
+    if not structured(structure) or session.gap(selection).closed_percent >= VERDICT.nearly_all:
+        return None
+    last = min(selection.selected, key=lambda n: -n.evidence.delta_bic)
+    return RejectedEffect(
+        last.id,
+        "the remaining errors are correlated with the command, and the catalogue covers motion "
+        "rather than processes: other physics may look like it",
+    )
+
+
+def least_damping(base: Base) -> float:
+    """The least damping ratio ζ of its poles, ln z = −ζ ω₀ Δt ± …; 1 where none swings."""
+    z = poles_of(base)
+    swinging = z[(np.abs(z.imag) > 0.0) & (np.abs(z) > 0.0)].astype(complex)
+    s = np.log(swinging)
+    return float(np.min(-s.real / np.abs(s), initial=1.0))
+
+
+Objection = Callable[[DiagnosisSession, Selection], RejectedEffect | None]
+
+OBJECTIONS: tuple[Objection, ...] = (
+    lambda session, selection: weakest(session.base, selection),
+    behind_linear_motion,
+    unconfirmed,
+    stand_in,
+)
+"""Rules that may reject an accepted effect, in the order in which they are asked."""

@@ -1,13 +1,16 @@
-"""The verdict of a diagnosis in words, with its reason."""
+"""Why a diagnosis says what it says: what is named, what remains, and if the log is followed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from sysid.data.finding import Finding, Severity
+from sysid.data.record import Array, Record
 from sysid.diagnosis.diagnosis import OF_THE_LOG
 from sysid.diagnosis.gap import Gap
 from sysid.diagnosis.policies import VERDICT
-from sysid.diagnosis.session import structured
-from sysid.diagnosis.validation.model_error import ResidualStructure
+from sysid.diagnosis.validation.model_error import ResidualStructure, structured
 
 LONG_ENOUGH = 800
 """Samples whose held-out part, three blocks of 80, is left with twice as many samples as terms of
@@ -26,8 +29,6 @@ class Remaining:
     """What remains in the errors of the augmented model.
 
     Attributes:
-        structure: what they depend on; None where there are too few samples.
-        gap: the gap before and after.
         where: the regime that holds most of what is left beyond its size, in words; empty where
             none stands out.
     """
@@ -68,8 +69,6 @@ def verdict_of(ids: Sequence[str], remaining: Remaining, missing: bool) -> str:
     """``effects-found``, ``no-missing-effect`` or ``unexplained``.
 
     Args:
-        ids: what was named.
-        remaining: what the errors of the augmented model hold.
         missing: whether something else shows that something is missing.
     """
     # what is a matter of the log is no missing effect and explains no error
@@ -79,14 +78,7 @@ def verdict_of(ids: Sequence[str], remaining: Remaining, missing: bool) -> str:
 
 
 def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool = False) -> str:
-    """Why this verdict, in a sentence or two.
-
-    Args:
-        verdict: see ``verdict_of``.
-        ids: what was named.
-        remaining: what the errors of the augmented model hold.
-        on_rate: whether effects were looked for on the rate of the output.
-    """
+    """Why this verdict, in a sentence or two."""
     missing = [id for id in ids if id not in OF_THE_LOG]
     if verdict == "effects-found" and missing:
         return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}"
@@ -151,3 +143,52 @@ def undecided(remaining: Remaining) -> str:
         "speed. An unrecorded load or disturbance acts, or the log is too short or its commands "
         "too simple."
     )
+
+
+ASTRAY = "The model does not follow the log"
+"""How the sentence begins where the errors are more than noise."""
+
+CODES = ("feedback", "nonlinear", "delay", "sampling", "levels", "excitation", "constant", "stuck")
+"""Beginnings of the codes of checks whose findings may explain why a model does not follow."""
+
+
+def not_followed(
+    records: Sequence[Record], errors: Sequence[Array], floor: Array, findings: Sequence[Finding]
+) -> str:
+    """The first sentence of a diagnosis whose model is none; empty where every output is followed.
+
+    Args:
+        errors: its free-run errors there, (N, ny) a record; NaN where a sample does not count.
+        floor: measurement noise of each output, (ny,).
+    """
+    e = np.concatenate(errors)
+    y = np.concatenate([r.y for r in records])
+    size = np.sqrt(np.nanmean(e**2, axis=0))
+    spread = np.nanstd(y, axis=0)  # of the whole records: behind one step a block stands still
+    fit = 100.0 * (1.0 - size / np.maximum(spread, 1e-300))
+    names = records[0].output_names
+    inputs = ", ".join(records[0].input_names)
+    poor = [i for i in range(len(names)) if fit[i] < VERDICT.min_fit and spread[i] > 0.0]
+    above_noise = [i for i in poor if size[i] > VERDICT.residual_to_noise * floor[i]]
+    if above_noise:
+        shown = ", ".join(f"{names[i]} {fit[i]:.0f} %" for i in above_noise)
+        why = " ".join(f.text for f in findings if f.severity >= Severity.WARNING and _tells(f))
+        return (
+            f"{ASTRAY} ({shown} fit in free run on held-out data): "
+            "missing effects cannot be diagnosed. Run sysid inspect (units, delay, feedback, a "
+            "position that integrates), fit other structures with sysid fit, or choose channels "
+            f"that belong together." + (f" About this log: {why}" if why else "")
+        )
+    silent = [i for i in poor if fit[i] < VERDICT.min_fit_of_input]
+    if silent:
+        shown = " and ".join(names[i] for i in silent)
+        verb = "does" if records[0].nu == 1 else "do"
+        return (
+            f"{inputs} {verb} not explain {shown}: {'its' if len(silent) == 1 else 'their'} "
+            "measurements look like noise. Check the columns, or use larger commands."
+        )
+    return ""
+
+
+def _tells(finding: Finding) -> bool:
+    return finding.code.startswith(CODES)

@@ -121,10 +121,10 @@ INPUT_DELAY = Effect(
             0.0,
             float(DELAY_LINE),
             (1.5, 6.0),
-            "dt",
             kinks=True,
             at_null=True,
             at_limit=True,
+            in_samples=True,
         ),
     ),
     _delay,
@@ -143,7 +143,6 @@ _EDGE = EffectParameter(
     0.0,
     0.8,
     (0.08, 0.2, 0.4, 0.08, 0.2, 0.4),
-    "drive",
     jumps=True,
     edge=1,
     at_null=True,
@@ -161,8 +160,8 @@ EFFECTS = (
         "Large commands of different size reach one and the same speed.",
         "Steps at 60, 80, 90 and 100 % of full drive in both directions.",
         (
-            EffectParameter("plus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), "drive", kinks=True),
-            EffectParameter("minus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), "drive", kinks=True),
+            EffectParameter("plus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), kinks=True),
+            EffectParameter("minus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), kinks=True),
         ),
         _saturation,
         inverse=inverses.within_saturation,
@@ -180,9 +179,7 @@ EFFECTS = (
         "A side falls short of its command, the more so the more the other one differs.",
         "Steps from slow to full drive: straight, turning on the spot, and both at once.",
         (
-            EffectParameter(
-                "forward", "drive", 1e3, 0.05, 0.999, (0.4, 0.7, 0.4, 0.7), "drive", kinks=True
-            ),
+            EffectParameter("forward", "drive", 1e3, 0.05, 0.999, (0.4, 0.7, 0.4, 0.7), kinks=True),
             EffectParameter(
                 "turning",
                 "drive",
@@ -190,13 +187,10 @@ EFFECTS = (
                 0.05,
                 0.999,
                 (0.4, 0.7, 0.4, 0.7),
-                "drive",
                 kinks=True,
                 at_limit=True,
             ),
-            EffectParameter(
-                "side", "drive", 1e3, 0.05, 0.999, (0.6, 0.8, 0.6, 0.8), "drive", kinks=True
-            ),
+            EffectParameter("side", "drive", 1e3, 0.05, 0.999, (0.6, 0.8, 0.6, 0.8), kinks=True),
             EffectParameter("keeps_curve", "", 0.0, 0.0, 1.0, (0.0, 0.0, 1.0, 1.0), choice=True),
         ),
         _twist,
@@ -234,7 +228,6 @@ EFFECTS = (
                 0.0,
                 0.8,
                 (0.0, 0.0, 0.0, 0.08, 0.2, 0.4),
-                "drive",
                 jumps=True,
                 measured_as="dead_band_jump",
             ),
@@ -256,7 +249,7 @@ EFFECTS = (
         "Steady speed against command bends towards the command axis.",
         "Steps at many levels in both directions.",
         (
-            EffectParameter("kappa", "1/drive", 0.0, -0.9, 0.95, (0.3, -0.2) * 2, "one"),
+            EffectParameter("kappa", "1/drive", 0.0, -0.9, 0.95, (0.3, -0.2) * 2),
             EffectParameter("cubic", "", 0.0, 0.0, 1.0, (0.0,) * 2 + (1.0,) * 2, choice=True),
         ),
         _concave,
@@ -283,7 +276,7 @@ EFFECTS = (
         "The drive is stronger in one direction than in the other.",
         "Equal commands of either sign reach different speeds.",
         "Steps of equal size in both directions.",
-        (EffectParameter("rho", "", 1.0, 0.3, 3.0, (0.85, 1.15), "one"),),
+        (EffectParameter("rho", "", 1.0, 0.3, 3.0, (0.85, 1.15)),),
         _direction,
         inverse=inverses.out_of_direction,
         programmes=(LEVELS, COASTING),
@@ -297,11 +290,7 @@ EFFECTS = (
         "The drive cannot change faster than some rate.",
         "Large steps are ramps; small steps are not affected.",
         "Steps of very different size.",
-        (
-            EffectParameter(
-                "rate", "drive/s", 1e12, 0.05, 100.0, (0.4, 1.0, 3.0, 8.0), "one", kinks=True
-            ),
-        ),
+        (EffectParameter("rate", "drive/s", 1e12, 0.05, 100.0, (0.4, 1.0, 3.0, 8.0), kinks=True),),
         _rate_limit,
         states=1,
         programmes=(TOP, REVERSALS),
@@ -314,7 +303,7 @@ EFFECTS = (
         "The drive follows the command with a lag of its own.",
         "Responses start smoothly instead of with a kink.",
         "Fast reversals sampled fast.",
-        (EffectParameter("lag", "s", 0.0, 0.0, 40.0, (1.0, 6.0), "dt"),),
+        (EffectParameter("lag", "s", 0.0, 0.0, 40.0, (1.0, 6.0), in_samples=True),),
         _lag,
         lagging_drive,
         states=1,

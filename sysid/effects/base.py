@@ -86,9 +86,10 @@ class EffectParameter:
         name: as shown.
         unit: unit; ``speed`` stands for the unit of the output, ``drive`` for full drive.
         null: value at which the effect does nothing.
-        lower, upper: physical bounds, in the units of the signal it is scaled by.
-        scaled_by: ``drive``, ``speed``, ``dt`` or ``one``: what bounds and starts are multiples of.
-        starts: values a search starts from, tried together with those of the other parameters.
+        lower, upper: physical bounds; where the unit is one of ``speed``, in typical speeds.
+        starts: values a search starts from, tried together with those of the other parameters, in
+            the same units.
+        in_samples: whether bounds and starts of a time count in samples.
         choice: whether it is one of its starts and never in between: tried, not searched.
         stepwise: whether a run changes with it by jumps, so that no slope says where to go: it is
             looked for on ever finer grids.
@@ -110,7 +111,7 @@ class EffectParameter:
     lower: float
     upper: float
     starts: tuple[float, ...]
-    scaled_by: str = "one"
+    in_samples: bool = False
     choice: bool = False
     stepwise: bool = False
     kinks: bool = False
@@ -120,6 +121,15 @@ class EffectParameter:
     edge: int = 0
     as_command: bool = False
     measured_as: str = ""
+
+    @property
+    def size(self) -> float:
+        """Its typical size: the largest start."""
+        return max(map(abs, self.starts)) or 0.1
+
+    def start(self, k: int) -> float:
+        """Its value in the k-th start of its effect."""
+        return self.starts[min(k, len(self.starts) - 1)]
 
 
 @dataclass(frozen=True)
@@ -240,10 +250,6 @@ class Effect:
         by_hand: what distinguishes it from its ties where no command can, and what is then seen;
             empty where commands suffice.
         rare: whether one of its ties is preferred where a log cannot distinguish them.
-        descriptive: whether its law says what is seen and no mechanism: then it has to explain
-            nearly all, as many mechanisms look in part like it.
-        contains: effects whose law is a case of its own: where one of them explains nearly as much,
-            it is named.
         couples: whether it ties tracks to each other: a single one cannot have it, and the search
             moves the parameters of all tracks together, because those of one change the others'
             runs.
@@ -294,8 +300,6 @@ class Effect:
     ties: tuple[str, ...] = ()
     by_hand: str = ""
     rare: bool = False
-    descriptive: bool = False
-    contains: tuple[str, ...] = ()
     couples: bool = False
     opposite: str = ""
     programmes: tuple[Programme, ...] = (LEVELS, REVERSALS)

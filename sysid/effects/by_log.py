@@ -60,7 +60,7 @@ LOAD_BY_LOG = Effect(
     "All measurements of one log are higher or lower than those of another.",
     "The same steps in both directions on level ground.",
     tuple(
-        EffectParameter(parameter_of_log(k), "speed", 0.0, -0.8, 0.8, (0.05, -0.05), "speed")
+        EffectParameter(parameter_of_log(k), "speed", 0.0, -0.8, 0.8, (0.05, -0.05))
         for k in range(MOST_LOGS)
     ),
     _load,

@@ -91,7 +91,7 @@ LOAD_BIAS = Effect(
     "A constant load pulls one way.",
     "Without command it creeps, or equal commands of either sign reach different speeds.",
     "Equal steps in both directions and rests.",
-    (EffectParameter("load", "speed", 0.0, -0.8, 0.8, (0.05, -0.05), "speed"),),
+    (EffectParameter("load", "speed", 0.0, -0.8, 0.8, (0.05, -0.05)),),
     _bias,
     inverse=inverses.against_bias,
     ties=("sensor-bias",),
@@ -100,16 +100,7 @@ LOAD_BIAS = Effect(
 )
 
 _LEVEL = EffectParameter(
-    "level",
-    "speed",
-    0.0,
-    0.0,
-    HEAVIEST,
-    (0.04, 0.1),
-    "speed",
-    kinks=True,
-    at_null=True,
-    as_command=True,
+    "level", "speed", 0.0, 0.0, HEAVIEST, (0.04, 0.1), kinks=True, at_null=True, as_command=True
 )
 
 EFFECTS = (
@@ -121,7 +112,7 @@ EFFECTS = (
         "Resistance grows with the square of speed.",
         "High speeds fall short, and settle faster than low ones.",
         "Steps at many levels.",
-        (EffectParameter("drag", "1/speed", 0.0, 0.0, 2.0, (0.15, 0.5), "speed"),),
+        (EffectParameter("drag", "1/speed", 0.0, 0.0, 2.0, (0.15, 0.5)),),
         _drag,
         inverse=inverses.against_drag,
         ties=("concave-gain",),
@@ -137,7 +128,7 @@ EFFECTS = (
         "One direction is both slower and quicker to settle.",
         "Steps of equal size in both directions.",
         (
-            EffectParameter("ratio", "", 1.0, 0.4, 2.5, (0.85, 1.2) * 2, "one"),
+            EffectParameter("ratio", "", 1.0, 0.4, 2.5, (0.85, 1.2) * 2),
             EffectParameter("emf", "", USUAL_EMF, 0.0, 1.0, (USUAL_EMF,) * 4, at_limit=True),
             EffectParameter("by_constant", "", 0.0, 0.0, 1.0, (0.0,) * 2 + (1.0,) * 2, choice=True),
         ),
@@ -208,7 +199,7 @@ EFFECTS = (
         (
             _LEVEL,
             replace(_LEVEL, name="excess", starts=(0.08, 0.15), at_null=False),
-            EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), "speed", kinks=True),
+            EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), kinks=True),
         ),
         _stiction,
         inverse=inverses.against_stiction,

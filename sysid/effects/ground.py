@@ -51,19 +51,23 @@ class Ground:
     def __bool__(self) -> bool:
         return bool(self.effects)
 
-    @property
-    def remembers(self) -> bool:
-        """Whether some effect has a memory, so that samples come one after the other."""
-        return any(self._states)
-
     @cached_property
-    def _states(self) -> tuple[int, ...]:
-        """How many states each effect carries."""
+    def _acting(self) -> tuple[Effect, ...]:
         if not self.effects:
             return ()
         from sysid.effects.catalogue import effect
 
-        return tuple(effect(id).states for id in self.effects)
+        return tuple(map(effect, self.effects))
+
+    @property
+    def remembers(self) -> bool:
+        """Whether some effect has a memory, so that samples come one after the other."""
+        return any(e.states for e in self._acting)
+
+    @property
+    def slides(self) -> bool:
+        """Whether the vehicle slides sideways."""
+        return any(e.sideways for e in self._acting)
 
     def rolled(self, omega: Array, dt: float = 0.0) -> Array:
         """Speeds at which tracks without slip and with nominal radii would move the vehicle alike.
@@ -76,38 +80,19 @@ class Ground:
         Raises:
             UsageError: the ground remembers, and no sample time is given.
         """
-        if not self.effects:
-            return omega
-        from sysid.effects.catalogue import effect
-
         if self.remembers and not dt > 0.0:
             raise UsageError(
                 f"{' and '.join(self.effects)} need the time between two samples, which is missing"
             )
-        xp: Any = omega.__array_namespace__()
-        for id in self.effects:
-            e, parameters = effect(id), self.parameters[id]
+        for e in self._acting:
+            parameters = self.parameters[e.id]
             if e.on_record is not None:
                 omega = e.on_record(omega, parameters, dt)
             elif e.states:
                 omega = _one_by_one(e, omega, parameters, dt)
             else:
-                omega, _ = e.step(xp, omega, (), parameters, _CONTEXT)
+                omega, _ = e.step(omega.__array_namespace__(), omega, (), parameters, _CONTEXT)
         return omega
-
-    @cached_property
-    def _sliding(self) -> tuple[Effect, ...]:
-        """The effects that move the body sideways."""
-        if not self.effects:
-            return ()
-        from sysid.effects.catalogue import effect
-
-        return tuple(e for e in map(effect, self.effects) if e.sideways is not None)
-
-    @property
-    def slides(self) -> bool:
-        """Whether the vehicle slides sideways."""
-        return bool(self._sliding)
 
     def lateral(self, forward: Any, yaw_rate: Any, xp: Any = np) -> Any:
         """Speed to the left [m/s]; 0 where nothing slides.
@@ -116,15 +101,12 @@ class Ground:
             forward: speed [m/s] of tracks that roll at what ``rolled`` or ``step`` leave.
             yaw_rate: of the same [rad/s].
         """
-        return sum(
-            e.sideways(xp, forward, yaw_rate, self.parameters[e.id])
-            for e in self._sliding
-            if e.sideways is not None
-        )
+        sliding = [(e.sideways, self.parameters[e.id]) for e in self._acting if e.sideways]
+        return sum(sideways(xp, forward, yaw_rate, p) for sideways, p in sliding)
 
     def start(self) -> State:
         """What the effects remember of a vehicle at standstill."""
-        return tuple((np.zeros(2),) * n for n in self._states)
+        return tuple((np.zeros(2),) * e.states for e in self._acting)
 
     def step(self, state: State, omega: tuple[Any, Any], dt: Any) -> tuple[tuple[Any, Any], State]:
         """``rolled`` for one sample after the other.
@@ -140,14 +122,12 @@ class Ground:
         """
         if not self.effects:
             return omega, state
-        from sysid.effects.catalogue import effect
-
         plain = isinstance(omega[0], float | np.floating)
         xp: Any = np if plain else omega[0].__array_namespace__()
         now, after = xp.stack([xp.asarray(w) for w in omega]), []
         context = replace(_CONTEXT, dt=dt)
-        for id, last in zip(self.effects, state, strict=True):
-            now, state_of_effect = _stepped(effect(id), xp, now, last, self.parameters[id], context)
+        for e, last in zip(self._acting, state, strict=True):
+            now, state_of_effect = _stepped(e, xp, now, last, self.parameters[e.id], context)
             after.append(state_of_effect)
         return (float(now[0]), float(now[1])) if plain else (now[0], now[1]), tuple(after)
 
@@ -161,12 +141,9 @@ class Ground:
 
     def __call__(self, left: Any, right: Any) -> tuple[Any, Any]:
         """One pair of speeds in steady motion: plain numbers, or those of another namespace."""
-        steady = (
-            np.array([left, right])
-            if isinstance(left, float | np.floating)
-            else left.__array_namespace__().stack([left, right])
-        )
-        return self.step(tuple((steady,) * n for n in self._states), (left, right), math.inf)[0]
+        steady = _pair(left, right)
+        states = tuple((steady,) * e.states for e in self._acting)
+        return self.step(states, (left, right), math.inf)[0]
 
 
 def _stepped(
@@ -193,13 +170,14 @@ def slipping(ground: Ground, share: Any) -> Ground:
     """
     from sysid.effects.vehicle import SLIP, SLIP_SHARE
 
-    pair = _both(share)
+    pair = _pair(share, share)
     there = ground.parameters.get(SLIP, {})
     more = {SLIP_SHARE: there[SLIP_SHARE] + pair if there else pair}
     return Ground(tuple({*ground.effects, SLIP}), {**ground.parameters, SLIP: more})
 
 
-def _both(value: Any) -> Any:
-    if isinstance(value, float | np.floating):
-        return np.full(2, value)
-    return value.__array_namespace__().stack([value, value])
+def _pair(left: Any, right: Any) -> Any:
+    """Two plain numbers, or those of another namespace, in one array (2,)."""
+    if isinstance(left, float | np.floating):
+        return np.array([left, right])
+    return left.__array_namespace__().stack([left, right])

@@ -74,18 +74,7 @@ def _one_and_other() -> list[Block]:
     return blocks
 
 
-def _test() -> list[Block]:
-    return [(2.0, 0.8, 0.8), (1.5, 0.0, 0.0), (2.0, -0.8, -0.8), (1.5, 0.0, 0.0), (2.0, 0.4, 0.4)]
-
-
-def _repeat() -> list[Block]:
-    between: list[Block] = [(4.0, 0.5, 0.5), (4.0, -0.5, -0.5)] * 11
-    return [*_test(), *between, *_test()]
-
-
-def _hot() -> list[Block]:
-    full: list[Block] = [(5.0, 1.0, 1.0), (5.0, -1.0, -1.0)] * 4
-    return [*_test(), *full, *_test(), (40.0, 0.0, 0.0), *_test()]
+_TEST = [(2.0, 0.8, 0.8), (1.5, 0.0, 0.0), (2.0, -0.8, -0.8), (1.5, 0.0, 0.0), (2.0, 0.4, 0.4)]
 
 
 def _reversals() -> list[Block]:
@@ -118,31 +107,12 @@ def _coasting() -> list[Block]:
     return blocks
 
 
-def _cruise() -> list[Block]:
-    levels = (0.3, 0.5, 0.7, 0.9, -0.4, -0.6, -0.8)
-    return [(14.0, v, v) for v in levels]
-
-
 def _top() -> list[Block]:
     blocks: list[Block] = []
     for size in (0.6, 0.8, 0.9, 1.0):
         blocks += [(2.5, size, -size), (2.0, 0.0, 0.0), (2.5, -size, size), (2.0, 0.0, 0.0)]
         blocks += [(1.0, size, 0.5 * size), (1.0, -size, -0.5 * size), (1.5, 0.2, -0.2)]
     return blocks
-
-
-def _turns() -> list[Block]:
-    blocks: list[Block] = []
-    for left, right in ((0.6, 0.6), (0.6, 0.3), (0.3, 0.6), (0.6, 0.0), (0.0, 0.6), (0.5, -0.5)):
-        blocks += [(4.0, left, right), (1.5, 0.0, 0.0), (4.0, -left, -right), (1.5, 0.0, 0.0)]
-    return blocks
-
-
-def _rests() -> list[Block]:
-    blocks: list[Block] = []
-    for size in (0.7, 0.3):
-        blocks += [(10.0, 0.0, 0.0), (3.0, size, -size), (10.0, 0.0, 0.0), (3.0, -size, size)]
-    return [*blocks, (10.0, 0.0, 0.0)]
 
 
 STAIRCASE = Programme(
@@ -160,8 +130,14 @@ ONE_AND_OTHER = Programme(
     _one_and_other,
     "hold one input constant while the other steps, then swap.",
 )
-REPEAT = Programme("run the same short sequence at the start and the end of a long run.", _repeat)
-HOT = Programme("drive hard for 40 s between two equal tests, then rest and test again.", _hot)
+REPEAT = Programme(
+    "run the same short sequence at the start and the end of a long run.",
+    lambda: [*_TEST, *[(4.0, 0.5, 0.5), (4.0, -0.5, -0.5)] * 11, *_TEST],
+)
+HOT = Programme(
+    "drive hard for 40 s between two equal tests, then rest and test again.",
+    lambda: [*_TEST, *[(5.0, 1.0, 1.0), (5.0, -1.0, -1.0)] * 4, *_TEST, (40.0, 0.0, 0.0), *_TEST],
+)
 REVERSALS = Programme(
     "reverse often, at several speeds and at irregular instants.",
     _reversals,
@@ -179,7 +155,7 @@ COASTING = Programme(
 )
 CRUISE = Programme(
     "hold several constant speeds for a long time.",
-    _cruise,
+    lambda: [(14.0, v, v) for v in (0.3, 0.5, 0.7, 0.9, -0.4, -0.6, -0.8)],
     "hold several constant levels for a long time.",
 )
 TOP = Programme(
@@ -188,6 +164,21 @@ TOP = Programme(
     "step to the largest inputs, in small and in large steps.",
 )
 TURNS = Programme(
-    "drive straight, turn at several radii and on the spot, in both directions.", _turns
+    "drive straight, turn at several radii and on the spot, in both directions.",
+    lambda: [
+        block
+        for a, b in ((0.6, 0.6), (0.6, 0.3), (0.3, 0.6), (0.6, 0.0), (0.0, 0.6), (0.5, -0.5))
+        for block in ((4.0, a, b), (1.5, 0.0, 0.0), (4.0, -a, -b), (1.5, 0.0, 0.0))
+    ],
 )
-RESTS = Programme("rest for ten seconds between equal steps in both directions.", _rests)
+RESTS = Programme(
+    "rest for ten seconds between equal steps in both directions.",
+    lambda: [
+        *(
+            block
+            for v in (0.7, 0.3)
+            for block in ((10.0, 0.0, 0.0), (3.0, v, -v), (10.0, 0.0, 0.0), (3.0, -v, v))
+        ),
+        (10.0, 0.0, 0.0),
+    ],
+)

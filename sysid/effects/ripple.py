@@ -77,13 +77,10 @@ a spring."""
 _OF_WHEEL = EffectParameter("of_wheel", "", 1.0, 0.0, 1.0, (1.0, 0.0), choice=True)
 
 
-def _pair(name: str, most: float, by: str) -> tuple[EffectParameter, EffectParameter]:
+def _pair(name: str, most: float, unit: str = "speed") -> tuple[EffectParameter, ...]:
     """Cosine and sine of a wave."""
-    unit = "" if by == "one" else by
-    return (
-        EffectParameter(f"{name}cosine", unit, 0.0, -most, most, (0.02,), by),
-        EffectParameter(f"{name}sine", unit, 0.0, -most, most, (0.02,), by),
-    )
+    parts = (f"{name}cosine", f"{name}sine")
+    return tuple(EffectParameter(part, unit, 0.0, -most, most, (0.02,)) for part in parts)
 
 
 EFFECTS = (
@@ -96,9 +93,9 @@ EFFECTS = (
         "Faster on one side of a turn, slower on the other, the more so when it turns slowly.",
         "Long stretches of slow constant speed at several levels.",
         (
-            *_pair("", HEAVIEST, "speed"),
-            *_pair("geared_", HEAVIEST_GEARED, "speed"),
-            EffectParameter("per_turn", "1/rad", 1.0, 0.02, OFTEN, (1.0,), "one"),
+            *_pair("", HEAVIEST),
+            *_pair("geared_", HEAVIEST_GEARED),
+            EffectParameter("per_turn", "1/rad", 1.0, 0.02, OFTEN, (1.0,)),
             _OF_WHEEL,
             EffectParameter("geared", "", 0.0, 0.0, 1.0, (0.0, 1.0), choice=True),
         ),
@@ -128,13 +125,13 @@ EFFECTS = (
         "A wave whose frequency grows with speed.",
         "Long stretches of constant speed at several levels.",
         (
-            *_pair("", 0.3, "speed"),
-            EffectParameter("per_turn", "1/rad", 1.0, 0.3, 20.0, (1.0, 2.0, 3.0), "one"),
+            *_pair("", 0.3),
+            EffectParameter("per_turn", "1/rad", 1.0, 0.3, 20.0, (1.0, 2.0, 3.0)),
             _OF_WHEEL,
-            *_pair("share_", 0.9, "one"),
+            *_pair("share_", 0.9, ""),
             EffectParameter("of_speed", "", 0.0, 0.0, 1.0, (0.0, 1.0, 0.0), choice=True),
-            *_pair("load_", 1.5, "speed"),
-            EffectParameter("load_per_turn", "1/rad", 2.0, OFTEN, 20.0, (2.0, 3.0), "one"),
+            *_pair("load_", 1.5),
+            EffectParameter("load_per_turn", "1/rad", 2.0, OFTEN, 20.0, (2.0, 3.0)),
             EffectParameter("of_load", "", 0.0, 0.0, 1.0, (0.0, 0.0, 1.0), choice=True),
         ),
         _ripple,

@@ -134,7 +134,7 @@ EFFECTS = (
         "One side at a constant command while the other steps.",
         (
             EffectParameter(
-                "sag", "", 0.0, 0.0, 0.9, (0.15, 0.35) + (0.1, 0.35) * 2, "one", measured_as="sag"
+                "sag", "", 0.0, 0.0, 0.9, (0.15, 0.35) + (0.1, 0.35) * 2, measured_as="sag"
             ),
             EffectParameter("emf", "", USUAL_EMF, 0.0, 1.0, (USUAL_EMF,), at_limit=True),
             EffectParameter(
@@ -162,7 +162,7 @@ EFFECTS = (
         "No motion at small commands; braking is stronger than driving.",
         "A slow staircase through zero, and reversals from speed.",
         (
-            EffectParameter("share", "drive", 0.0, 0.0, 0.5, (0.04, 0.1, 0.04, 0.1), "drive"),
+            EffectParameter("share", "drive", 0.0, 0.0, 0.5, (0.04, 0.1, 0.04, 0.1)),
             EffectParameter("emf", "", 1.0, LEAST_EMF, 1.0, (0.9, 0.9, 0.9, 0.9)),
             EffectParameter("ripple", "", 0.0, 0.0, 0.3, (0.0, 0.0, 0.03, 0.03)),
         ),
@@ -185,15 +185,7 @@ EFFECTS = (
         "Steps of very different size, and reversals from speed.",
         (
             EffectParameter(
-                "limit",
-                "speed",
-                1e6,
-                0.03,
-                2.5,
-                (0.2, 0.5, 1.0),
-                "speed",
-                kinks=True,
-                as_command=True,
+                "limit", "speed", 1e6, 0.03, 2.5, (0.2, 0.5, 1.0), kinks=True, as_command=True
             ),
             EffectParameter("emf", "", 1.0, LEAST_EMF, 1.0, (1.0, 1.0, 1.0)),
         ),
@@ -218,10 +210,9 @@ EFFECTS = (
                 0.0,
                 MOST_LOSS,
                 (0.0005, 0.002, 0.001, 0.004, 0.001, 0.004),
-                "one",
                 measured_as="loss",
             ),
-            EffectParameter("bend", "1/s", 0.0, -0.1, 2.0, (0.0,) * 4 + (-0.02, 0.1), "one"),
+            EffectParameter("bend", "1/s", 0.0, -0.1, 2.0, (0.0,) * 4 + (-0.02, 0.1)),
             EffectParameter(
                 "charge", "", 0.0, 0.0, 2.0, (0.0, 0.0, 1.0, 1.0, 2.0, 2.0), choice=True
             ),

@@ -133,15 +133,12 @@ EFFECTS = (
             EffectParameter(
                 "coast", "", 0.0, 0.0, 6.0, _each(1.0, 1.0, 0.2), kinks=True, at_limit=True
             ),
-            EffectParameter(
-                "rub", "speed", 0.0, 0.0, 0.5, _each(0.0, 0.02, 0.02), "speed", kinks=True
-            ),
+            EffectParameter("rub", "speed", 0.0, 0.0, 0.5, _each(0.0, 0.02, 0.02), kinks=True),
         ),
         _backlash,
         _loose,
         states=2,
         at_rest=_touching,
-        contains=("coulomb-friction",),
         programmes=(REVERSALS, RAMPS),
         reverses=True,
     ),

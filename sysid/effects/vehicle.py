@@ -195,7 +195,7 @@ EFFECTS = (
         "Wheels or tracks slip where the robot turns.",
         "Turns fall short of what the wheels say; straight runs do not.",
         "Turns of several radii, straight runs between them.",
-        (EffectParameter(SLIP_SHARE, "", 0.0, 0.0, 0.9, (0.1, 0.3), "one"),),
+        (EffectParameter(SLIP_SHARE, "", 0.0, 0.0, 0.9, (0.1, 0.3)),),
         _slip,
         shared=True,
         ties=("track-width",),
@@ -210,7 +210,7 @@ EFFECTS = (
         "One side rolls farther per turn than the other.",
         "Equal wheel speeds drive a circle.",
         "Long straight runs.",
-        (EffectParameter("rho", "", 1.0, 0.7, 1.4, (0.95, 1.05), "one"),),
+        (EffectParameter("rho", "", 1.0, 0.7, 1.4, (0.95, 1.05)),),
         _radius,
         programmes=(TURNS,),
         length=Length.RADIUS,
@@ -224,7 +224,7 @@ EFFECTS = (
         "Left and right act at another distance than they are apart.",
         "Every turn falls short by one factor.",
         "Turns on the spot and turns of several radii.",
-        (EffectParameter("ratio", "", 1.0, 0.4, 2.0, (0.9, 1.1), "one"),),
+        (EffectParameter("ratio", "", 1.0, 0.4, 2.0, (0.9, 1.1)),),
         _width,
         shared=True,
         ties=("track-slip",),
@@ -242,11 +242,11 @@ EFFECTS = (
         "Straight runs at several speeds with hard starts and stops, with a measured radius; the "
         "same on another ground.",
         (
-            EffectParameter("share", "", 0.0, 0.0, 0.9, (0.1,), "one"),
-            EffectParameter("growth", "s/rad", 0.0, 0.0, 0.2, (0.01,), "one", at_null=True),
-            EffectParameter("lag", "s", 0.0, 0.0, 2.0, (0.1,), "one", at_null=True),
+            EffectParameter("share", "", 0.0, 0.0, 0.9, (0.1,)),
+            EffectParameter("growth", "s/rad", 0.0, 0.0, 0.2, (0.01,), at_null=True),
+            EffectParameter("lag", "s", 0.0, 0.0, 2.0, (0.1,), at_null=True),
             EffectParameter(
-                "spin", "s²/rad", 0.0, 0.0, 1.0, (0.005, 0.015, 0.04, 0.12), "one", at_null=True
+                "spin", "s²/rad", 0.0, 0.0, 1.0, (0.005, 0.015, 0.04, 0.12), at_null=True
             ),
         ),
         _longitudinal,
@@ -272,8 +272,8 @@ EFFECTS = (
         "itself is what the wheels say.",
         "Turns on the spot and arcs at several speeds, to both sides, with the middle's place.",
         (
-            EffectParameter("ahead", "m", 0.0, -1.0, 1.0, (0.01,), "one", at_null=True),
-            EffectParameter("drift", "s", 0.0, 0.0, 1.0, (0.05,), "one", at_null=True),
+            EffectParameter("ahead", "m", 0.0, -1.0, 1.0, (0.01,), at_null=True),
+            EffectParameter("drift", "s", 0.0, 0.0, 1.0, (0.05,), at_null=True),
         ),
         nothing,
         sideways=_sideways,
@@ -289,7 +289,7 @@ EFFECTS = (
         "Turning follows the wheels with a lag: wheels or tracks scrub before the body turns.",
         "Turns begin late and end late; forward motion does not.",
         "Turns that start, stop and change their side, on the spot and while driving.",
-        (EffectParameter("lag", "s", 0.0, 0.0, 2.0, (0.1,), "one"),),
+        (EffectParameter("lag", "s", 0.0, 0.0, 2.0, (0.1,)),),
         _scrub,
         lagging,
         states=2,

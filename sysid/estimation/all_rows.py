@@ -21,12 +21,15 @@ from sysid.estimation.identify import Identification, Request
 from sysid.estimation.pem import fit, offsets_of
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
+from sysid.fitting.searchable import InitialGuesses
+from sysid.methods.linear import is_linear, solved_outcome
+from sysid.methods.method import Fitter
+from sysid.methods.outcome import FitOutcome
 from sysid.structures.base import Structure
-from sysid.structures.linear.arx import ARX
-from sysid.structures.linear.closed_form import is_linear, solve_in_blocks, solved_outcome
 from sysid.structures.linear.constant_input import with_ones
+from sysid.structures.linear.families import ARX
+from sysid.structures.linear.least_squares import solve_in_blocks
 from sysid.structures.model import Model
-from sysid.structures.outcome import FitOutcome, Fitter, InitialGuesses
 
 BLOCK_ROWS = 500_000
 """Rows read at once: with the text and its copies 300 MB for ten columns."""

@@ -142,7 +142,7 @@ def _require_search(names: Sequence[str], options: FitOptions) -> None:
     usual = replace(options, method=Method.LEVENBERG_MARQUARDT, extra={})
     if options.method is usual.method or usual != FitOptions():
         return
-    if all(structure_class(n).solved_at_once for n in names):
+    if all(structure_class(n).traits.solved_at_once for n in names):
         raise UsageError(
             f"{', '.join(names)} is solved in closed form, without a search; omit `method`, or fit "
             "with `focus='simulation'`"

@@ -19,11 +19,13 @@ from sysid.estimation.robust_fit import bounded_errors, fitter
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter
+from sysid.methods.method import Fitter
+from sysid.methods.outcome import FitOutcome
+from sysid.methods.table import method_of
 from sysid.structures.base import Structure
-from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, Provenance, Source
-from sysid.structures.outcome import FitOutcome, Fitter
+from sysid.structures.motion import initial_state_window
 from sysid.version import __version__
 
 
@@ -99,7 +101,7 @@ def offsets_of(structure: Structure, facts: LogFacts, detrend: Detrend | Offsets
         offsets = Offsets.of_detrend(detrend)
     elif isinstance(detrend, Offsets):
         offsets = detrend
-    elif structure.physical:
+    elif structure.traits.physical:
         return Offsets.none(structure.nu, structure.ny)
     else:
         # it tries models on held-out data, which are fitted here
@@ -164,12 +166,12 @@ def _constrained(
     Raises:
         UsageError: they do not fit the structure, or its free run has nothing to run on.
     """
-    if not structure.takes_inputs and options.focus is Focus.SIMULATION:
+    if not structure.traits.takes_inputs and options.focus is Focus.SIMULATION:
         raise UsageError(
             f"{structure.name} has no input, so that its free run from rest stays at zero; fit it "
             "with the focus on prediction"
         )
-    if options.method is not Method.LEVENBERG_MARQUARDT and not structure.takes_method:
+    if options.method is not Method.LEVENBERG_MARQUARDT and not method_of(structure).takes_method:
         raise UsageError(
             f"{structure.name} has a search of its own, on which `method` does not act; omit "
             "`method`, or choose another structure"

@@ -10,9 +10,12 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.outliers import Outliers, find_outliers
 from sysid.fitting.problem import Parameter
 from sysid.fitting.robust import huber_pays
+from sysid.fitting.searchable import InitialGuesses
+from sysid.methods.method import Fitter
+from sysid.methods.outcome import FitOutcome
+from sysid.methods.table import method_of
 from sysid.structures.base import Structure
-from sysid.structures.initial_state_window import initial_state_window
-from sysid.structures.outcome import FitOutcome, Fitter, InitialGuesses
+from sysid.structures.motion import initial_state_window
 
 ROUNDS = 4
 """Fits at most. Outliers are detected ever better as the model becomes free of them; from one
@@ -36,7 +39,7 @@ RANKING_ROUNDS = 2
 
 def fitter(structure: Structure, options: FitOptions) -> Fitter:
     """The way to fit this structure: its own, or around it the search for outliers."""
-    return without_outliers if options.robust else structure.fitter()
+    return without_outliers if options.robust else method_of(structure).fit
 
 
 def without_outliers(
@@ -61,7 +64,7 @@ def without_outliers(
     Returns:
         The fit, with what was left out of each record.
     """
-    road = structure.fitter()
+    road = method_of(structure).fit
     used = tuple(records)
     known: tuple[Outliers, ...] = ()
     ranked = options.patience is not None
@@ -75,7 +78,9 @@ def without_outliers(
         outliers = tuple(outliers_of(s, theta, r, initial_state_window(s, theta)) for r in records)
         marked = tuple(f.marked(r) for f, r in zip(outliers, records, strict=True))
         known = known or tuple(f.none() for f in outliers)
-        bounded = options.robust and (ranked or not s.has_losses or _heavy_tailed(outcome, marked))
+        bounded = options.robust and (
+            ranked or not method_of(s).has_losses or _heavy_tailed(outcome, marked)
+        )
         if k == rounds - 1 or (_settled(outliers, known) and bounded == options.robust):
             break
         known, used, options = outliers, marked, replace(options, robust=bounded)
@@ -99,7 +104,7 @@ def refit(
     parameters: tuple[Parameter, ...],
 ) -> FitOutcome:
     """Fit what a fit found to nearly the same data: nothing is chosen anew where that is costly."""
-    refitter = before.structure.refitter()
+    refitter = method_of(before.structure).refit
     if refitter is None:
         start = [("the fit before", before.theta)]
         return fitted(before.structure, records, options, parameters, start)

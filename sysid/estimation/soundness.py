@@ -20,8 +20,9 @@ import numpy as np
 from sysid.criteria.table import criterion
 from sysid.data.record import Array
 from sysid.errors import Termination
-from sysid.structures.dynamics import Dynamics
+from sysid.structures.base import Structure
 from sysid.structures.model import Model
+from sysid.structures.motion import poles, time_constants
 
 INTEGRATING = 1.0005
 """Poles up to this radius are an integrator's, seen through noise."""
@@ -59,7 +60,7 @@ def doubts_about(model: Model) -> Doubts:
     return Doubts(not bounded_run(model.structure, model.theta), tuple(doubts))
 
 
-def motion_doubts(s: Dynamics, theta: Array, longest: int, dt: float) -> tuple[str, ...]:
+def motion_doubts(s: Structure, theta: Array, longest: int, dt: float) -> tuple[str, ...]:
     """What speaks against the motion of a structure with these parameters.
 
     Args:
@@ -70,7 +71,7 @@ def motion_doubts(s: Dynamics, theta: Array, longest: int, dt: float) -> tuple[s
         radius = largest_radius(s, theta)
         size = "" if not np.isfinite(radius) else f" (largest pole at radius {radius:.5f})"
         return (f"its free run does not settle{size}",)
-    modes = s.time_constants(theta)
+    modes = time_constants(s, theta)
     # a structure that counts as stable although it integrates, such as a position, means to
     slowest = float(np.max(modes[np.isfinite(modes)], initial=0.0))
     if slowest <= longest or not longest:
@@ -80,16 +81,16 @@ def motion_doubts(s: Dynamics, theta: Array, longest: int, dt: float) -> tuple[s
     )
 
 
-def bounded_run(s: Dynamics, theta: Array) -> bool:
+def bounded_run(s: Structure, theta: Array) -> bool:
     """Whether the free run is bounded, or grows no faster than an integrator's within a log."""
     if s.stable(theta):
         return True
     return largest_radius(s, theta) < INTEGRATING
 
 
-def largest_radius(s: Dynamics, theta: Array) -> float:
+def largest_radius(s: Structure, theta: Array) -> float:
     """Radius of the largest pole; infinite where the structure has none."""
-    radii = np.abs(s.poles(theta))
+    radii = np.abs(poles(s, theta))
     return float(np.max(radii)) if len(radii) else float("inf")
 
 

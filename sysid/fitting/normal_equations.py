@@ -51,10 +51,6 @@ class LagGram:
         """Row and column of signal ``signal`` delayed by ``lag``."""
         return self.signals.index(signal) * (self.lags + 1) + lag
 
-    def columns(self, signal: int, first: int, count: int) -> list[int]:
-        """Columns of ``count`` lags from ``first`` on."""
-        return [self.column(signal, first + k) for k in range(count)]
-
 
 def lag_gram(
     records: Sequence[Record],
@@ -203,6 +199,20 @@ def solve_triangular_form(R: Array, z: Array) -> LeastSquares:
     values, vectors = np.linalg.eigh(missing)
     loss = float(np.sum((z - R @ theta) ** 2))
     return LeastSquares(theta, half @ half.T, loss, vectors[:, values > 0.5])
+
+
+def scaled_lstsq(A: Array, b: Array) -> Array:
+    """argmin ‖A x − b‖², the columns of A brought to unit norm before directions are set aside."""
+    size = np.linalg.norm(A, axis=0)
+    size[size == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(A / size, b, rcond=1e-12)[0] / size)
+
+
+def scaled_solution(H: Array, g: Array) -> Array:
+    """The same from H = AᵀA and g = Aᵀb."""
+    size = np.sqrt(np.maximum(np.diag(H), 0.0))
+    size[size == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-12)[0] / size)
 
 
 RANK_TOLERANCE = 1e-10

@@ -59,7 +59,7 @@ class Descent:
         method: which step an iteration takes.
     """
 
-    free: Array
+    free: NDArray[Any]
     lower: Array
     upper: Array
     huber: Array | None = None

@@ -71,24 +71,15 @@ def uncertainty(
     m = int(np.sum(seen))
     slope = float(np.sum(weights == 1.0)) / max(m, 1)
     J = jacobian if np.all(seen) else jacobian * seen[:, None]
-    scale = np.linalg.norm(J, axis=0)
-    scale[scale == 0] = 1.0
-    _, s, Vt = np.linalg.svd(triangle(J / scale), full_matrices=False)
-    keep = s > s.max(initial=0.0) * RANK_TOLERANCE
-    V = Vt[keep].T
-    half = V / s[keep] / scale[:, None]
+    half, null = half_and_null(J)
     inverse = half @ half.T
-    dof = max(m - int(keep.sum()), 1)
+    dof = max(m - half.shape[1], 1)
     score = residual * weights
     bent = (1.0 + n * (1.0 - slope) / (max(m, 1) * max(slope, LEAST_SLOPE))) / max(
         slope, LEAST_SLOPE
     )
     variance = float(score @ score) / dof * bent**2
-    edges = np.cumsum([0, *(n for _, n in stretches)]).tolist()
-    pieces: dict[int, list[slice]] = {}
-    for (channel, _), (a, b) in zip(stretches, pairwise(edges), strict=True):
-        if b > a:
-            pieces.setdefault(channel, []).append(slice(a, b))
+    pieces = slices_by_output(stretches)
     scores = {i: [score[p] for p in where] for i, where in pieces.items()}
     is_white = all(portmanteau_white(e) for e in scores.values())
     covariance = variance * inverse
@@ -100,9 +91,32 @@ def uncertainty(
         covariance *= m / dof * bent**2
     else:
         is_white = True
-    null = Vt[~keep].T
     covariance = with_infinite(covariance, null)
     return Uncertainty(covariance, null, not is_white, variance, np.diag(inverse))
+
+
+def half_and_null(J: Array) -> tuple[Array, Array]:
+    """H with H Hᵀ = (JᵀJ)⁻¹ in the directions with information, (n, k), and those without, (n, m):
+    orthonormal weights of J's columns scaled to unit norm."""
+    scale = np.linalg.norm(J, axis=0)
+    scale[scale == 0] = 1.0
+    _, s, Vt = np.linalg.svd(triangle(J / scale), full_matrices=False)
+    keep = s > s.max(initial=0.0) * RANK_TOLERANCE
+    return Vt[keep].T / s[keep] / scale[:, None], Vt[~keep].T
+
+
+def slices_by_output(stretches: Sequence[tuple[int, int]]) -> dict[int, list[slice]]:
+    """Output → the residuals of its stretches that hold any.
+
+    Args:
+        stretches: (output, number of residuals) of each stretch, in order.
+    """
+    edges = np.cumsum([0, *(n for _, n in stretches)]).tolist()
+    pieces: dict[int, list[slice]] = {}
+    for (output, _), (a, b) in zip(stretches, pairwise(edges), strict=True):
+        if b > a:
+            pieces.setdefault(output, []).append(slice(a, b))
+    return pieces
 
 
 def sandwich(half: Array, columns: Sequence[Array], errors: Sequence[Array]) -> Array:

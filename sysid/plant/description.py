@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,8 +13,9 @@ from sysid.data.record import Array, Channel
 from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, Termination
 from sysid.structures.model import Model, Provenance
+from sysid.structures.physics import ground_effects
 from sysid.structures.plant import Plant
-from sysid.structures.registry import structure_from_json
+from sysid.structures.registry import structure_from_json, structure_to_json
 from sysid.version import __version__
 
 SCHEMA = "sysid-plant/1"
@@ -36,7 +37,7 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
     ranges = {c.name: [float(a), float(b)] for c, (a, b) in zip(channels, model.ranges)}  # noqa: B905 (a model may store no ranges)
     core = {
         "kind": "core",
-        **model.structure.to_json(),
+        **structure_to_json(model.structure),
         "parameters": [
             {
                 "name": p.name,
@@ -53,8 +54,8 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
         "schema": SCHEMA,
         "name": name,
         "sample_time": model.dt,
-        "inputs": [asdict(c) for c in model.inputs],
-        "outputs": [asdict(c) for c in model.outputs],
+        "inputs": model.inputs,
+        "outputs": model.outputs,
         "blocks": [
             {"kind": BLOCKS[0], "offset": model.detrend.u_offset.tolist()},
             core,
@@ -68,7 +69,7 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
         **_ground(model),
         "fit": _fit(report),
         "termination": {"code": model.termination.code, "message": model.termination.value},
-        "data": [asdict(s) for s in model.provenance.data],
+        "data": model.provenance.data,
         "warnings": list(dict.fromkeys((*model.warnings, *report.get("warnings", ())))),
         # not where the logs lay on somebody's disk: their names and hashes are under data
         "options": {k: v for k, v in model.provenance.options.items() if k != "files"},
@@ -101,7 +102,7 @@ def _symmetric(rows: tuple[str, ...], n: int) -> Array:
 
 def _ground(model: Model) -> dict[str, Any]:
     """What stands between tracks and ground: effect → parameter → [left, right], in order."""
-    ground = model.structure.ground(model.theta)
+    ground = ground_effects(model.structure, model.theta)
     effects = {
         id: {name: v.tolist() for name, v in ground.parameters[id].items()} for id in ground.effects
     }

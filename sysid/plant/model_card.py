@@ -9,6 +9,7 @@ from sysid.data.unit_words import ratio
 from sysid.plant.selftest import TOLERANCE
 from sysid.structures.model import Model
 from sysid.structures.orders import orders_text
+from sysid.structures.physics import ground_effects
 
 
 def model_card(model: Model, described: Mapping[str, Any], usage: str) -> str:
@@ -21,11 +22,11 @@ def model_card(model: Model, described: Mapping[str, Any], usage: str) -> str:
     before, core, after = described["blocks"]
     ins = ", ".join(c["name"] for c in described["inputs"])
     outs = ", ".join(c["name"] for c in described["outputs"])
-    equations = model.equations()
+    equations, traits = model.equations(), model.structure.traits
     return _fill(
         name=_cell(described["name"]),
-        summary=f"{model.structure.title}, from {_cell(ins)} to {_cell(outs)}, one sample every "
-        f"{described['sample_time']:.6g} s. {model.structure.equation}",
+        summary=f"{traits.title}, from {_cell(ins)} to {_cell(outs)}, one sample every "
+        f"{described['sample_time']:.6g} s. {traits.equation}",
         dt=f"{described['sample_time']:.6g}",
         equations="\n".join(equations).replace("`", ""),
         input_offset=_offsets("subtracts", described["inputs"], before["offset"]),
@@ -54,7 +55,7 @@ def _parameter_rows(parameters: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def _ground(model: Model) -> Iterator[str]:
-    effects = model.structure.ground(model.theta).effects
+    effects = ground_effects(model.structure, model.theta).effects
     if effects:
         yield (
             f"The outputs are the speeds of the wheels. Between tracks and ground act "

@@ -10,11 +10,11 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.diagnosis.base_model import full_drive
 from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, Trace
-from sysid.diagnosis.following import ASTRAY
 from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.validation.localise import Region
 from sysid.diagnosis.validation.model_error import ResidualVerdict
+from sysid.diagnosis.verdict import ASTRAY
 from sysid.effects.catalogue import effect
 from sysid.effects.samples import DROPOUTS, QUANTISATION
 from sysid.estimation.assessment.figures import Figures

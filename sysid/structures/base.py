@@ -1,61 +1,40 @@
-"""Structure: dynamics that can be fitted; NamedStructure: one that users choose by name."""
+"""Structure: what a model is; NamedStructure: one that users choose by name."""
 
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from functools import singledispatch
+from typing import Any, ClassVar, Self
 
-import numpy as np
-
-from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.record import Array, Channel
 from sysid.errors import UsageError
-from sysid.fitting.problem import Focus, Initial, Parameter, Problem
-from sysid.structures.dynamics import Dynamics
-from sysid.structures.orders import ORDER_WORDS
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter, InitialGuesses, Refitter
+from sysid.fitting.problem import Parameter
+from sysid.structures.traits import Traits
 
 
 @dataclass(frozen=True)
-class Structure(Dynamics):
-    """Dynamics that can be fitted: parameters, errors and their slopes, and how a fit is done.
+class Structure(ABC):
+    """A difference equation whose numbers are one vector θ, and its prediction errors.
 
-    Everything is a pure function of one parameter vector θ. Subclasses are frozen dataclasses.
-    Residuals of structures that are not ``linear`` are tested for what a nonlinear model may have
-    missed, too.
+        x(t+1) = f(x(t), u(t); θ),  y(t) = g(x(t), u(t); θ)
+
+    Everything is a pure function of θ. Subclasses are frozen dataclasses. How one is fitted stands
+    in ``sysid.methods``, other ways to run it in ``special_runs``, its poles in ``motion``, what it
+    says of a vehicle in ``physics``.
     """
 
-    order_names: ClassVar[tuple[str, ...]]
-    has_noise_model: ClassVar[bool]
-    tells: ClassVar[str] = "the response only, no physical parameters"
-    """What a person can read off its parameters, in a few words."""
-    physical: ClassVar[bool] = False
-    """Whether θ counts from the channels' own zeros, so that nothing may be removed from data."""
-    linear: ClassVar[bool] = False
-    has_losses: ClassVar[bool] = True
-    """Whether its fit knows Huber's loss, not the quadratic one alone."""
-    stable_by_meaning: ClassVar[bool] = False
-    """Whether unstable parameters mean nothing: such a predictor cannot be evaluated for long."""
-    begins_at_values: ClassVar[bool] = False
-    """Whether a fit begins at values it is given, and at no others."""
-    chooses_products: ClassVar[bool] = False
-    """Whether a fit chooses among products of past signals."""
-    takes_inputs: ClassVar[bool] = True
-    """Whether it is driven by inputs; one that is not models a signal from its own past."""
-    takes_method: ClassVar[bool] = True
-    """Whether ``FitOptions.method`` says how it is searched, from its starts to its end."""
+    name: ClassVar[str] = ""
+    traits: ClassVar[Traits]
 
     @property
-    def counts_from_zero(self) -> bool:
-        """Whether what θ says is about the channels' own zeros, so that nothing may be removed."""
-        return self.physical
+    @abstractmethod
+    def nu(self) -> int:
+        """Number of inputs."""
 
     @property
-    def lacks_constant(self) -> str:
-        """Why a structure that counts from zero has no level of its own; empty where it has."""
-        return ""
+    @abstractmethod
+    def ny(self) -> int:
+        """Number of outputs."""
 
     @abstractmethod
     def parameters(
@@ -64,43 +43,36 @@ class Structure(Dynamics):
         """Names, units and bounds of θ."""
 
     @abstractmethod
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """The independent least-squares problems that together determine θ.
+    def order_values(self) -> dict[str, Any]:
+        """Orders in their shortest form."""
 
-        They are solved in order; a later one may need the θ found before (``Problem.given``).
-        """
+    def settings(self) -> dict[str, Any]:
+        """What besides orders makes the structure: options, and what was read off the data."""
+        return {}
+
+    @abstractmethod
+    def n_states(self, theta: Array) -> int:
+        """Number of states of the free run."""
 
     @abstractmethod
     def first_sample(self) -> int:
         """First sample whose one-step prediction needs no value before the record."""
 
-    def fitter(self) -> "Fitter":
-        """How it is fitted: by search from its starts, unless a structure says otherwise."""
-        from sysid.structures.search import by_search
+    @abstractmethod
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """(x, u) → (x⁺, y): the free run sample by sample.
 
-        return by_search
+        Written over the namespace of its arrays, ``xp = x.__array_namespace__()``, it runs in
+        NumPy and JAX, and an exporter can record it: C needs nothing else.
+        """
 
-    def refitter(self) -> "Refitter | None":
-        """How a fit is repeated on nearly the same data; None where that is a fit like any."""
-        return None
+    @abstractmethod
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        """Free run from x0 (rest when None): outputs (N, ny), as ``step`` gives them."""
 
-    def starts(self, records: Sequence[Record], focus: Focus) -> "InitialGuesses":
-        """Named starting values of θ for a search."""
-        return ()
-
-    def stabilised(self, theta: Array) -> Array:
-        """The nearest known θ whose free run is bounded; θ itself where none is known."""
-        return theta
-
-    def offset_entries(self) -> Index:
-        """Entries of θ that are levels: coefficients of a constant input."""
-        return np.zeros(0, dtype=np.intp)
-
-    def open_directions(self, records: Sequence[Record]) -> Array:
-        """Directions of θ that such inputs leave open although slopes do not show it, (n, k)."""
-        return np.zeros((0, 0))
+    @abstractmethod
+    def stable(self, theta: Array) -> bool:
+        """Whether the free run is bounded for bounded inputs."""
 
     @abstractmethod
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
@@ -120,30 +92,22 @@ class Structure(Dynamics):
 
     @abstractmethod
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of one output's one-step prediction on a record, (N, k), zero rows where NaN."""
+        """∂ŷ/∂θ of one output's one-step prediction on a record, (N, n), zero rows where NaN."""
 
-    def gradient_index(self, theta: Array, output: int) -> Index:
-        """The k entries of θ that the columns of ``gradient_columns`` belong to; all by default."""
-        return np.arange(len(theta))
+    @abstractmethod
+    def equations(
+        self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[str, ...]:
+        """The equations with their numbers, one line each, as a person would write them."""
+
+    @abstractmethod
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        """Poles, zeros, static gain …: JSON-able facts that follow from θ, to be shown."""
 
 
 @dataclass(frozen=True)
 class NamedStructure(Structure):
     """A structure that users ask for by its ``name``; the registry holds nothing else."""
-
-    when: ClassVar[str]
-    """For which machines and logs, in a few words."""
-    options: ClassVar[Mapping[str, str]] = MappingProxyType({})
-    """Each option that ``from_orders`` accepts, with a sentence."""
-    order_words: ClassVar[Mapping[str, str]] = ORDER_WORDS
-    """What each order is, in a few words."""
-    by_default: ClassVar[bool] = False
-    """Whether it is fitted where the user names no structure."""
-    search_cost: ClassVar[float] = 1.0
-    """Rough cost of fitting one candidate order, against others: the longest searches go first."""
-    solved_at_once: ClassVar[bool] = False
-    """Whether all candidate orders share one pass of linear algebra, so that none is a start;
-    true of ARX and what derives from it."""
 
     @classmethod
     @abstractmethod
@@ -164,13 +128,21 @@ class NamedStructure(Structure):
         return ()
 
     @classmethod
-    def constant_words(cls) -> tuple[Mapping[str, str], ...]:
-        """Name, meaning, unit and estimation of each physical constant; none by default."""
-        return ()
-
-    @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
+        """What a file says of it, {orders, settings, nu, ny}: undo ``order_values, settings``."""
         return cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
+
+
+@singledispatch
+def counts_from_zero(structure: Structure) -> bool:
+    """Whether what θ says is about the channels' own zeros, so that nothing may be removed."""
+    return structure.traits.physical or structure.traits.from_zero
+
+
+@singledispatch
+def lacks_constant(structure: Structure) -> str:
+    """Why a structure that counts from zero has no offset of its own; empty where it has."""
+    return ""
 
 
 def refuse_options(structure: str, options: Mapping[str, str] | None, known: Sequence[str]) -> None:

@@ -9,7 +9,8 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
-from sysid.structures.dynamics import Dynamics
+from sysid.structures import physics, special_runs
+from sysid.structures.base import Structure
 from sysid.vehicle.motors import TorqueSource
 
 Step = Callable[[Array, Array], tuple[Array, Array]]
@@ -52,7 +53,7 @@ class Plant:
 
     @staticmethod
     def of_structure(
-        structure: Dynamics,
+        structure: Structure,
         theta: Array,
         dt: float,
         inputs: tuple[Channel, ...],
@@ -61,7 +62,7 @@ class Plant:
         ranges: Array,
     ) -> "Plant":
         """The plant of dynamics with their parameters; trends in time are not part of it."""
-        rest = structure.rest(theta)
+        rest = special_runs.rest(structure, theta)
         return Plant(
             dt=dt,
             inputs=inputs,
@@ -72,10 +73,10 @@ class Plant:
             y_offset=np.asarray(detrend.y_offset, dtype=np.float64),
             input_range=tuple((float(a), float(b)) for a, b in ranges[: len(inputs)]),
             rest_state=rest,
-            ground=structure.ground(theta),
-            identified=structure.identified(theta),
-            core_readout=structure.readout(theta),
-            torque=structure.torque(theta),
+            ground=physics.ground_effects(structure, theta),
+            identified=physics.identified_effects(structure, theta),
+            core_readout=special_runs.readout(structure, theta),
+            torque=physics.torques(structure, theta),
         )
 
     def initial_state(self) -> Array:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Le
 
-from sysid.data.documents import plain
+from sysid.data.documents import plain_object
 from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, UsageError
 from sysid.extensions import loaded, points, unusable
@@ -15,13 +15,13 @@ from sysid.structures.base import NamedStructure, Structure
 from sysid.structures.orders import require_orders
 
 BUILT_IN = {
-    "arx": "linear.arx:ARX",
-    "armax": "linear.armax:ARMAX",
-    "oe": "linear.oe:OE",
-    "bj": "linear.bj:BJ",
-    "ar": "linear.time_series:AR",
-    "arma": "linear.time_series:ARMA",
-    "ma": "linear.time_series:MA",
+    "arx": "linear.families:ARX",
+    "armax": "linear.families:ARMAX",
+    "oe": "linear.families:OE",
+    "bj": "linear.families:BJ",
+    "ar": "linear.families:AR",
+    "arma": "linear.families:ARMA",
+    "ma": "linear.families:MA",
     "narx-wavelet": "narx.structure:NarxWavelet",
     "narmax": "narmax.structure:NARMAX",
     "hammerstein-wiener": "blocks.hammerstein_wiener:HammersteinWiener",
@@ -88,8 +88,33 @@ class _Described:
     settings: Mapping[str, Any] | None = None
 
 
+def structure_to_json(structure: Structure) -> dict[str, Any]:
+    """{structure, orders, settings, nu, ny}: what ``structure_from_json`` needs."""
+    return plain_object(
+        {
+            "structure": structure.name,
+            "orders": structure.order_values(),
+            "settings": structure.settings(),
+            "nu": structure.nu,
+            "ny": structure.ny,
+        }
+    )
+
+
+def _upgraded(raw: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What a file of an older version says, in the words of this one."""
+    if raw["structure"] != "narx-wavelet":
+        return raw
+    options = raw["settings"]["options"]
+    if options["estimator"] != "polynomial":
+        return raw
+    # of 0.1.0: no units, whatever kind they had been
+    settings = {**raw["settings"], "options": {**options, "estimator": "wavelet"}}
+    return {**raw, "settings": settings}
+
+
 def structure_from_json(raw: Mapping[str, Any]) -> Structure:
-    """Undo ``Structure.to_json``.
+    """Undo ``structure_to_json``.
 
     What was read must be written alike: no setting is passed over, none taken for another kind.
 
@@ -101,9 +126,9 @@ def structure_from_json(raw: Mapping[str, Any]) -> Structure:
         require_orders(described.orders)
         name = described.structure
         cls = _load(MADE[name]) if name in MADE else structure_class(name)
-        raw = cls.upgraded(raw)
+        raw = _upgraded(raw)
         structure = cls.from_json(raw)
-        written = plain(structure.to_json())
+        written = structure_to_json(structure)
         for key in ("nu", "ny", "settings"):
             if raw.get(key) and not _holds(written[key], raw[key]):
                 raise ValueError(f"its {key} are not those of {name}")
@@ -136,9 +161,9 @@ def require_readable(structure: Structure) -> None:
     """
     if type(structure).__module__.startswith("sysid."):
         return
-    written = plain(structure.to_json())
+    written = structure_to_json(structure)
     try:
-        same = plain(structure_from_json(written).to_json()) == written
+        same = structure_to_json(structure_from_json(written)) == written
     except ModelError:
         same = False
     if not same:

@@ -3,11 +3,10 @@
 from typing import Any, NamedTuple
 
 from sysid.vehicle.floor import Floor
-from sysid.vehicle.ground.sinkage import compaction_resistance
+from sysid.vehicle.ground.resistance import compaction_resistance
 from sysid.vehicle.kinematics import Real
-from sysid.vehicle.shear import largest_stress
+from sysid.vehicle.shear import largest_stress, uniform_thrust
 from sysid.vehicle.soil import Soil
-from sysid.vehicle.thrust import uniform_thrust
 from sysid.vehicle.tracked import TrackedVehicle
 
 Pair = tuple[Real, Real]

@@ -28,6 +28,7 @@ as uniform over L around the centre of mass, which keeps the vehicle from tippin
 from typing import Any, NamedTuple
 
 from sysid.runners.loops import repeated
+from sysid.runners.trees import chosen, mapped
 from sysid.vehicle.contact import Pair, grip, loads, tracks_at
 from sysid.vehicle.dry_friction import friction
 from sysid.vehicle.floor import Floor
@@ -80,7 +81,6 @@ class Scheme(NamedTuple):
     """How finely a step is computed.
 
     Attributes:
-        substeps: parts that it is divided into.
         rounds: over the blocks of friction in each. Each leaves about a quarter of what the
             velocities still err by, and the frictions of the last part are a good beginning.
     """
@@ -174,8 +174,6 @@ def step(
         state: before; :class:`VehicleState` with its defaults is at rest in the origin.
         drive: share of full drive of the left and the right motor [1].
         dt: duration [s]; 0 changes nothing.
-        vehicle: lengths, mass and inertia.
-        floor: soil, patches, slope.
 
     Returns:
         The state after it, with the forces of its last part.
@@ -187,25 +185,11 @@ def step(
     def part(now: VehicleState) -> VehicleState:
         return model.part(now, drive, h, scheme.rounds)
 
-    after = repeated(xp, scheme.substeps, part, _numbers(state, xp))
-    chosen: VehicleState = _chosen(passes, after, state, xp)
-    return chosen
-
-
-def _numbers(state: Any, xp: Any) -> Any:
-    """The state with numbers of the namespace, which a compiled loop keeps the type of."""
-    if isinstance(state, tuple):
-        numbers = [_numbers(v, xp) for v in state]
-        return type(state)(*numbers) if hasattr(state, "_fields") else tuple(numbers)
-    return xp.float64(state) if type(state) is not xp.float64 else state
-
-
-def _chosen(condition: Real, one: Any, other: Any, xp: Any) -> Any:
-    """``one`` or ``other``, number by number."""
-    if isinstance(one, tuple):
-        chosen = [_chosen(condition, a, b, xp) for a, b in zip(one, other, strict=True)]
-        return type(one)(*chosen) if hasattr(one, "_fields") else tuple(chosen)
-    return xp.where(condition, one, other)
+    # numbers of the namespace, which a compiled loop keeps the type of
+    number = xp.float64
+    begin = mapped(lambda v: v if type(v) is number else number(v), state)
+    after: VehicleState = chosen(passes, repeated(xp, scheme.substeps, part, begin), state, xp)
+    return after
 
 
 class _Model(NamedTuple):
@@ -271,7 +255,6 @@ class _Model(NamedTuple):
         )
 
     def _contacts(self, now: VehicleState, load: Pair, heading: Pair) -> tuple[_Contact, _Contact]:
-        """Both tracks on what lies under their middles."""
         car = self.vehicle
         half = 0.5 * car.geometry.B
         places = tracks_at(now.x, now.y, heading, car)
@@ -418,6 +401,5 @@ def _with_forces(known: _Part, free: _Speeds, forces: Forces, car: TrackedVehicl
 
 
 def _nothing_sticks(speeds: _Speeds, xp: Any) -> tuple[Pair, Pair, Pair, Real]:
-    """Truth values, all false, of the namespace."""
     no = speeds.vx != speeds.vx
     return (no, no), (no, no), (no, no), no

@@ -10,11 +10,13 @@ plain floats, which is some ten times faster than NumPy on scalars).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from sysid.data.record import Array
 from sysid.errors import ModelError
 
 Real: TypeAlias = Any
@@ -103,6 +105,36 @@ def step_pose(
         y + chord * xp.sin(psi + half),
         wrap_angle(psi + 2.0 * half),
     )
+
+
+def chained_arcs(
+    along: Array, turn: Array, aside: Array | None = None, start: Sequence[float] = (0.0, 0.0, 0.0)
+) -> Array:
+    """Poses x, y, ψ (not wrapped) at the ends of arcs driven one after the other, (N + 1, 3).
+
+    Args:
+        along, turn: length [m] and angle [rad] of each arc, (N,).
+        aside: way to the left in each, (N,) [m]; None for tracks that roll.
+        start: x, y [m], ψ [rad].
+    """
+    heading = start[2] + np.concatenate([[0.0], np.cumsum(turn)])
+    middle, chord = heading[:-1] + 0.5 * turn, np.sinc(turn / (2.0 * np.pi))
+    c, s = chord * np.cos(middle), chord * np.sin(middle)
+    east, north = along * c, along * s
+    if aside is not None:
+        east, north = east - aside * s, north + aside * c
+    x, y = (
+        at + np.concatenate([[0.0], np.cumsum(way)])
+        for at, way in zip(start, (east, north), strict=False)
+    )
+    return np.column_stack([x, y, heading])
+
+
+def seen_from(psi: Array | float, change: Array) -> Array:
+    """Ways forward and to the left, (…, 2) [m], of ways in the plane (…, 2) seen at headings ψ."""
+    c, s = np.cos(psi), np.sin(psi)
+    x, y = change[..., 0], change[..., 1]
+    return np.stack([c * x + s * y, c * y - s * x], axis=-1)
 
 
 def wrap_angle(angle: Real) -> Real:

@@ -1,4 +1,4 @@
-"""Shear stress of the ground against normal pressure and shear displacement: (2.27)–(2.30)."""
+"""Shear stress of the ground, (2.27)–(2.30), and the thrust of a track from it, (2.31)–(2.33)."""
 
 import math
 from typing import Any
@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from sysid.vehicle.kinematics import Real
-from sysid.vehicle.soil import Shear, Soil
+from sysid.vehicle.pressure import Distribution, Pressure, axes_of, integrate
+from sysid.vehicle.soil import NUMBERS, Shear, Soil
 
 _SERIES_BELOW = 1e-2
 """Reach below which 1 − (1 − e^(−u))/u is summed as a series: cancellation would cost digits."""
@@ -95,3 +96,83 @@ def _saturation(u: Real, xp: Any) -> Real:
     series = u / 2.0 * (1.0 - u / 3.0 * (1.0 - u / 4.0 * (1.0 - u / 5.0 * (1.0 - u / 6.0))))
     safe = xp.where(small, 1.0, u)
     return xp.where(small, series, 1.0 + xp.expm1(-safe) / safe)
+
+
+_LAYER = 36.0
+"""Shear displacement over K within which every law has settled, to e⁻³⁶: it is integrated apart
+from the rest of the contact, so that a stiff soil loses no digits."""
+_NO_SLIP = 1e-200
+"""Slip that stands for none where a length is divided by it."""
+
+
+def uniform_thrust(
+    soil: Soil, load: Real, slip: Real, length: Real, width: Real, xp: Any = np
+) -> Real:
+    """Thrust of a rigid footprint under uniform pressure, in closed form for each law of shear.
+
+    F = (A c + W tan φ) m(|i|L/K) sign(i),  A = bL;  m is the mean share of
+    :func:`sysid.vehicle.shear.mean_share`, for (2.28) 1 − K/(iL) (1 − e^(−iL/K)) (2.33).
+
+    An odd function of the slip: a track that is dragged brakes as much as it would drive.
+
+    Args:
+        load: W, normal load on the track [N].
+        slip: i [1].
+        length, width: L and b of the contact area [m].
+
+    Returns:
+        F [N].
+    """
+    most = length * width * soil.cohesion + load * xp.tan(soil.friction_angle)
+    reach = xp.abs(slip) * length / soil.shear_modulus
+    return xp.sign(slip) * most * mean_share(soil, reach, xp)
+
+
+def thrust(
+    soil: Soil,
+    load: Real,
+    slip: Real,
+    length: Real,
+    width: Real,
+    pressure: Pressure | None = None,
+    xp: Any = np,
+) -> Real:
+    """Thrust of a track under any normal pressure, F = b ∫ τ(σ(x), i x) dx (thesis 2.31).
+
+    Displacement begins where contact does. Gauss–Legendre quadrature, for every law, pressure and
+    slip within 1e-10 of the exact integral, of which :func:`uniform_thrust` is one; arguments that
+    are arrays broadcast, numbers of the soil included.
+
+    Args:
+        load: W, normal load on the track [N].
+        slip: i [1].
+        length, width: L and b [m].
+        pressure: how the load is spread; uniform where none is given.
+
+    Returns:
+        F [N].
+
+    Raises:
+        ModelError: the load cannot be spread like this on this length.
+    """
+    if pressure is None or pressure.distribution == Distribution.UNIFORM:
+        return uniform_thrust(soil, load, slip, length, width, xp)
+    if axes_of(length, pressure.centre) == 0:
+        pressure.check(length)
+    axes = axes_of(
+        load, slip, length, width, pressure.centre, *(getattr(soil, name) for name in NUMBERS)
+    )
+    rate = xp.abs(slip)
+    begin, _ = pressure.contact(length, xp)
+    settled = begin + _LAYER * soil.shear_modulus / xp.maximum(rate, _NO_SLIP)
+
+    def stress(x: Real) -> tuple[Real]:
+        most = largest_stress(soil, pressure.at(x, load, length, width, xp), xp)
+        return (most * mobilised_share(soil, rate * (x - begin), xp),)
+
+    parts: list[tuple[Real, Real]] = []
+    for low, high in pressure.smooth_parts(length, xp):
+        middle = xp.clip(settled, low, high)
+        parts += [(low, middle), (middle, high)]
+    (force,) = integrate(stress, parts, axes, xp)
+    return xp.sign(slip) * width * force

@@ -33,7 +33,6 @@ class Soil:
         cohesion: c [Pa].
         friction_angle: φ, angle of internal shearing resistance [rad].
         shear_modulus: K of (2.28), K_max of (2.29) and (2.30): shear displacement [m].
-        shear: law of shear stress against shear displacement.
         residual: K_r of (2.30), residual over largest shear stress [1].
         rolling: μr, rolling resistance over load (2.34), of the running gear alone: what compacting
             the ground takes is reckoned from n, k_c and k_phi [1].
@@ -42,7 +41,6 @@ class Soil:
             k_phi of infinity is ground that does not give way.
         std: standard deviations of these numbers, (name, value in the unit of the number) each;
             a number that is not among them counts as exact.
-        source: where the numbers are from.
 
     Raises:
         ModelError: a number is impossible.

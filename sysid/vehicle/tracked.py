@@ -67,5 +67,4 @@ class TrackedVehicle:
 
 
 def _plain(value: Real) -> bool:
-    """Whether it is a number, not one that a compiler traces."""
     return isinstance(value, int | float)

@@ -158,7 +158,7 @@ def test_wrong_use_ends_in_one_sentence(
 
 @pytest.mark.parametrize("line", ["frobnicate", "inspect nolog.csv", "models --workspace damaged"])
 def test_the_installed_command_fails_like_main(here: Path, line: str) -> None:
-    command = [sys.executable, "-m", "sysid_cli.app", *line.split()]
+    command = [sys.executable, "-m", "sysid_cli.start", *line.split()]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode in (1, 2)
     assert done.stdout == ""
@@ -268,7 +268,7 @@ def test_a_command_that_hears_no_interrupt_ends_all_the_same_and_no_library_warn
 
 
 def test_a_closed_pipe_is_quiet(here: Path) -> None:
-    command = [sys.executable, "-m", "sysid_cli.app", "models", "show", "oe", "--json"]
+    command = [sys.executable, "-m", "sysid_cli.start", "models", "show", "oe", "--json"]
     reader, writer = os.pipe()
     os.close(reader)
     with os.fdopen(writer, "w") as gone:
@@ -280,7 +280,7 @@ def test_a_closed_pipe_is_quiet(here: Path) -> None:
 def test_names_that_the_terminal_cannot_show_do_no_harm(here: Path) -> None:
     Path(".sysid").rename("grün µ")
     environment = dict(os.environ) | {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
-    command = [sys.executable, "-m", "sysid_cli.app", "models", "--workspace", "grün µ"]
+    command = [sys.executable, "-m", "sysid_cli.start", "models", "--workspace", "grün µ"]
     for extra in (["show", "bj"], ["--json"]):
         done = subprocess.run([*command, *extra], capture_output=True, env=environment, check=False)
         assert b"Traceback" not in done.stderr

@@ -24,7 +24,7 @@ def test_every_effect_has_a_programme() -> None:
 @pytest.mark.parametrize("id", [*catalogue(), "quantisation", "held-telemetry", "dropouts"])
 def test_every_effect_has_a_schedule_a_robot_can_run(id: str) -> None:
     (found,) = next_experiments(SLOW, SCALES, [id])
-    rows = np.array(found.rows)
+    rows = np.array(found.schedule)
     assert found.columns == ("t", "pwm_l", "pwm_r")
     assert found.effects == (id,)
     assert id in found.purpose
@@ -65,7 +65,7 @@ def test_where_no_command_helps_it_is_said_what_does() -> None:
         q[list(model.of(e.id))] = 0.2
     tied = {e.id: replace(node, q=q) for e, q in zip(effects, rows, strict=True)}
     found = experiment_between(base.search, tied, np.array([SIGMA, SIGMA]), SCALES, base.delay)
-    assert found.rows == ()
+    assert found.schedule == ()
     assert "No command distinguishes" in found.purpose
     assert "turn the wheel by hand" in found.purpose
 

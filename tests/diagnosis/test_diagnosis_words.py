@@ -12,11 +12,10 @@ from command_line import Capture, run, write_log
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.advise import next_experiments
 from sysid.diagnosis.base_model import _possible, fit_baseline
-from sysid.diagnosis.following import not_followed
 from sysid.diagnosis.gap import ChannelGap, Gap
 from sysid.diagnosis.validation.localise import localise, regimes
 from sysid.diagnosis.validation.model_error import ResidualStructure
-from sysid.diagnosis.verdict import Remaining, story
+from sysid.diagnosis.verdict import Remaining, not_followed, story
 from sysid.effects.catalogue import catalogue, chain_effects
 from sysid.report.diagnosis_words import headline
 

@@ -18,8 +18,8 @@ FOLDERS = ("sysid/diagnosis", "sysid/report", "sysid/estimation", "sysid/structu
 NAMESAKES = {
     "cli/diagnose.py": {"held-telemetry"},  # a finding of the reader
     "sysid/structures/blocks/static/kinds.py": {"dead-zone"},  # a kind of static curve
-    "sysid/structures/blocks/hammerstein_wiener_fit.py": {"dead-zone"},
-    "sysid/structures/blocks/wiener_hammerstein_fit.py": {"dead-zone"},
+    "sysid/structures/blocks/hammerstein_wiener_proposals.py": {"dead-zone"},
+    "sysid/structures/blocks/wiener_hammerstein_proposals.py": {"dead-zone"},
 }
 """What is called as an effect is, and is none."""
 

@@ -8,8 +8,8 @@ from polynomial_cases import System
 from sysid.data.record import Array, Record
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
-from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.model import Model
+from sysid.structures.motion import initial_state_window
 from sysid.structures.registry import structure_class
 
 FOUR = ("arx", "armax", "oe", "bj")

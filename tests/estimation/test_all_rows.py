@@ -20,7 +20,7 @@ from sysid.estimation.assessment.figures import figures
 from sysid.estimation.identify import Request, identify
 from sysid.estimation.pem import fit
 from sysid.fitting.normal_equations import lag_gram
-from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.families import ARX
 
 N, DT, BLOCK, LAG = 6000, 0.01, 700, 3
 FIRST_ORDER = ARX.from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1)

@@ -25,9 +25,10 @@ from sysid.fitting import normal_equations as ne
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
-from sysid.structures.initial_state_window import initial_state_window
+from sysid.methods.search import LONG, Search
+from sysid.structures.linear.searchable import LinearSearch
+from sysid.structures.motion import initial_state_window
 from sysid.structures.registry import structure_class
-from sysid.structures.search import LONG, Search
 
 MEASURED = Path(os.environ.get("SYSID_DATA", "../shared/data"))
 
@@ -333,7 +334,13 @@ def test_a_long_record_is_searched_from_pieces_of_it(name: str) -> None:
     record = system.record(LONG + 5_000, 0.3)
     whole = fit(system.model_structure, [record], detrend="none")
     assert whole.starts[-1].start == "pieces of the records"
-    full = Search(system.model_structure, [record], FitOptions(), whole.parameters)
+    full = Search(
+        system.model_structure,
+        LinearSearch(system.model_structure),
+        [record],
+        FitOptions(),
+        whole.parameters,
+    )
     theta, _, _ = full._from(full._own_starts())
     errors = np.sqrt(np.diag(whole.covariance))
     assert np.all(np.abs(whole.theta - theta) < 0.02 * errors)
@@ -343,7 +350,7 @@ def test_a_long_record_is_searched_from_pieces_of_it(name: str) -> None:
 def test_a_method_that_does_not_act_is_refused(name: str) -> None:
     rng = np.random.default_rng(0)
     record = Record(rng.standard_normal((200, 1)), rng.standard_normal((200, 1)), 0.1)
-    orders = " ".join(f"{o}=1" for o in structure_class(name).order_names) or None
+    orders = " ".join(f"{o}=1" for o in structure_class(name).traits.order_names) or None
     request = Request(
         structures=(name,),
         orders=orders,

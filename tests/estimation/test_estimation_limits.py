@@ -16,8 +16,8 @@ from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial
-from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.linear.output_error import pole_grid, reflected
+from sysid.structures.motion import initial_state_window
 from sysid.structures.registry import structure_class
 
 # ------------------ constraints

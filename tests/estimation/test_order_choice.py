@@ -18,9 +18,8 @@ from sysid.estimation.selection.select_structure import select_structure
 from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import error_margin, hold_out, tie_margin
 from sysid.fitting.options import FitOptions
-from sysid.structures.held_out_error import free_run_error
-from sysid.structures.linear.arx import ARX
-from sysid.structures.linear.oe import OE
+from sysid.methods.held_out_error import free_run_error
+from sysid.structures.linear.families import ARX, OE
 
 
 def steps(n: int, hold: int, seed: int) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from command_line import Capture, run
 from numpy.typing import NDArray
+from problem_cases import problems_of
 from scipy.signal import lfilter
 
 from studies import robust as study
@@ -16,9 +17,10 @@ from sysid.estimation.robust_fit import refit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.outlier_events import explained
 from sysid.fitting.outliers import find_outliers, resolutions
-from sysid.fitting.problem import Focus, Initial
+from sysid.fitting.problem import Focus
 from sysid.fitting.robust import HUBER_WIDTH, huber_pays, huber_widths, robust_scale, weighted
-from sysid.structures.outcome import FitOutcome
+from sysid.methods.outcome import FitOutcome
+from sysid.methods.table import method_of
 from sysid.structures.registry import structure_class
 
 CASES = study.CASES
@@ -91,7 +93,8 @@ def test_a_fit_to_cleaner_data_starts_where_the_last_one_ended() -> None:
     """Structures that are fitted from given values only have no other start."""
     case = CASES["arx"]
     s, record = case.made(), case.record(0, "clean")
-    first = s.fitter()(s, [record], FitOptions(), s.parameters(record.inputs, record.outputs), ())
+    parameters = s.parameters(record.inputs, record.outputs)
+    first = method_of(s).fit(s, [record], FitOptions(), parameters, ())
     given: list[Array] = []
 
     def fitted(*told: object) -> FitOutcome:
@@ -223,8 +226,8 @@ def test_outputs_have_widths_of_their_own() -> None:
     rng = np.random.default_rng(4)
     y = rng.standard_normal((400, 2)) * [1.0, 1000.0]
     s = structure_class("oe").from_orders({"nb": 1, "nf": 1, "nk": 1}, 1, 2)
-    (problem, *_) = s.problems(
-        [Record(rng.standard_normal(400), y, 0.1)], Focus.SIMULATION, Initial.ZERO, True
+    (problem, *_) = problems_of(
+        s, [Record(rng.standard_normal(400), y, 0.1)], Focus.SIMULATION, stable=True
     )
     r = problem.residual(np.zeros(len(problem.index) + problem.n_initial))
     widths = np.unique(huber_widths(problem, r))
@@ -239,7 +242,7 @@ def test_weights_reach_the_errors_of_their_samples() -> None:
         for n in lengths
     ]
     s = structure_class("arx").from_orders({"na": 4, "nb": 1, "nk": 1}, 1, 1)
-    (problem,) = s.problems(records, Focus.PREDICTION, Initial.ZERO, False)
+    (problem,) = problems_of(s, records, Focus.PREDICTION)
     p = 0.1 * rng.standard_normal(5)
     plain, counted = problem.residual(p), weighted(problem, records).residual(p)
     # the first four samples of each record have no error of their own

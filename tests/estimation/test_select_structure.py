@@ -1,6 +1,7 @@
 """One contest: what is asked for is fitted the same way alone and in company, and who may lead."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ def _asked(names: Sequence[str], record: Record, patch: pytest.MonkeyPatch) -> d
 
     def searched(name: str, grid: Sequence[Mapping[str, Any]], *_: Any, **__: Any) -> OrderSearch:
         # what a search within a structure brings back: orders that nobody asked for
-        found = [dict(o) | dict.fromkeys(structure_class(name).order_names, 1) for o in grid]
+        found = [dict(o) | dict.fromkeys(structure_class(name).traits.order_names, 1) for o in grid]
         return OrderSearch(
             name, "fit", tuple(Candidate(o, 2, 0.1, 0.1) for o in found), 0.02, (100, 1)
         )
@@ -53,7 +54,7 @@ def _asked(names: Sequence[str], record: Record, patch: pytest.MonkeyPatch) -> d
 NONLINEAR = [
     name
     for name in structure_classes()
-    if not structure_class(name).linear and name != "tanks"  # two levels that drain
+    if not structure_class(name).traits.linear and name != "tanks"  # two levels that drain
 ]
 
 
@@ -102,7 +103,8 @@ def test_orders_searched_apart_are_ranked_over_the_same_samples() -> None:
 def test_what_competes_unasked_is_said_by_the_classes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert default_structures(True) == ("arx", "armax", "oe", "bj")
     assert default_structures(False) == ("ar", "arma", "ma")
-    monkeypatch.setattr(structure_class("tanks"), "by_default", True)
+    tanks = structure_class("tanks")
+    monkeypatch.setattr(tanks, "traits", replace(tanks.traits, by_default=True))
     assert default_structures(True) == ("arx", "armax", "oe", "bj", "tanks")
 
 
@@ -110,5 +112,5 @@ def test_what_competes_unasked_is_said_by_the_classes(monkeypatch: pytest.Monkey
 def test_a_record_of_any_length_leaves_candidates(name: str) -> None:
     """One that bears no order gets the lowest: the fit itself refuses it."""
     few = structure_class(name).candidate_orders(1, 1, 5, 1)
-    assert few == (dict.fromkeys(structure_class(name).order_names, 1),)
+    assert few == (dict.fromkeys(structure_class(name).traits.order_names, 1),)
     assert len(structure_class(name).candidate_orders(2, 2, 2000, 1)) > 3

@@ -22,7 +22,7 @@ def test_a_comparison_tells_cost_and_meaning_of_each_model() -> None:
 
 
 def test_every_family_says_what_it_tells() -> None:
-    told = {name: cls.tells for name, cls in structure_classes().items()}
+    told = {name: cls.traits.tells for name, cls in structure_classes().items()}
     assert "physical constants" in told["dc-motor"]
     assert told["narx-wavelet"] == "the response only, no physical parameters"
     assert len(set(told.values())) >= 4
@@ -30,7 +30,7 @@ def test_every_family_says_what_it_tells() -> None:
 
 @pytest.mark.parametrize("name", ["dc-motor", "oe"])
 def test_the_words_are_no_sentence(name: str) -> None:
-    assert not structure_classes()[name].tells.endswith(".")
+    assert not structure_classes()[name].traits.tells.endswith(".")
 
 
 def test_the_table_shows_cost_where_models_tell_different_things(

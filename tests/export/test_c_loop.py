@@ -24,6 +24,7 @@ from sysid.robot.mission.navigation.doubt import RUN
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission, load_mission
 from sysid.robot.mission.tracks.mapping import as_robot
+from sysid.structures.motion import time_constants
 
 MISSIONS = Path(sysid.__file__).parents[1] / "datasets" / "missions"
 STRICT = [*FLAGS, "-ffp-contract=off"]
@@ -285,10 +286,18 @@ def test_operations_are_counted_with_their_loops() -> None:
     assert operations(lines) == (2 + 10, 10)
 
 
+class _Modes(SimpleNamespace):
+    """A structure of which the slowest mode is known."""
+
+
+@time_constants.register
+def _(structure: _Modes, theta: Any) -> Any:
+    return np.array([1.0, structure.samples])
+
+
 def with_mode(samples: float) -> Any:
     """A model whose slowest mode forgets in so many samples."""
-    modes = SimpleNamespace(time_constants=lambda theta: np.array([1.0, samples]))
-    return SimpleNamespace(structure=modes, theta=np.zeros(0), dt=0.1)
+    return SimpleNamespace(structure=_Modes(samples=samples), theta=np.zeros(0), dt=0.1)
 
 
 def test_a_slow_pole_loosens_what_single_precision_promises() -> None:

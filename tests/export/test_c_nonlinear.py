@@ -29,15 +29,16 @@ from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.static.kinds import KINDS
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.difference_equations.expressions import FUNCTIONS
-from sysid.structures.grey_box.constants import Constant
-from sysid.structures.grey_box.dc_motor.structure import DCMotor
-from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.grey_box.tanks import Tanks
+from sysid.structures.grey_box.dc_motor.structure import DCMotor, MotorPhysics
+from sysid.structures.grey_box.physics import Constant, Physics, Sampling
+from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
+from sysid.structures.grey_box.tanks import Tanks, TanksPhysics
 from sysid.structures.model import Model
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_network import KINDS as ESTIMATORS
 from sysid.structures.narx.wavelet_network import RowDesign
+from sysid.structures.traits import Traits
 
 EXACT = 1e-10
 """Relative to the output's range: other orders of addition and another libm cost some 1e-16 a
@@ -151,10 +152,10 @@ def wiener_hammerstein() -> Model:
 def motor(
     n: int, numbers: Mapping[str, Any], options: Mapping[str, str], substeps: int = 4
 ) -> Model:
-    made = DCMotor.from_orders({}, n, n, {"input": "voltage", **options})
-    made = replace(made, dt=DT, substeps=substeps)
-    reach = 20000.0 if made.input == "pwm" else 6.0
-    return hand_made(made, made.pack(dict(numbers)), reach=(-reach, reach))
+    physics = MotorPhysics.from_options({"input": "voltage", **options}, n, n)
+    reach = 20000.0 if physics.input == "pwm" else 6.0
+    made = DCMotor(physics, Sampling(DT, substeps))
+    return hand_made(made, physics.pack(dict(numbers)), reach=(-reach, reach))
 
 
 MOTOR = {
@@ -165,8 +166,8 @@ MOTOR = {
 
 
 def tanks() -> Model:
-    made = replace(Tanks.from_orders({}, 1, 1), dt=4.0, substeps=4)
-    theta = made.pack({"limit1": 2.0, "limit2": 5.0, "d2": 0.1, "k4": 0.01, "k3": 0.2})
+    made = Tanks(TanksPhysics(1, 1), Sampling(4.0, 4))
+    theta = made.physics.pack({"limit1": 2.0, "limit2": 5.0, "d2": 0.1, "k4": 0.01, "k3": 0.2})
     return replace(hand_made(made, theta, reach=(0.0, 3.0)), dt=4.0)
 
 
@@ -318,13 +319,9 @@ def test_packages_of_nonlinear_plants_hold_the_code_and_say_how_to_build_it() ->
         assert forbidden not in files["c/plant.c"].decode()
 
 
-class _Filling(GreyBox):
+class _Filling(Physics):
     """A tank written in a way of which C knows nothing."""
 
-    name: ClassVar[str] = "filling"
-    title: ClassVar[str] = "Filling"
-    equation: ClassVar[str] = "dh/dt = u - k h"
-    when: ClassVar[str] = "tests"
     way: ClassVar[str] = "sinc"
 
     @property
@@ -358,11 +355,24 @@ class _Deciding(_Filling):
     way: ClassVar[str] = "if"
 
 
+class _Box(GreyBox[_Filling]):
+    name: ClassVar[str] = "filling"
+    traits: ClassVar[Traits] = grey_box_traits(
+        title="Filling",
+        equation="dh/dt = u - k h",
+        when="tests",
+    )
+
+
+def filling(kind: type[_Filling]) -> Model:
+    return hand_made(_Box(kind(1, 1), Sampling(DT, 1)), np.array([0.5]))
+
+
 @pytest.mark.parametrize(
     ("kind", "words"), [(_Filling, "use sinc"), (_Deciding, "xp.where"), (_Float, "xp.stack")]
 )
 def test_what_c_cannot_say_is_refused_in_words(kind: type[_Filling], words: str) -> None:
-    model = hand_made(kind(1, 1, dt=DT, substeps=1), np.array([0.5]))
+    model = filling(kind)
     assert words in why_no_c_code(model)
     with pytest.raises(ModelError, match="cannot be written as C"):
         c_sources(model, make_selftest(motor(1, MOTOR, {})))
@@ -375,7 +385,7 @@ def why_no_c_code(model: Model) -> str:
 
 
 def test_a_package_without_code_says_why() -> None:
-    model = hand_made(_Filling(1, 1, dt=DT, substeps=1), np.array([0.5]))
+    model = filling(_Filling)
     files = package_files(model)
     assert not any(name.startswith("c/") for name in files)
     card = files[CARD].decode()

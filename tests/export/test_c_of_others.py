@@ -12,8 +12,9 @@ from hand_made import hand_made
 from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.export.c.step import c_step
-from sysid.structures.c_step import CStep
-from sysid.structures.linear.arx import ARX
+from sysid.structures import special_runs
+from sysid.structures.linear.families import ARX
+from sysid.structures.special_runs import CStep
 
 Step = Callable[[Any, Any], tuple[Any, Any]]
 
@@ -96,16 +97,19 @@ def test_code_of_a_network_does_not_grow_with_its_units() -> None:
 @needs_compiler
 def test_a_structure_may_bring_c_of_its_own(tmp_path: Path) -> None:
     class Own(_Theirs):
-        def c_step(self, theta: Array) -> CStep:
-            body = ("    x[0] = theirs(x[0], v[0]);", "    out[0] += x[0];")
-            support = (
-                "static double theirs(double x, double v)",
-                "{",
-                f"    return {theta[0]!r} * x + 0.25 * v;".replace("np.float64(0.5)", "0.5"),
-                "}",
-                "",
-            )
-            return CStep(1, ("By hand.",), body, support)
+        pass
+
+    @special_runs.c_step.register
+    def _(structure: Own, theta: Array) -> CStep:
+        body = ("    x[0] = theirs(x[0], v[0]);", "    out[0] += x[0];")
+        support = (
+            "static double theirs(double x, double v)",
+            "{",
+            f"    return {theta[0]!r} * x + 0.25 * v;".replace("np.float64(0.5)", "0.5"),
+            "}",
+            "",
+        )
+        return CStep(1, ("By hand.",), body, support)
 
     def way(x: Any, u: Any) -> tuple[Any, Any]:
         return np.array([0.5 * x[0] + 0.25 * u[0], 0.0]), np.array([0.5 * x[0] + 0.25 * u[0]])

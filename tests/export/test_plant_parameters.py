@@ -16,7 +16,7 @@ from sysid.export.c.names import RESERVED, distinct, identifier
 from sysid.export.c.source import c_sources
 from sysid.export.c.step import tunable_parameters
 from sysid.plant.selftest import make_selftest
-from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.families import ARX
 
 
 def test_every_number_of_a_plant_is_listed_with_name_unit_value_and_words() -> None:

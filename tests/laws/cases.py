@@ -16,6 +16,9 @@ from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.base import Structure
+from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.physics import Sampling
+from sysid.structures.grey_box.tanks import Tanks
 from sysid.structures.model import Model
 from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narx.structure import NarxWavelet
@@ -78,7 +81,7 @@ class Case:
 def driven_by(structure: Structure, theta: Array, u: Array, e: Array) -> Array:
     """y (N, ny) whose one-step errors are e; samples without prediction keep the free run."""
     y = structure.simulate(theta, u)
-    if not structure.has_noise_model:
+    if not structure.traits.has_noise_model:
         return y + e
     for t in range(len(u)):  # a prediction looks back only: the first miss is the error itself
         y[t] += np.nan_to_num(e[t] - structure.errors(theta, u[: t + 1], y[: t + 1], 0)[t])
@@ -123,7 +126,7 @@ def _polynomial(
     slow: list[float] | None,
     runaway: list[float] | None,
 ) -> Case:
-    nu = int(structure_class(name).takes_inputs)
+    nu = int(structure_class(name).traits.takes_inputs)
     made = structure_class(name).from_orders(orders, nu, 1)
     own = [None if t is None else np.array(t) for t in (slow, runaway)]
     return Case(made, np.array(theta), made, *own, noise=0.1)
@@ -190,20 +193,21 @@ def _dc_motor() -> Case:
     plain = structure_class("dc-motor").from_orders(
         {}, 1, 1, {"friction": "none", "input": "voltage", "output": "speed", "substeps": "1"}
     )
-    truth = replace(plain, dt=DT, input_range=((-1.0, 1.0),))  # type: ignore[call-arg]
+    assert isinstance(plain, DCMotor)
+    truth = replace(plain, sampling=Sampling(DT, 1, ((-1.0, 1.0),)))
     theta, slow, runaway = (
-        truth.pack({"gain": 2.0, "time_constant": tau})  # type: ignore[attr-defined]
-        for tau in (0.3, 5.0, -0.3)
+        plain.physics.pack({"gain": 2.0, "time_constant": tau}) for tau in (0.3, 5.0, -0.3)
     )
     return Case(truth, theta, plain, slow, runaway)
 
 
 def _tanks() -> Case:
     plain = structure_class("tanks").from_orders({}, 1, 1, {"substeps": "2"})
-    truth = replace(plain, dt=DT, input_range=((0.0, 5.0),))  # type: ignore[call-arg]
+    assert isinstance(plain, Tanks)
+    truth = replace(plain, sampling=Sampling(DT, 2, ((0.0, 5.0),)))
     own = {"k1": 2.0, "k2": 1.6, "k3": 1.5, "limit1": 4.0, "share": 0.4}
     theta, slow, runaway = (
-        truth.pack(own | more)  # type: ignore[attr-defined]
+        plain.physics.pack(own | more)
         for more in ({}, {"k1": 0.2, "k2": 0.16, "k3": 0.075}, {"k2": -1.6, "limit2": 1e9})
     )
     return Case(truth, theta, plain, slow, runaway, level=2.5, span=2.5, unique=False)

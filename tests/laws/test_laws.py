@@ -9,13 +9,21 @@ import pytest
 from c_programs import build, driven, needs_compiler
 from cases import CASES, Case, case_of, fitted, model_of, records_of
 from hand_made import hand_made
+from problem_cases import problems_of
 
 from sysid.data.record import Array
 from sysid.fitting.compiled import jax_module
-from sysid.fitting.problem import Focus, Initial, Problem
-from sysid.structures.initial_state_window import LONGEST_HEAD, initial_state_window
+from sysid.fitting.problem import Focus, Problem
+from sysid.structures import special_runs
 from sysid.structures.model import Model
-from sysid.structures.registry import MADE, structure_classes, structure_from_json
+from sysid.structures.motion import LONGEST_HEAD, initial_state_window, time_constants
+from sysid.structures.registry import (
+    MADE,
+    structure_classes,
+    structure_from_json,
+    structure_to_json,
+)
+from sysid.structures.special_runs import rest, stable_each, traced_step
 
 REGISTERED = [*structure_classes(), *MADE]
 
@@ -76,7 +84,7 @@ def test_a_saved_model_is_the_same_model(name: str, tmp_path: Path) -> None:
     again.save(tmp_path / "b.json")
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
     assert again.structure == model.structure
-    assert structure_from_json(model.structure.to_json()) == model.structure
+    assert structure_from_json(structure_to_json(model.structure)) == model.structure
     np.testing.assert_array_equal(again.theta, model.theta)
     np.testing.assert_array_equal(again.simulate(record.u), model.simulate(record.u))
     np.testing.assert_array_equal(again.predict(record, 5, 20), model.predict(record, 5, 20))
@@ -100,9 +108,8 @@ def test_units_of_the_channels_do_not_matter(name: str) -> None:
 # ------------------------------------------------------------------------------- problems
 
 
-def problems_of(case: Case, records: tuple, focus: Focus) -> tuple[Problem, ...]:  # type: ignore[type-arg]
-    found = case.structure.problems(records, focus, Initial.ZERO, False)
-    return tuple(p.given(case.theta) for p in found)
+def settled_problems(case: Case, records: tuple, focus: Focus) -> tuple[Problem, ...]:  # type: ignore[type-arg]
+    return tuple(p.given(case.theta) for p in problems_of(case.structure, records, focus))
 
 
 @each_focus
@@ -113,8 +120,8 @@ def test_several_records_are_one_joined_problem(name: str, focus: Focus) -> None
     """
     case, first = case_of(name), records_of(name)[0]
     records = (first, replace(first, y=-first.y, sha256=""))
-    joined = problems_of(case, records, focus)
-    apart = [problems_of(case, (r,), focus) for r in records]
+    joined = settled_problems(case, records, focus)
+    apart = [settled_problems(case, (r,), focus) for r in records]
     for both, *single in zip(joined, *apart, strict=True):
         if not len(both.index):  # nothing of a moving average is seen in its free run
             continue
@@ -129,7 +136,7 @@ def test_several_records_are_one_joined_problem(name: str, focus: Focus) -> None
 @each_focus
 def test_slopes_of_the_errors_are_those_of_differences(name: str, focus: Focus) -> None:
     case, (record, _) = case_of(name), records_of(name)
-    for problem in problems_of(case, (record.rows(0, 120),), focus):
+    for problem in settled_problems(case, (record.rows(0, 120),), focus):
         p = problem.initial_guess(case.theta)
         if not len(p):
             continue
@@ -164,9 +171,9 @@ def differences(problem: Problem, p: Array) -> Array:
 def test_the_step_is_the_simulation(name: str) -> None:
     case = case_of(name)
     s, theta = case.structure, case.theta
-    u, step, x = case.inputs(150, 4), s.step(theta), s.rest(theta)
+    u, step, x = case.inputs(150, 4), s.step(theta), rest(s, theta)
     assert len(x) == s.n_states(theta)
-    rows, readout = [], s.readout(theta)
+    rows, readout = [], special_runs.readout(s, theta)
     for row in u:
         read = readout(x, row)
         x, y = step(x, row)
@@ -181,14 +188,14 @@ def test_many_parameters_run_compiled_as_one_after_the_other(name: str) -> None:
     """The step of traced parameters, three of them side by side, is the step of each."""
     case, jax = case_of(name), jax_module()
     s = case.structure
-    u, start = case.inputs(25, 4), s.rest(case.theta)
+    u, start = case.inputs(25, 4), rest(s, case.theta)
     thetas = case.theta * (1.0 + 1e-3 * np.arange(3)[:, None])
-    assert s.stable_each(thetas).tolist() == [s.stable(theta) for theta in thetas]
+    assert stable_each(s, thetas).tolist() == [s.stable(theta) for theta in thetas]
 
     @jax.jit
     @jax.vmap
     def run(theta: Any) -> Any:
-        return jax.lax.scan(s.traced_step(theta, case.theta), jax.numpy.asarray(start), u)[1]
+        return jax.lax.scan(traced_step(s, theta, case.theta), jax.numpy.asarray(start), u)[1]
 
     for theta, together in zip(thetas, run(thetas), strict=True):
         step, x = s.step(theta), start
@@ -202,7 +209,7 @@ def test_many_parameters_run_compiled_as_one_after_the_other(name: str) -> None:
 def test_long_horizons_predict_what_the_free_run_simulates(name: str) -> None:
     case, (record, _) = case_of(name), records_of(name)
     s, theta = case.structure, case.theta
-    slowest = float(np.max(s.time_constants(theta), initial=3.0))
+    slowest = float(np.max(time_constants(s, theta), initial=3.0))
     horizon = int(20.0 * slowest)  # e^-20 of what was measured before is left
     run = s.simulate(theta, record.u)
     far = s.predict(theta, record.u, record.y, horizon, 0)
@@ -211,7 +218,7 @@ def test_long_horizons_predict_what_the_free_run_simulates(name: str) -> None:
     assert np.count_nonzero(kept) > 50
     scale = float(np.std(record.y))
     np.testing.assert_allclose(far[kept], run[kept], atol=1e-6 * scale)
-    if s.has_noise_model:  # and the next sample is told better by what was measured
+    if s.traits.has_noise_model:  # and the next sample is told better by what was measured
         near = s.predict(theta, record.u, record.y, 1, 0)
         missed = [np.nanstd((record.y - p)[kept]) for p in (near, far)]
         assert missed[0] < missed[1]
@@ -262,7 +269,7 @@ def test_time_constants_decide_how_long_a_head_is(name: str) -> None:
         return
     if case.untold:
         pytest.skip(case.untold)
-    slow = float(np.max(np.abs(s.time_constants(case.slow))))
+    slow = float(np.max(np.abs(time_constants(s, case.slow))))
     assert initial_state_window(s, case.slow) == int(min(2.0 * slow, LONGEST_HEAD))
     assert initial_state_window(s, case.slow) > 2 * initial_state_window(s, case.theta)
 
@@ -274,10 +281,10 @@ def test_time_constants_are_those_of_the_free_run(name: str) -> None:
     s, theta = case.structure, case.slow
     if theta is None or case.untold:
         pytest.skip(case.untold or "nothing moves without noise")
-    slowest = float(np.max(s.time_constants(theta)))
+    slowest = float(np.max(time_constants(s, theta)))
     n = int(3.0 * slowest)
     u = np.full((n, s.nu), case.level)
-    x = s.rest(theta)
+    x = rest(s, theta)
     driven_x, step = x, s.step(theta)
     for row in case.inputs(30, 3):
         driven_x, _ = step(driven_x, row)
@@ -289,7 +296,7 @@ def test_time_constants_are_those_of_the_free_run(name: str) -> None:
 
 def settled(case: Case, theta: Array) -> Array:
     """State after a long time at the middle of the input."""
-    x, step = case.structure.rest(theta), case.structure.step(theta)
-    for _ in range(int(20 * np.max(case.structure.time_constants(theta)))):
+    x, step = rest(case.structure, theta), case.structure.step(theta)
+    for _ in range(int(20 * np.max(time_constants(case.structure, theta)))):
         x, _ = step(x, np.full(case.structure.nu, case.level))
     return x

@@ -13,6 +13,7 @@ from command_line import Capture, run, write_log
 from example_package import EXAMPLE, Installed
 
 from sysid.data.record import Array
+from sysid.structures.registry import structure_to_json
 
 SURE = 4.0
 """Standard errors that a right estimate stays within: 1 in 16 000 lies outside."""
@@ -112,7 +113,7 @@ def test_the_code_of_the_page_is_a_package_that_recovers_its_truth(
     (tmp_path / "page_check.py").write_text(check)
     found = import_module("page_check")
     s, r, theta = found.model.structure, found.record, found.model.theta
-    assert type(s).from_json(s.to_json()) == s
+    assert type(s).from_json(structure_to_json(s)) == s
     x, shown = np.zeros(1), []
     for now in r.u:
         x, y = s.step(theta)(x, now)

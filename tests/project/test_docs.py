@@ -170,7 +170,7 @@ STRUCTURES = (DOCS / "structures.md").read_text(encoding="utf-8")
 @pytest.mark.parametrize("cls", structure_classes().values(), ids=lambda c: c.name)
 def test_every_structure_and_order_is_described(cls: type[Structure]) -> None:
     assert f"| `{cls.name}` |" in STRUCTURES
-    missing = [o for o in cls.order_names if f"`{o}`" not in STRUCTURES]
+    missing = [o for o in cls.traits.order_names if f"`{o}`" not in STRUCTURES]
     assert not missing, f"{cls.name}: orders {missing} are not in docs/structures.md"
 
 

@@ -12,8 +12,9 @@ PLACES = {
         r"^\s*(import|from) (subprocess|multiprocessing|joblib)\b|ProcessPoolExecutor|os\.fork\(",
         {
             "sysid/processes.py",
-            "sysid/robot/mission/monte_carlo/processes.py",  # pipes alone: `worker` starts them
-            "sysid/estimation/selection/select_structure.py",  # joblib, whose calls are `tied`
+            # joblib, whose calls are `tied`
+            "sysid/robot/mission/batch/pool.py",
+            "sysid/estimation/selection/select_structure.py",
         },
     ),
     "opening files": (

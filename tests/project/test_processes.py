@@ -13,12 +13,16 @@ from sysid import launcher, processes
 linux = pytest.mark.skipif(sys.platform != "linux", reason="the limits are those of Linux")
 
 KILLED = """
+import os
 import time
+from multiprocessing import get_context
 from pathlib import Path
 from sysid import processes
 
 if __name__ == "__main__":
-    worker = processes.worker(time.sleep, 60.0)
+    sleep = (os.getpid(), time.sleep, 60.0)
+    worker = get_context("spawn").Process(target=processes.tied, args=sleep)
+    worker.start()
     with processes.started(["sleep", "60"], Path({folder!r})) as command:
         while Path(f"/proc/{{command.pid}}/comm").read_text() != "sleep\\n":
             time.sleep(0.01)

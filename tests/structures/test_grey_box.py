@@ -1,7 +1,7 @@
 """Grey boxes: the motor's mechanics, fits from simulated truths, many starts, refusals."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,15 +17,15 @@ from sysid.errors import SysidError, Termination, UsageError
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.solvers import many_starts
+from sysid.methods.grey_box import _determined
+from sysid.methods.grey_box_starts import Setting
 from sysid.structures.grey_box import runs as grey_box_runs
-from sysid.structures.grey_box.constants import Constant, Rung
-from sysid.structures.grey_box.dc_motor.structure import DCMotor
-from sysid.structures.grey_box.fit import _determined
-from sysid.structures.grey_box.starts import Setting
+from sysid.structures.grey_box.dc_motor.structure import DCMotor, MotorPhysics
+from sysid.structures.grey_box.physics import Constant, Physics, Rung, Sampling
 from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.grey_box.tanks import Tanks
-from sysid.structures.initial_state_window import initial_state_window
+from sysid.structures.grey_box.tanks import Tanks, TanksPhysics
 from sysid.structures.model import Model
+from sysid.structures.motion import initial_state_window
 from sysid.structures.registry import structure_class
 
 VOLTS = Channel("u", "V")
@@ -41,25 +41,28 @@ def steps(n: int, seed: int, level: float, tracks: int = 1, held: int = 15) -> A
     return level * np.repeat(np.where(np.abs(raw) < 0.15, 0.0, raw), held, axis=0)[:n]
 
 
-def motor(tracks: int = 1, *, dt: float = 0.05, **options: str) -> DCMotor:
+def motor(tracks: int = 1, *, dt: float = 0.05, substeps: int = 10, **options: str) -> DCMotor:
     """A motor as the command line makes it, ready to simulate."""
-    made = DCMotor.from_orders({}, tracks, tracks, options)
-    return replace(
-        made, dt=dt, substeps=10, input="voltage" if made.input == "auto" else made.input
-    )
+    made = DCMotor.from_orders({}, tracks, tracks, {"input": "voltage"} | options)
+    return replace(made, sampling=Sampling(dt, substeps))
 
 
 def simulated(
-    structure: GreyBox, theta: Array, u: Array, seed: int, noise: float = NOISE, name: str = "made"
+    structure: GreyBox[Any],
+    theta: Array,
+    u: Array,
+    seed: int,
+    noise: float = NOISE,
+    name: str = "made",
 ) -> Record:
     """A noisy log of a grey box that starts at rest."""
-    step, x, rows = structure.step(theta), np.zeros(len(structure.state_names)), []
+    step, x, rows = structure.step(theta), np.zeros(structure.n_states(theta)), []
     for row in u:
         x, y = step(x, row)
         rows.append(y)
     clean = np.array(rows)
     noisy = clean + noise * np.random.default_rng(seed).standard_normal(clean.shape)
-    return Record(u, noisy, structure.dt, name=name)
+    return Record(u, noisy, structure.sampling.dt, name=name)
 
 
 ONE = {"gain": 2.0, "time_constant": 0.3, "coulomb": 0.6, "breakaway": 1.5, "stribeck": 0.8}
@@ -78,7 +81,7 @@ TANKS = {"k1": 0.05, "k2": 0.04, "k3": 0.05, "limit1": 8.0, "share": 0.4}
 def one_track() -> tuple[DCMotor, Array, Record, Model]:
     """A motor with Stribeck friction and its fit."""
     s = motor(friction="stribeck")
-    theta = s.pack(ONE)
+    theta = s.physics.pack(ONE)
     log = simulated(s, theta, steps(SAMPLES, 1, 6.0), 2)
     return s, theta, log, fit(motor(friction="stribeck", dt=0.0), (log,))
 
@@ -87,7 +90,7 @@ def one_track() -> tuple[DCMotor, Array, Record, Model]:
 def two_tracks() -> tuple[DCMotor, Array, Record, Model]:
     """Two tracks on a body, and the fit that finds out by itself what friction they have."""
     s = motor(2)
-    theta = s.pack(TWO)
+    theta = s.physics.pack(TWO)
     log = simulated(s, theta, steps(700, 3, 6.0, 2), 4)
     return s, theta, log, fit(DCMotor.from_orders({}, 2, 2, {"input": "voltage"}), (log,))
 
@@ -95,8 +98,8 @@ def two_tracks() -> tuple[DCMotor, Array, Record, Model]:
 @cache
 def tanks() -> tuple[Tanks, Array, Record, Model]:
     """Two tanks with overflow."""
-    s = replace(Tanks.from_orders({}, 1, 1, {}), dt=4.0, substeps=4)
-    theta = s.pack(TANKS)
+    s = Tanks(TanksPhysics(1, 1), Sampling(4.0, 4))
+    theta = s.physics.pack(TANKS)
     u = 2.5 + steps(SAMPLES, 5, 2.5, held=25)
     log = simulated(s, theta, u, 6)
     return s, theta, log, fit(Tanks.from_orders({}, 1, 1, {}), (log,))
@@ -111,10 +114,10 @@ FITS = {"one track": one_track, "two tracks": two_tracks, "tanks": tanks}
 @pytest.mark.parametrize("integrator", ["exact", "implicit"])
 def test_without_friction_a_step_is_the_closed_form(integrator: str) -> None:
     s = motor(friction="none", integrator=integrator)
-    theta = s.pack({"gain": 2.0, "time_constant": 0.3})
+    theta = s.physics.pack({"gain": 2.0, "time_constant": 0.3})
     step, x = s.step(theta), np.zeros(1)
     for k in range(20):
-        t = k * s.dt
+        t = k * s.sampling.dt
         assert x[0] == pytest.approx(6.0 * (1.0 - np.exp(-t / 0.3)), abs=1e-12)
         x, _ = step(x, np.array([3.0]))
 
@@ -125,7 +128,7 @@ def test_a_standing_motor_moves_only_beyond_breakaway(
     level: float, ratio: float, integrator: str
 ) -> None:
     s = motor(friction="stribeck", integrator=integrator)
-    step = s.step(s.pack(ONE | {"coulomb": level, "breakaway": ratio}))
+    step = s.step(s.physics.pack(ONE | {"coulomb": level, "breakaway": ratio}))
     for sign in (1.0, -1.0):
         held, _ = step(np.zeros(1), np.array([sign * 0.999 * level * ratio]))
         gone, _ = step(np.zeros(1), np.array([sign * 1.01 * level * ratio]))
@@ -135,7 +138,7 @@ def test_a_standing_motor_moves_only_beyond_breakaway(
 
 def test_friction_stops_a_motor_for_good() -> None:
     s = motor(friction="stribeck")
-    step, x = s.step(s.pack(ONE)), np.array([0.4])
+    step, x = s.step(s.physics.pack(ONE)), np.array([0.4])
     for _ in range(10):
         x, _ = step(x, np.array([0.3]))
     assert x[0] == 0.0
@@ -147,8 +150,8 @@ def test_every_integrator_tends_to_the_same_motion(tracks: int) -> None:
     values = ONE if tracks == 1 else TWO
     runs = []
     for integrator in ("exact", "rk4", "implicit"):
-        s = replace(motor(tracks, integrator=integrator, friction="stribeck"), substeps=40)
-        runs.append(simulated(s, s.pack(values), u, 0, 0.0).y)
+        s = motor(tracks, substeps=40, integrator=integrator, friction="stribeck")
+        runs.append(simulated(s, s.physics.pack(values), u, 0, 0.0).y)
     # stops lie between steps of dt/40 = 1.25 ms: off by one of them at up to 20 rad/s²
     np.testing.assert_allclose(runs[0], runs[1], atol=0.03)
     np.testing.assert_allclose(runs[0], runs[2], atol=0.03)
@@ -156,8 +159,8 @@ def test_every_integrator_tends_to_the_same_motion(tracks: int) -> None:
 
 def test_coupling_of_bench_constants_is_the_kinetic_energy_of_the_body() -> None:
     s = motor(2, parameters="bench")
-    p = s.unpack(np, s.pack({}))
-    own, cross = s.motion(np, p)["inertia"]
+    p = s.physics.unpack(np, s.physics.pack({}))
+    own, cross = s.physics.motion(np, p)["inertia"]
     n, r, B = p["gear"], p["sprocket_radius"], p["track_distance"]
     damping = n**2 * (p["torque_constant"] * p["back_emf"] / p["resistance"] + p["motor_viscous"])
     w = np.array([3.0, -1.0])
@@ -170,7 +173,7 @@ def test_coupling_of_bench_constants_is_the_kinetic_energy_of_the_body() -> None
 
 def test_a_saturated_drive_gives_no_more() -> None:
     s = motor(friction="none")
-    step = s.step(s.pack({"gain": 2.0, "time_constant": 0.3, "limit": 4.0}))
+    step = s.step(s.physics.pack({"gain": 2.0, "time_constant": 0.3, "limit": 4.0}))
     x, beyond = np.zeros(1), np.zeros(1)
     for _ in range(5):
         x, beyond = step(x, np.array([4.0]))[0], step(beyond, np.array([9.0]))[0]
@@ -181,7 +184,7 @@ def test_a_saturated_drive_gives_no_more() -> None:
 @pytest.mark.parametrize("case", FITS)
 def test_compiled_runs_are_the_steps(case: str) -> None:
     s, theta, log, _ = FITS[case]()
-    x0 = np.zeros(len(s.state_names))
+    x0 = np.zeros(s.n_states(theta))
     clean = simulated(s, theta, log.u[:100], 0, 0.0).y
     np.testing.assert_allclose(s.simulate(theta, log.u[:100], x0), clean, rtol=1e-9, atol=1e-9)
 
@@ -243,7 +246,7 @@ def test_a_mechanism_that_pays_but_is_not_determined_is_not_kept() -> None:
     near = setting.descend(p, free, everything, 3)
     assert _determined(setting, near, free, rung, everything)
     # without breakaway no run depends on the speed at which it would wear off
-    p[model.structure.entries("breakaway")] = 1.0
+    p[model.structure.physics.entries("breakaway")] = 1.0
     held = replace(near, p=p, jacobian=setting.problem(everything).jacobian(p))
     assert not _determined(setting, held, free, rung, everything)
 
@@ -262,8 +265,8 @@ def test_tanks_answer_fresh_commands_like_their_truth() -> None:
 def test_bench_constants_that_were_not_measured_are_estimated_from_a_position() -> None:
     s = motor(dt=0.02, parameters="bench", friction="coulomb", output="position")
     true = {"load_inertia": 2e-3, "bridge_gain": 0.9, "friction_torque": 0.01, "offset": 0.1}
-    log = simulated(s, s.pack(true), steps(SAMPLES, 10, 6.0), 11, 1e-3)
-    model = fit(replace(s, dt=0.0, substeps=0), (log,), FitOptions(fixed={"gear": 120.0}))
+    log = simulated(s, s.physics.pack(true), steps(SAMPLES, 10, 6.0), 11, 1e-3)
+    model = fit(replace(s, sampling=Sampling()), (log,), FitOptions(fixed={"gear": 120.0}))
     named = dict(zip([p.name for p in model.parameters], model.theta, strict=True))
     for name, value in true.items():
         assert named[name] == pytest.approx(value, rel=0.03), name
@@ -347,7 +350,7 @@ def test_what_a_record_cannot_tell_is_named() -> None:
     s = motor(friction="stribeck")
     forward = np.abs(steps(SAMPLES, 13, 4.0)) + 2.0
     # from a moving start: at rest the noise would make it seem to roll backward for a moment
-    log = simulated(s, s.pack(ONE), forward, 14).rows(20, SAMPLES)
+    log = simulated(s, s.physics.pack(ONE), forward, 14).rows(20, SAMPLES)
     opened = motor(friction="stribeck", free="viscous_back", dt=0.0)
     model = fit(opened, (log,), FitOptions(fixed={"breakaway": 1.5, "stribeck": 0.8}))
     assert any("viscous_back" in direction for direction in model.null_directions)
@@ -408,7 +411,9 @@ def test_records_that_cannot_be_fitted_are_refused() -> None:
 def test_the_equations_carry_numbers_units_and_names() -> None:
     s = motor(2, torque_constant="0.05")
     names = [Channel("w_l", "rad/s"), Channel("w_r", "rad/s")]
-    text = "\n".join(s.equations(s.pack(TWO), [Channel("a", "V"), Channel("b", "V")], names))
+    text = "\n".join(
+        s.equations(s.physics.pack(TWO), [Channel("a", "V"), Channel("b", "V")], names)
+    )
     assert "0.25 s·dw_l/dt = 2·a - w_l - f_w_l" in text
     assert "dry friction takes 0.8 V of a while sliding and 1.12 V at standstill" in text
     assert "with 0.05 per V: inertia" in text
@@ -419,16 +424,13 @@ def test_the_equations_carry_numbers_units_and_names() -> None:
 
 def test_kind_of_input_follows_the_columns() -> None:
     log = Record(np.ones((9, 2)), np.ones((9, 2)), 0.1, (Channel("pwm_l"), Channel("pwm_r")))
-    auto = DCMotor.from_orders({}, 2, 2, {})
+    auto = MotorPhysics(2, 2)
     assert auto.for_record(log).input == "pwm"
     assert auto.for_record(replace(log, inputs=(VOLTS, Channel("v", "V")))).input == "voltage"
 
 
-@dataclass(frozen=True)
-class OneRate(GreyBox):
+class Rate(Physics):
     """dx/dt = -rate x + u, of any sign of the rate."""
-
-    name: ClassVar[str] = "one-rate"
 
     @property
     def constants(self) -> tuple[Constant, ...]:
@@ -448,13 +450,17 @@ class OneRate(GreyBox):
         return (("one", np.ones(1)),)
 
 
+class OneRate(GreyBox[Rate]):
+    name: ClassVar[str] = "one-rate"
+
+
 @pytest.mark.parametrize(
     ("rate", "stable"), [(2.0, True), (0.01, True), (0.0, True), (-0.05, False), (-3.0, False)]
 )
 def test_a_grey_box_is_stable_where_a_long_run_does_not_run_away(rate: float, stable: bool) -> None:
     """An integral (rate 0) grows with time and counts as stable; whatever doubles does not."""
     for ranges in ((), ((0.0, 5.0),)):
-        box = OneRate(1, 1, dt=0.1, input_range=ranges)
+        box = OneRate(Rate(1, 1), Sampling(0.1, input_range=ranges))
         assert box.stable(np.array([rate])) is stable
 
 
@@ -465,5 +471,13 @@ def test_a_slow_motor_gets_a_longer_head(tracks: int) -> None:
     for tau in (0.5, 5.0):
         coupling = {"coupling": 0.4} if tracks == 2 else {}
         slowest = tau * (1.4 if tracks == 2 else 1.0)
-        theta = made.pack({"gain": 2.0, "time_constant": tau} | coupling)
-        assert initial_state_window(made, theta) == pytest.approx(2.0 * slowest / made.dt, abs=1)
+        theta = made.physics.pack({"gain": 2.0, "time_constant": tau} | coupling)
+        assert initial_state_window(made, theta) == pytest.approx(
+            2.0 * slowest / made.sampling.dt, abs=1
+        )
+
+
+def test_a_grey_box_adds_little_to_a_structure() -> None:
+    """Whoever has a structure in hand meets no physics: these are one member of their own."""
+    members = {name for name in dir(GreyBox) if not name.startswith("_")} | {"physics"}
+    assert len(members) <= 25

@@ -8,8 +8,9 @@ from command_line import Capture, run, write_log
 
 from sysid.data.checks.integral import is_position
 from sysid.data.record import Array, Channel, Record
-from sysid.structures.grey_box.dc_motor.structure import DCMotor
-from sysid.structures.initial_state_window import LONGEST_HEAD, initial_state_window
+from sysid.structures.grey_box.dc_motor.structure import DCMotor, MotorPhysics
+from sysid.structures.grey_box.physics import Sampling
+from sysid.structures.motion import LONGEST_HEAD, initial_state_window
 
 GAIN, TAU, DRY, LOAD = 0.17, 0.45, 0.5, -0.09
 DT, N = 0.02, 1500
@@ -53,15 +54,15 @@ def test_a_position_is_told_by_its_unit_or_by_its_readings(
     read = y if which == "y" else speed
     record = Record(u=u[:, None], y=read[:, None], dt=DT, outputs=(Channel("y", unit),))
     assert is_position([record], 0) is position
-    motor = DCMotor.from_orders({}, 1, 1).for_record(record)
+    motor = MotorPhysics(1, 1, output="auto").for_record(record)
     assert motor.output == ("position" if position else "speed")
 
 
 def test_a_position_never_forgets_what_its_first_speed_was_wrong_by() -> None:
     """A head of a few samples leaves a slope that stays in the run for good."""
     for output, least in (("position", LONGEST_HEAD), ("speed", 2.0 * TAU / 1e-3)):
-        motor = DCMotor.from_orders({}, 1, 1, {"output": output}).sampled(1e-3)
-        theta = motor.pack({"gain": GAIN, "time_constant": TAU})
+        motor = DCMotor(MotorPhysics.from_options({"output": output}, 1, 1), Sampling(1e-3))
+        theta = motor.physics.pack({"gain": GAIN, "time_constant": TAU})
         assert initial_state_window(motor, theta) == pytest.approx(least, abs=1)
 
 

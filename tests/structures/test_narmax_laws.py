@@ -14,7 +14,7 @@ from sysid.fitting.options import FitOptions
 from sysid.structures.model import Model
 from sysid.structures.narmax.problems import OneStep
 from sysid.structures.narmax.structure import NARMAX
-from sysid.structures.registry import structure_class, structure_from_json
+from sysid.structures.registry import structure_class, structure_from_json, structure_to_json
 
 # ------------------ laws
 
@@ -37,7 +37,7 @@ def test_a_saved_model_is_the_same_model(tmp_path: Path) -> None:
 
 
 def test_damaged_settings_are_refused() -> None:
-    raw = structure().to_json()
+    raw = structure_to_json(structure())
     raw["settings"] = {**raw["settings"], "terms": [[[["z", 0, 1]]]]}
     with pytest.raises(ModelError, match="cannot be read"):
         structure_from_json(raw)

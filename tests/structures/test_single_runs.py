@@ -1,14 +1,16 @@
 """One run of a grey box on plain numbers is its run on arrays."""
 
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from sysid.data.record import Array
-from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.dc_motor.structure import DCMotor, MotorPhysics
+from sysid.structures.grey_box.physics import Sampling
 from sysid.structures.grey_box.structure import GreyBox
-from sysid.structures.grey_box.tanks import Tanks
+from sysid.structures.grey_box.tanks import Tanks, TanksPhysics
+from sysid.structures.special_runs import readout
 
 MOTOR = {
     "gain": 2.0,
@@ -25,14 +27,16 @@ MOTOR = {
 TRACKS = {**MOTOR, "gain": [2.0, 2.4], "coulomb": [0.8, 0.6], "coupling": -0.3}
 
 
-def on_both(s: GreyBox, theta: Array, inputs: Array, x: Array) -> tuple[Array, Array]:
+def on_both(s: GreyBox[Any], theta: Array, inputs: Array, x: Array) -> tuple[Array, Array]:
     """States along a run on plain numbers, and each from the one before it on arrays."""
-    step, read, p = s.step(theta), s.readout(theta), s.prepared(np, s.unpack(np, theta), s.h)
+    step, read, physics = s.step(theta), readout(s, theta), s.physics
+    h, steps = s.sampling.h, s.sampling.steps
+    p = physics.prepared(np, physics.unpack(np, theta), h)
     plain, arrays = [], []
     for u in inputs:
         after, y = step(x, u)
         np.testing.assert_array_equal(y, read(x, u))
-        arrays.append(s.sample(np, x[:, None], u[:, None], p, s.h, s.steps)[:, 0])
+        arrays.append(physics.sample(np, x[:, None], u[:, None], p, h, steps)[:, 0])
         plain.append(after)
         x = after
     return np.array(plain), np.array(arrays)
@@ -44,8 +48,8 @@ def on_both(s: GreyBox, theta: Array, inputs: Array, x: Array) -> tuple[Array, A
 def test_motors_on_plain_numbers(tracks: int, output: str, integrator: str) -> None:
     """The same operations in the same order: through stops and reversals, to the last bit."""
     options = {"friction": "full", "input": "voltage", "integrator": integrator, "output": output}
-    s = replace(DCMotor.from_orders({}, tracks, tracks, options), dt=0.05, substeps=7)
-    theta = s.pack(MOTOR if tracks == 1 else TRACKS)
+    s = DCMotor(MotorPhysics.from_options(options, tracks, tracks), Sampling(0.05, 7))
+    theta = s.physics.pack(MOTOR if tracks == 1 else TRACKS)
     level = np.random.default_rng(3).uniform(-1.0, 1.0, (30, tracks))
     inputs = 6.0 * np.repeat(np.where(np.abs(level) < 0.15, 0.0, level), 4, axis=0)
     plain, arrays = on_both(s, theta, inputs, np.zeros(s.n_states(theta)))
@@ -56,8 +60,8 @@ def test_motors_on_plain_numbers(tracks: int, output: str, integrator: str) -> N
 
 
 def test_tanks_on_plain_numbers() -> None:
-    s = replace(Tanks.from_orders({}, 1, 1, {}), dt=4.0, substeps=3)
-    theta = s.pack({"k1": 0.05, "k2": 0.04, "k3": 0.05, "limit1": 8.0, "share": 0.4})
+    s = Tanks(TanksPhysics(1, 1), Sampling(4.0, 3))
+    theta = s.physics.pack({"k1": 0.05, "k2": 0.04, "k3": 0.05, "limit1": 8.0, "share": 0.4})
     inputs = np.repeat(np.random.default_rng(5).uniform(0.0, 5.0, (10, 1)), 10, axis=0)
     plain, arrays = on_both(s, theta, inputs, np.array([2.0, 1.0]))
     # powers of NumPy and of math may differ in their last bit

@@ -27,7 +27,7 @@ def _refusal(name: str, option: str) -> str:
 def test_every_option_is_described_and_no_other_is_accepted(name: str) -> None:
     refusal = _refusal(name, "no_such_option")
     assert f"{name} has no option 'no_such_option'" in refusal
-    for option, meaning in CLASSES[name].options.items():
+    for option, meaning in CLASSES[name].traits.options.items():
         assert len(meaning.split()) > 3, option
         assert option in refusal
         assert "has no option" not in _refusal(name, option)  # known: only the value is wrong
@@ -37,8 +37,8 @@ def test_every_option_is_described_and_no_other_is_accepted(name: str) -> None:
 def test_the_description_is_complete(name: str) -> None:
     facts = _facts(CLASSES[name])
     assert all(facts[key] for key in ("title", "when", "equation", "description"))
-    assert [o["name"] for o in facts["options"]] == list(CLASSES[name].options)
-    assert [o["name"] for o in facts["orders"]] == list(CLASSES[name].order_names)
+    assert [o["name"] for o in facts["options"]] == list(CLASSES[name].traits.options)
+    assert [o["name"] for o in facts["orders"]] == list(CLASSES[name].traits.order_names)
     assert all(o["meaning"] for o in facts["orders"])
     assert all(c["meaning"] for c in facts["constants"])
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from polynomial_cases import SYSTEMS
+from problem_cases import problems_of
 from scipy.signal import lfilter
 from structure_cases import every_system, fitted
 
@@ -16,7 +17,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError, UsageError
 from sysid.estimation.pem import fit
 from sysid.fitting.problem import Focus, Initial, Problem
-from sysid.structures.linear.arx import ARX
+from sysid.structures.linear.families import ARX
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.predictor import HUGE
 from sysid.structures.model import Model
@@ -26,6 +27,7 @@ from sysid.structures.registry import (
     structure_class,
     structure_classes,
     structure_from_json,
+    structure_to_json,
 )
 
 every_focus = pytest.mark.parametrize("focus", list(Focus))
@@ -41,7 +43,7 @@ def test_gradients_are_those_of_central_differences(name: str, focus: Focus, sta
     first, second = system.record(70, 0.5, seed=1, skip=20), system.record(45, 0.5, seed=2)
     rng = np.random.default_rng(3)
     theta = 0.9 * system.truth + 0.02 * rng.standard_normal(len(system.theta))
-    found = system.model_structure.problems([first, second], focus, Initial.ESTIMATED, stable)
+    found = problems_of(system.model_structure, [first, second], focus, Initial.ESTIMATED, stable)
     for unsolved in found:
         problem = unsolved.given(theta)
         p = problem.initial_guess(theta)
@@ -67,7 +69,7 @@ def test_gradient_of_the_prediction_is_that_of_the_errors(name: str) -> None:
     record, structure = system.record(60, 0.5), system.model_structure
     for i in range(system.ny):
         columns = structure.gradient_columns(system.truth, record.u, record.y, i)
-        for place, k in enumerate(structure.row_index(i)):
+        for k in range(len(system.theta)):
             d = np.zeros(len(system.theta))
             d[k] = 1e-5
             change = [
@@ -75,7 +77,7 @@ def test_gradient_of_the_prediction_is_that_of_the_errors(name: str) -> None:
                 for s in (1.0, -1.0)
             ]
             numerical = np.nan_to_num((change[1] - change[0]) / 2e-5)
-            assert columns[:, place] == pytest.approx(numerical, rel=1e-6, abs=1e-6)
+            assert columns[:, k] == pytest.approx(numerical, rel=1e-6, abs=1e-6)
 
 
 # ------------------ the truth comes back
@@ -131,7 +133,7 @@ def test_a_saved_model_is_the_same_model(name: str, tmp_path: Path) -> None:
     assert again.parameter_table() == model.parameter_table()
     assert again.criteria == model.criteria
     assert again.termination is model.termination
-    assert structure_from_json(model.structure.to_json()) == model.structure
+    assert structure_from_json(structure_to_json(model.structure)) == model.structure
 
 
 def test_infinite_variance_and_unsearched_starts_survive_saving(tmp_path: Path) -> None:
@@ -208,7 +210,7 @@ def predicted(model: Model, record: Record) -> int:
 def test_a_search_admits_only_stable_predictors() -> None:
     system = SYSTEMS["bj"]
     record, structure = system.record(100, 0.2), system.model_structure
-    (problem,) = structure.problems([record], Focus.PREDICTION, Initial.ZERO, False)
+    (problem,) = problems_of(structure, [record], Focus.PREDICTION)
     names = [p.name for p in structure.parameters(record.inputs, record.outputs)]
     mirrored = system.truth
     mirrored[names.index("c1")] = 1.0 / 0.5
@@ -368,9 +370,9 @@ def test_the_equation_is_written_as_a_person_would() -> None:
 def test_every_structure_says_what_it_is_and_when_to_use_it() -> None:
     for name, found in structure_classes().items():
         assert found.name == name
-        assert found.title
-        assert found.when
-        assert found.equation
+        assert found.traits.title
+        assert found.traits.when
+        assert found.traits.equation
     with pytest.raises(UsageError, match="choose one of"):
         structure_class("arxx")
     assert structure_class("ARMAX").name == "armax"

@@ -175,7 +175,7 @@ def test_a_unit_of_the_file_is_spoken_of_by_what_it_counts(unit: str, word: str)
 def test_a_signal_without_inputs_has_no_free_run_to_fit(name: str) -> None:
     y = np.random.default_rng(2).standard_normal((200, 1))
     structure = structure_class(name).from_orders(
-        dict.fromkeys(structure_class(name).order_names, 1), 0, 1
+        dict.fromkeys(structure_class(name).traits.order_names, 1), 0, 1
     )
     with pytest.raises(UsageError, match=r"no input.*prediction"):
         fit(structure, [Record(np.zeros((200, 0)), y, 0.1)], FitOptions(focus=Focus.SIMULATION))

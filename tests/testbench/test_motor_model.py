@@ -34,7 +34,7 @@ def bench_of(files: list[Path]) -> Model:
 def constants_of(model: Model) -> MotorConstants:
     """The motor that a model of the bench describes."""
     assert isinstance(model.structure, DCMotor)
-    p = model.structure.unpack(np, model.theta)
+    p = model.structure.physics.unpack(np, model.theta)
     values = {name: float(np.ravel(p[own])[0]) for name, own in NAMES.items()}
     return MotorConstants(**values, gear=float(p["gear"]))
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from sysid.errors import ModelError
-from sysid.vehicle.pressure import Distribution, Pressure
-from sysid.vehicle.quadrature import integrate
+from sysid.vehicle.pressure import Distribution, Pressure, integrate
 
 L, B, LOAD = 0.14, 0.04, 7.8
 CASES = [

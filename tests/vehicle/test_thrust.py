@@ -11,9 +11,8 @@ from sysid.errors import ModelError
 from sysid.fitting.compiled import jax_module
 from sysid.runners import floats
 from sysid.vehicle.pressure import Distribution, Pressure
-from sysid.vehicle.shear import shear_stress
+from sysid.vehicle.shear import shear_stress, thrust, uniform_thrust
 from sysid.vehicle.soil import Shear, Soil
-from sysid.vehicle.thrust import thrust, uniform_thrust
 from sysid.vehicle.tracked import TrackedVehicle
 
 SAND = Soil(cohesion=1.0e3, friction_angle=0.5, shear_modulus=0.025)

@@ -25,7 +25,7 @@ class ImpulseResponses(Exporter):
             ModelError: the plant is not linear, so that no table of them would describe it.
         """
         model = source.model
-        if not model.structure.linear:
+        if not model.structure.traits.linear:
             raise ModelError(
                 f"{source.name} is not linear and has no impulse response; export it without "
                 f"{self.name}"

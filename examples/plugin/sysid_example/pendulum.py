@@ -8,25 +8,21 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
-from sysid.structures.grey_box.constants import Constant, Signal
-from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.grey_box.physics import Constant, Physics, Signal
+from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
+from sysid.structures.traits import Traits
 
 
 @dataclass(frozen=True)
-class Pendulum(GreyBox):
+class PendulumPhysics(Physics):
     """φ̈ = k u − d φ̇ − ω² sin φ,  y = φ [rad]."""
 
-    name: ClassVar[str] = "pendulum"
-    title: ClassVar[str] = "Pendulum with a drive at its axle: a grey box"
-    equation: ClassVar[str] = "d²φ/dt² = gain·u − damping·dφ/dt − omega²·sin φ"
-    when: ClassVar[str] = "an arm that hangs and swings, its angle measured in radians"
-
     @classmethod
-    def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:
+    def from_options(cls, given: Mapping[str, str], nu: int, ny: int) -> "PendulumPhysics":
         """One drive, one angle; no options besides those of every grey box."""
         if (nu, ny) != (1, 1):
-            raise UsageError(f"{cls.name} needs one input and one output, got {nu} and {ny}")
-        return {}
+            raise UsageError(f"pendulum needs one input and one output, got {nu} and {ny}")
+        return cls(nu, ny)
 
     constants = (
         Constant("gain", "rad/s²/{u}", 1.0, words="acceleration per unit of drive"),
@@ -52,3 +48,15 @@ class Pendulum(GreyBox):
         gain, damping, square = np.linalg.lstsq(terms, np.gradient(speed, r.dt), rcond=None)[0]
         guess = {"gain": gain, "damping": max(damping, 0.0), "omega": max(square, 1.0) ** 0.5}
         return (("differences of the angle", self.pack(guess)),)
+
+
+class Pendulum(GreyBox[PendulumPhysics]):
+    """The pendulum as a structure."""
+
+    name: ClassVar[str] = "pendulum"
+    traits: ClassVar[Traits] = grey_box_traits(
+        title="Pendulum with a drive at its axle: a grey box",
+        equation="d²φ/dt² = gain·u − damping·dφ/dt − omega²·sin φ",
+        when="an arm that hangs and swings, its angle measured in radians",
+    )
+    physics_class: ClassVar[type[Physics]] = PendulumPhysics

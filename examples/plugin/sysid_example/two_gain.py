@@ -12,18 +12,22 @@ from sysid.data.record import Array, Channel, Record
 from sysid.errors import Termination, UsageError
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter, Problem
+from sysid.fitting.searchable import InitialGuesses, Searchable, StartReport
 from sysid.fitting.uncertainty import uncertainty
+from sysid.methods.method import Method
+from sysid.methods.outcome import FitOutcome
+from sysid.methods.search import by_search
 from sysid.structures.base import NamedStructure, refuse_options
-from sysid.structures.c_step import CStep
-from sysid.structures.outcome import FitOutcome, Fitter, InitialGuesses, StartReport
-from sysid.structures.search import by_search
+from sysid.structures.motion import poles
+from sysid.structures.special_runs import CStep, c_step
+from sysid.structures.traits import Traits
 
 INSIDE = 0.999
 """A pole on the unit circle is brought in by so much: it then forgets in a thousand samples."""
 
 
 @dataclass(frozen=True)
-class TwoGain(NamedStructure):
+class TwoGain(NamedStructure, Searchable):
     """y(t) = Σ a_k y(t−k) + b⁺ max(u(t−1), 0) + b⁻ min(u(t−1), 0) + e(t); θ = (a₁ … a_na, b⁺, b⁻).
 
     The state of the free run is the observer form's: y = x₁, x_k⁺ = a_k y + x_(k+1) (+ drive, k=1).
@@ -35,12 +39,15 @@ class TwoGain(NamedStructure):
     na: int
 
     name: ClassVar[str] = "two-gain"
-    title: ClassVar[str] = "Linear equation with a gain for each direction of the input"
-    equation: ClassVar[str] = "A(q) y(t) = b⁺ max(u(t−1), 0) + b⁻ min(u(t−1), 0) + e(t)"
-    when: ClassVar[str] = "drives that pull harder one way than the other: a worm gear, a hoist"
-    order_names: ClassVar[tuple[str, ...]] = ("na",)
-    has_noise_model: ClassVar[bool] = True  # 1/A
-    physical: ClassVar[bool] = True  # the kink lies at u = 0: nothing may be removed from the data
+    traits: ClassVar[Traits] = Traits(
+        title="Linear equation with a gain for each direction of the input",
+        equation="A(q) y(t) = b⁺ max(u(t−1), 0) + b⁻ min(u(t−1), 0) + e(t)",
+        when="drives that pull harder one way than the other: a worm gear, a hoist",
+        order_names=("na",),
+        has_noise_model=True,  # 1/A
+        # the kink lies at u = 0: nothing may be removed from the data
+        physical=True,
+    )
 
     # ------------------------------------------------------------- what users type, what is stored
 
@@ -119,29 +126,9 @@ class TwoGain(NamedStructure):
         rest = y[:samples, 0] - self.simulate(theta, u[:samples])[:, 0]
         return np.asarray(np.linalg.lstsq(np.transpose(responses), rest, rcond=None)[0])
 
-    def poles(self, theta: Array) -> NDArray[np.complex128]:
-        """Roots of A; time constants follow from them."""
-        return np.roots(self.denominator(theta)).astype(np.complex128)
-
     def stable(self, theta: Array) -> bool:
         """All poles inside the unit circle."""
-        return bool(np.all(np.abs(self.poles(theta)) < 1.0))
-
-    def c_step(self, theta: Array) -> CStep:
-        """C of its own: fewer lines than what recording ``step`` gives."""
-        a, (plus, minus) = theta[: self.na], theta[self.na :]
-        return CStep(
-            n_states=self.na,
-            words=("observer form with a gain for each direction of the input",),
-            body=(
-                "    const double now = x[0];",
-                f"    const double drive = v[0] > 0.0 ? {plus:.17g} * v[0] : {minus:.17g} * v[0];",
-                "    out[0] += now;",
-                *(f"    x[{k}] = {a[k]:.17g} * now + x[{k + 1}];" for k in range(self.na - 1)),
-                f"    x[{self.na - 1}] = {a[-1]:.17g} * now;",
-                "    x[0] += drive;",
-            ),
-        )
+        return bool(np.all(np.abs(poles(self, theta)) < 1.0))
 
     # ------------------------------------------------------------- prediction
 
@@ -194,14 +181,10 @@ class TwoGain(NamedStructure):
 
     def stabilised(self, theta: Array) -> Array:
         """Poles outside the unit circle mirrored into it."""
-        poles = self.poles(theta)
-        outside = np.abs(poles) >= 1.0
-        poles[outside] = INSIDE / np.conj(poles[outside])
-        return np.concatenate([-np.real(np.poly(poles))[1:], theta[self.na :]])
-
-    def fitter(self) -> Fitter:
-        """Its own fit."""
-        return _fit
+        inside = poles(self, theta)
+        outside = np.abs(inside) >= 1.0
+        inside[outside] = INSIDE / np.conj(inside[outside])
+        return np.concatenate([-np.real(np.poly(inside))[1:], theta[self.na :]])
 
     # ------------------------------------------------------------- words
 
@@ -228,6 +211,30 @@ class TwoGain(NamedStructure):
     def _drive(self, theta: Array, u: Array) -> Array:
         plus, minus = theta[self.na :]
         return np.asarray(plus * np.maximum(u[:, 0], 0.0) + minus * np.minimum(u[:, 0], 0.0))
+
+
+@poles.register
+def _(s: TwoGain, theta: Array) -> NDArray[np.complex128]:
+    """Roots of A; time constants follow from them."""
+    return np.roots(s.denominator(theta)).astype(np.complex128)
+
+
+@c_step.register
+def _(s: TwoGain, theta: Array) -> CStep:
+    """C of its own: fewer lines than what recording ``step`` gives."""
+    a, (plus, minus) = theta[: s.na], theta[s.na :]
+    return CStep(
+        n_states=s.na,
+        words=("observer form with a gain for each direction of the input",),
+        body=(
+            "    const double now = x[0];",
+            f"    const double drive = v[0] > 0.0 ? {plus:.17g} * v[0] : {minus:.17g} * v[0];",
+            "    out[0] += now;",
+            *(f"    x[{k}] = {a[k]:.17g} * now + x[{k + 1}];" for k in range(s.na - 1)),
+            f"    x[{s.na - 1}] = {a[-1]:.17g} * now;",
+            "    x[0] += drive;",
+        ),
+    )
 
 
 class _Errors(Problem):
@@ -306,3 +313,6 @@ def _fit(
         termination=Termination.CLOSED_FORM,
         starts=(StartReport("all", "least squares", None, None, 1),),
     )
+
+
+METHOD = Method(_fit)

@@ -29,10 +29,6 @@ def correct_sensor(base: Base, selection: Selection) -> Parts:
     """The records of both parts, their outputs as speeds.
 
     Effects of the sensor that may as well be the motor's (a bias, a load) change nothing here.
-
-    Args:
-        base: the base around which effects were named.
-        selection: what was named.
     """
     parts = (base.parts.facts, base.parts.holdout_facts)
     both = parts[0].records, parts[1].records

@@ -77,20 +77,15 @@ class PoseDiagnosis:
     """What is missing between tracks and ground.
 
     Attributes:
-        effects: accepted effects in order of acceptance.
-        ground: the same with their parameters, for a model.
         std_errors: effect → parameter → standard error of the left and the right track, (2,);
             0 where a parameter was not free.
         candidates: (effect, score) of every one at the first stage, best first; the score is the
             share of the error of the increments that it takes away.
         gap: held-out increments x, y (forward, lateral [m]) and psi [rad] before and after, over
             the windows that the effects move.
-        whole: the same over all held-out windows.
-        residuals: what the increments are still off by.
         detectable: per effect the smallest change of its parameter that these logs would have
             shown; None where they cannot.
         windows: windows (estimation, held-out); they overlap fourfold.
-        warnings: sentences.
         geometry: the vehicle's lengths, where they had to be estimated from the pose.
     """
 
@@ -136,11 +131,8 @@ def diagnose_pose(
     known = geometry is not None
     geometry = estimate.geometry if estimate is not None else geometry or Geometry()
     diagnosis = _diagnosed(tracks, others, geometry, estimate, known)
-    if (
-        estimate is not None
-        and diagnosis.geometry is not None
-        and not diagnosis.geometry.contradicts
-    ):
+    beside = diagnosis.geometry
+    if estimate is not None and beside is not None and not beside.contradicts:
         # what is missing explains it: beside the effects the lengths are those assumed
         diagnosis = _diagnosed(tracks, others, estimate.assumed, None, known)
     return replace(diagnosis, warnings=(*changed, *diagnosis.warnings))
@@ -195,39 +187,29 @@ def _parted(
     stretch; None where there is too little in any way."""
     both = (*estimation, *holdout)
     given = tracks_of(estimation, channels), tracks_of(holdout, channels)
-    several = len(both) >= MIN_RECORDS
-    if _serves(given) and not (
-        several and _windows(given[1]) < MIN_HOLDOUT_SHARE * _windows(sum(given, ()))
-    ):
-        return given
-    if several:
+    serves = _serves(given)
+    if len(both) >= MIN_RECORDS:
+        first, second = map(_windows, given)
+        if serves and second >= MIN_HOLDOUT_SHARE * (first + second):
+            return given
         parts = tracks_of(both[::2], channels), tracks_of(both[1::2], channels)
         if _serves(parts):
             return parts
-    if _serves(given):
+    if serves:
         return given
     parts = tracks_of(both, channels, 0), tracks_of(both, channels, 1)
-    return parts if _min_windows(parts) >= MIN_WINDOWS else None
+    return parts if min(map(_windows, parts)) >= MIN_WINDOWS else None
 
 
 def _serves(parts: _Parts) -> bool:
-    return _min_windows(parts) >= MIN_WINDOWS and _turns_judged(parts) >= MIN_TURN_SHARE
-
-
-def _min_windows(parts: _Parts) -> int:
-    return min(map(_windows, parts))
+    """Whether each part holds enough windows, and the held-out one its share of the turning."""
+    turns = [sum(float(np.sum(t.measured(Geometry())[:, 2] ** 2)) for t in part) for part in parts]
+    enough = min(map(_windows, parts)) >= MIN_WINDOWS
+    return enough and turns[1] >= MIN_TURN_SHARE * max(sum(turns), 1e-300)
 
 
 def _windows(part: Sequence[Track]) -> int:
     return sum(len(t.starts) for t in part)
-
-
-def _turns_judged(parts: _Parts) -> float:
-    """Share of the squared turns of all windows in the held-out part."""
-    first, second = (
-        sum(float(np.sum(t.measured(Geometry())[:, 2] ** 2)) for t in part) for part in parts
-    )
-    return second / max(first + second, 1e-300)
 
 
 # The findings ----------------------------------------------------------------------------------
@@ -252,10 +234,7 @@ def _pose_diagnosis(
         gap=pose_gap(pairs, floor),
         whole=pose_gap(pairs, floor, everywhere=True),
         detectable=_detectable(search, final),
-        windows=(
-            sum(len(e) for e in base.errors.estimation),
-            sum(len(e) for e in base.errors.holdout),
-        ),
+        windows=(sum(map(len, base.errors.estimation)), sum(map(len, base.errors.holdout))),
         residuals=pose_residuals(search, final),
         warnings=warnings_of(search, final, [(s.candidate, s.ties) for s in steps]),
         geometry=_beside(estimate, final) if estimate is not None and steps else estimate,

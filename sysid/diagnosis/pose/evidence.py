@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
-from sysid.diagnosis.gap import REPLICATES, ChannelGap, Gap
+from sysid.diagnosis.gap import ChannelGap, Gap, interval_of_closed
 from sysid.diagnosis.policies import POSE
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.effects.ground import Ground
@@ -27,30 +27,26 @@ def evidence_of(before: Fitted, after: Fitted, tried: int) -> Evidence:
     """
     from scipy.stats import t as student
 
-    new = len(after.free) - len(before.free)
-    n = sum(a.size for a, _ in _pairs(before.white, after.white))
-    gain = sum(float(np.sum(a**2) - np.sum(b**2)) for a, b in _pairs(before.white, after.white))
-    gain /= max(after.cost, 1.0)
+    new, white = len(after.free) - len(before.free), _pairs(before.white, after.white)
+    n = sum(a.size for a, _ in white)
+    gain = sum(float(np.sum(a**2) - np.sum(b**2)) for a, b in white) / max(after.cost, 1.0)
     t = math.sqrt(max(gain, 0.0))
     freedom = max(n / (len(CHANNELS) * OVERLAP) - new, 1.0)
-    pairs = _of_moved_channels(_pairs(before.errors, after.errors))
-    moved = [_moved(a, b) for a, b in pairs]
-    most = max(float(m.max()) for m in moved)
-    falls, held_old, held_now = [], 0.0, 0.0
-    for i, ((a, b), m) in enumerate(zip(pairs, moved, strict=True)):
-        touched = m >= POSE.touched * most
-        x, y = (a[touched] ** 2).sum(axis=1), (b[touched] ** 2).sum(axis=1)
-        falls += [
-            float(x[k : k + OVERLAP].sum() - y[k : k + OVERLAP].sum())
-            for k in range(0, len(x), OVERLAP)
-        ]
+    pairs, falls, held_out = (
+        _of_moved_channels(_pairs(before.errors, after.errors)),
+        [],
+        np.zeros(2),
+    )
+    for i, (pair, touched) in enumerate(zip(pairs, _touched(pairs), strict=True)):
+        x, y = ((e[touched] ** 2).sum(axis=1) for e in pair)
+        falls += [float(np.sum((x - y)[k : k + OVERLAP])) for k in range(0, len(x), OVERLAP)]
         if i >= len(before.errors.estimation):
-            held_old, held_now = held_old + float(x.sum()), held_now + float(y.sum())
+            held_out += x.sum(), y.sum()
     return Evidence(
         delta_bic=new * math.log(n) - gain,
         t=t,
         share_better=float(np.mean(np.array(falls) > 0)) if falls else 0.0,
-        ratio=math.sqrt(held_now / held_old) if held_old > 0 else 1.0,
+        ratio=math.sqrt(held_out[1] / held_out[0]) if held_out[0] > 0 else 1.0,
         p_value=min(1.0, 2.0 * float(student.sf(t, freedom)) * tried),
     )
 
@@ -61,17 +57,10 @@ def apart(best: Fitted, other: Fitted) -> float:
     D is how much larger the other's squared error is; with the best model true it has the mean
     ‖d‖² and the standard deviation 2 σ ‖d‖ (Vuong 1989, for known noise).
     """
-    if other is best:
-        return 0.0
     pairs = _pairs(best.white, other.white)
     more = sum(float(np.sum(b**2) - np.sum(a**2)) for a, b in pairs)
     apart = sum(float(np.sum((a - b) ** 2)) for a, b in pairs)
     return more / (2.0 * math.sqrt(max(best.cost, 1.0) * apart) + 1e-300)
-
-
-def _moved(a: Array, b: Array) -> Array:
-    """How far each window's prediction differs, in units of the floor, (W,)."""
-    return np.asarray(np.linalg.norm(a - b, axis=1))
 
 
 def _of_moved_channels(pairs: Sequence[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
@@ -106,7 +95,8 @@ def holdout_pairs(search: PoseSearch, keys: Sequence[Candidate]) -> list[tuple[A
 
 
 def _touched(pairs: Sequence[tuple[Array, Array]]) -> list[NDArray[np.bool_]]:
-    moved = [_moved(a, b) for a, b in pairs]
+    """Windows that an effect moves by a share of the largest move, in units of the floor, (W,)."""
+    moved = [np.linalg.norm(a - b, axis=1) for a, b in pairs]
     most = max(float(m.max()) for m in moved)
     return [m >= POSE.touched * most for m in moved]
 
@@ -121,30 +111,20 @@ def pose_gap(
     Args:
         pairs: errors before and after of each record (see ``holdout_pairs``).
         floor: noise of the increments, (3,).
-        seed: of the bootstrap.
         everywhere: over all windows instead.
     """
     at = [np.ones(len(a), dtype=bool) for a, _ in pairs] if everywhere else _touched(pairs)
     old, new = (np.concatenate([p[i][t] for p, t in zip(pairs, at, strict=True)]) for i in (0, 1))
-    groups = np.arange(len(old)) // OVERLAP
-    excess = np.array(
-        [
-            [np.sum(e[groups == g] ** 2 - 1.0) for e in (old, new)]
-            for g in range(int(groups[-1]) + 1)
-        ]
-    )
-    drawn = np.random.default_rng(seed).integers(0, len(excess), (REPLICATES, len(excess)))
-    sums = excess[drawn].sum(axis=1)
-    shares = [100.0 * (1.0 - max(b, 0.0) / a) if a > 0 else 0.0 for a, b in sums]
+    each = np.column_stack([np.sum(e**2 - 1.0, axis=1) for e in (old, new)])
+    excess = np.add.reduceat(each, np.arange(0, len(each), OVERLAP))
     before, after = (excess.sum(axis=0) / len(old)).tolist()
-    low, high = np.quantile(shares, [0.05, 0.95]).tolist()
     rms = [np.sqrt(np.mean(e**2, axis=0)) * floor for e in (old, new)]
     return Gap(
         before=max(before, 0.0),
         after=after,
         noise_floor=float(len(CHANNELS)),
         closed_percent=100.0 * (1.0 - max(after, 0.0) / before) if before > 0 else 0.0,
-        interval=(low, high),
+        interval=interval_of_closed(excess, seed),
         channels={
             name: ChannelGap(float(rms[0][i]), float(rms[1][i]), float(floor[i]))
             for i, name in enumerate(CHANNELS)

@@ -30,9 +30,6 @@ class Step:
     """An accepted candidate with what it was compared to.
 
     Attributes:
-        candidate: what it is.
-        evidence: what speaks for it.
-        ties: what cannot be distinguished from it.
         claimed: whether it is reported; false where it only accompanies the others.
     """
 
@@ -64,8 +61,6 @@ def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
     """One candidate after the other while the rule accepts; an effect before what it ties with.
 
     Args:
-        search: the fits.
-        base: without effects.
         instead: effect that comes first; empty for the best one.
     """
     chosen: list[Candidate] = []

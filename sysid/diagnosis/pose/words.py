@@ -37,11 +37,6 @@ def warnings_of(
 ) -> tuple[str, ...]:
     """What is said beside the effects: what competes with them, and what they cannot be
     distinguished from.
-
-    Args:
-        search: the fits.
-        final: the last of them.
-        steps: what was accepted, each with what ties with it.
     """
     keys = {c.key for c, _ in steps}
     sentences = []

@@ -7,8 +7,8 @@ from sysid.data.record import Array
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.evidence import difference
 from sysid.diagnosis.search.full_model import FullModel
-from sysid.diagnosis.search.logs import Logs
 from sysid.diagnosis.search.parameter_table import ModelParameter
+from sysid.diagnosis.search.prepared import Logs
 from sysid.diagnosis.search.selection import CandidateModel
 from sysid.effects.base import StartsFrom
 from sysid.effects.catalogue import CHANGED, about
@@ -64,15 +64,14 @@ def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bo
     if not beyond_sampling(model, id, candidate.q).any():
         return False
     first = about(id).parameters[0].name
-    by_name = {p.name: p for p in about(id).parameters}
     inside = []
     for k in own_parameters:
         p = model.parameters[k]
         value = candidate.q[k]
-        ended = on_bound(p, value) and not by_name[p.name].at_limit
+        ended = on_bound(p, value) and not p.of.at_limit
         at_null = _at(p, value, p.null)
         if p.null in (p.lower, p.upper) and at_null:
-            ended = p.name == first and not by_name[p.name].at_null
+            ended = p.name == first and not p.of.at_null
         inside.append((not ended, abs(value - p.null) > 0.02 * p.scale))
     return all(a for a, _ in inside) and any(b for _, b in inside)
 

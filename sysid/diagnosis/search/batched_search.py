@@ -6,22 +6,13 @@ a tangent and compiles in a quarter of the time. One copy serves all uncoupled t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from sysid.data.record import Array, Index
-from sysid.diagnosis.search.edges import edges_of, on_levels
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import OVERFLOW, Data
 from sysid.fitting.batched import Damping, descend_together
-
-PROFILES, PROFILE_POINTS, PROFILE_STEPS = (3.0, 1.3), 9, 8
-"""A parameter on which runs depend by jumps is first held from 1/f to f times its value while all
-others are searched, """
-
-GRIDS, GRID_POINTS = (1.2, 1.05), 21
-"""and then tried on ever finer grids."""
 
 FLAT = 1e-6
 """An item rests when a step gains less than this share of its cost, unless told otherwise."""
@@ -68,11 +59,7 @@ def search(
     that step. Tracks that do not feel each other step on their own.
 
     Args:
-        model: simulation.
         q0: starts, (batch, parameters).
-        free: free parameters of each item.
-        data: records.
-        iterations: most steps.
         flat: an item rests when a step gains less than this share of its cost.
 
     Returns:
@@ -86,112 +73,11 @@ def search(
     return fits.rows(theta), fits.by_track(cost)
 
 
-def refined(
-    model: FullModel,
-    q0: Array,
-    free: Sequence[Sequence[int]],
-    data: Data,
-    iterations: int,
-    flat: float = FLAT,
-    unknown: Sequence[int] = (),
-) -> tuple[Array, Array]:
-    """As ``search``, and parameters on which runs depend by jumps on ever finer grids.
-
-    Args:
-        unknown: items where such a parameter may still be far off: it is profiled first, widely. A
-            single item is always profiled around where it stands.
-    """
-    smooth = [[k for k in f if not model.parameters[k].stepwise] for f in free]
-    jumps = [[k for k in f if model.parameters[k].stepwise] for f in free]
-    q, cost = search(model, q0, smooth, data, iterations, flat)
-    edged = [k for k, parameters in enumerate(smooth) if edges_of(model, parameters)]
-    if edged:
-        free_edged = [smooth[k] for k in edged]
-        again = partial(search, model, free=free_edged, data=data, iterations=iterations, flat=flat)
-        moved, least = on_levels(model, q[edged], free_edged, data, again, best_tracks)
-        for k, row, now in zip(edged, moved, least, strict=True):
-            if np.sum(now) < np.sum(cost[k]):
-                q[k], cost[k] = row, now
-    at = [k for k, parameters in enumerate(jumps) if parameters]
-    for k in at:
-        if k in unknown or len(q) == 1:
-            q[k] = _profiled(model, q[k], smooth[k], jumps[k], data, flat, k in unknown)
-    for spread in GRIDS if at else ():
-        q[at] = _on_grid(model, q[at], [jumps[k] for k in at], spread, data)
-        q[at], cost[at] = search(model, q[at], [smooth[k] for k in at], data, iterations, flat)
-    if at and len(q) == 1:
-        most = min(iterations, PROFILE_STEPS)
-        q[at], cost[at] = search(model, q[at], [free[k] for k in at], data, most, flat)
-    return q, cost
-
-
-def _profiled(
-    model: FullModel,
-    q: Array,
-    smooth: Sequence[int],
-    jumps: Sequence[int],
-    data: Data,
-    flat: float,
-    widely: bool,
-) -> Array:
-    """An item searched anew at every point of grids over its parameters with jumps."""
-    shaped = np.array(_shapes(model, q, smooth, jumps)) if widely else q[None]
-    for spread in PROFILES if widely else PROFILES[1:]:
-        rows = _spread_out(model, shaped, [jumps] * len(shaped), spread, PROFILE_POINTS)
-        rows = rows.reshape(-1, len(q))
-        refit, cost = search(model, rows, [smooth] * len(rows), data, PROFILE_STEPS, flat)
-        q = best_tracks(model, refit, cost)
-        shaped = q[None]
-    return q
-
-
-def _shapes(model: FullModel, q: Array, smooth: Sequence[int], jumps: Sequence[int]) -> list[Array]:
-    """An item as it is, and with the starts of the other parameters of an effect that has jumps."""
-    owners = {model.parameters[s].owner for s in jumps}
-    rows = [q]
-    for e in (e for e in model.effects if e.id in owners):
-        law = e.law(model.chosen(e, q))
-        sets = [
-            {k: v for k, v in start.items() if k in smooth}
-            for start in model.starts(e)
-            if e.law({model.parameters[k].name: v for k, v in start.items()}) is law
-        ]
-        for values in {tuple(sorted(s.items())) for s in sets}:
-            row = q.copy()
-            for k, v in values:
-                row[k] = v
-            rows.append(row)
-    return [rows[0], *sorted(rows[1:], key=lambda row: row.tolist())]
-
-
-def _on_grid(
-    model: FullModel, q: Array, parameters: Sequence[Sequence[int]], spread: float, data: Data
-) -> Array:
-    """The best of a grid around some parameters of each item, track by track."""
-    rows = _spread_out(model, q, parameters, spread, GRID_POINTS)
-    runs = model.run(rows.reshape(-1, rows.shape[2]), data)
-    cost = data.squared_error(runs).reshape(len(q), GRID_POINTS, -1)
-    return np.array([best_tracks(model, *item) for item in zip(rows, cost, strict=True)])
-
-
-def _spread_out(
-    model: FullModel, q: Array, parameters: Sequence[Sequence[int]], spread: float, points: int
-) -> Array:
-    """Some parameters from 1/spread to spread times their value, (batch, points, parameters)."""
-    rows = np.repeat(q[:, None], points, axis=1)
-    factors = np.geomspace(1.0 / spread, spread, points)
-    for item, spread_parameters in zip(rows, parameters, strict=True):
-        for s in spread_parameters:
-            item[:, s] = np.minimum(item[:, s] * factors, model.parameters[s].upper)
-    return rows
-
-
 def best_tracks(model: FullModel, q: Array, cost: Array) -> Array:
     """Each track's parameters from the item that fits it best; what tracks share from the best of
     all.
 
     Args:
-        model: simulation.
         q: (batch, parameters).
         cost: (batch, tracks).
     """
@@ -203,12 +89,28 @@ def best_tracks(model: FullModel, q: Array, cost: Array) -> Array:
     return np.asarray(out)
 
 
+def slopes(model: FullModel, q: Array, free: Sequence[int], data: Data) -> Array:
+    """∂ŷ/∂q over the free parameters in their own units, (M, tracks, n), by forward differences."""
+    if not free:
+        return np.zeros((*data.y.shape, 0))
+    rows = np.repeat(q[None], len(free) + 1, axis=0)
+    steps = [_step(model, q, k) for k in free]
+    rows[np.arange(1, len(rows)), list(free)] += steps
+    first, *shifted = model.run(rows, data)
+    whole = np.array([(run - first) / h for run, h in zip(shifted, steps, strict=True)])
+    return np.moveaxis(np.nan_to_num(whole, posinf=0.0, neginf=0.0), 0, 2)
+
+
+def _step(model: FullModel, q: Array, k: int) -> float:
+    """The shift of a parameter for its slope, within its bounds."""
+    p = model.parameters[k]
+    return -p.shift if q[k] + p.shift > p.upper else p.shift
+
+
 def information(model: FullModel, q: Array, free: Sequence[int], data: Data) -> Array:
     """Gauss–Newton matrix JᵀWJ over the free parameters in their own units, (n, n)."""
-    item = _BatchItem(((tuple(free), tuple(range(model.tracks))),), tuple((k,) for k in free))
-    fits = _Fits(model, data, [item], q[None])
-    A, _ = fits.run(fits.start, np.arange(1)).normal(np.arange(1))
-    return np.asarray(A[0])
+    J = (data.weight[:, :, None] * slopes(model, q, free, data)).reshape(-1, len(free))
+    return np.asarray(J.T @ J)
 
 
 class _Fits:
@@ -227,11 +129,7 @@ class _Fits:
         for f, (_, parameters, _) in enumerate(self.groups):
             self.index[f, : len(parameters)] = parameters
             self.free[f, : len(parameters)] = True
-        lower, upper, shift = (
-            np.array([getattr(s, name) for s in model.parameters])
-            for name in ("lower", "upper", "shift")
-        )
-        self.upper, self.shift = upper, shift
+        lower, upper = np.array([(p.lower, p.upper) for p in model.parameters]).T
         self.bounds = (lower[self.index], upper[self.index])
         self.start = q[self.item_of[:, None], self.index]
 
@@ -306,13 +204,12 @@ class _Trial:
 
     def _shifted(self, k: int) -> tuple[list[Array], dict[int, float]]:
         """Copies of an item's parameters, one a column, and the shift of each parameter."""
-        fits, rows = self.fits, []
+        rows = []
         step: dict[int, float] = {}
-        for parameters in fits.batch[k].columns:
-            at = list(parameters)
+        for parameters in self.fits.batch[k].columns:
             row = self.q[k].copy()
-            h = np.where(row[at] + fits.shift[at] > fits.upper[at], -1.0, 1.0) * fits.shift[at]
-            row[at] += h
+            for at in parameters:
+                step[at] = _step(self.fits.model, self.q[k], at)
+                row[at] += step[at]
             rows.append(row)
-            step |= dict(zip(parameters, h.tolist(), strict=True))
         return rows, step

@@ -14,14 +14,13 @@ from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.policies import BUDGET, RULE
 from sysid.diagnosis.search.admission import admissible, beyond_sampling
-from sysid.diagnosis.search.batched_search import best_tracks, refined, search
-from sysid.diagnosis.search.edges import between_levels, edges_of
+from sysid.diagnosis.search.batched_search import best_tracks, search, slopes
 from sysid.diagnosis.search.evidence import Evidence, compare_errors, effective_samples
-from sysid.diagnosis.search.exchanged import exchanged, lags_of
 from sysid.diagnosis.search.full_model import FullModel
-from sysid.diagnosis.search.logs import logs_of
+from sysid.diagnosis.search.lags import exchanged, lags_of
 from sysid.diagnosis.search.parameter_table import ModelParameter
-from sysid.diagnosis.search.prepared import Data, prepare
+from sysid.diagnosis.search.prepared import Data, logs_of, prepare
+from sysid.diagnosis.search.refinement import between_levels, edges_of, refined
 from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
 from sysid.diagnosis.search.starts import free_indices, starts_of
 from sysid.effects.base import Effect, StartsFrom, Wave
@@ -34,10 +33,7 @@ class CandidateSearch:
     """The search for one more effect on one system.
 
     Args:
-        model: full model of the system.
         estimation, holdout: records, or what is known of them.
-        scales: full drive of each track's command.
-        delay: dead time of the base in samples.
         level: whether a constant load belongs to the base.
         weights: weights of the samples of both parts, (N, tracks) a record; all 1 when None.
         needed: what the held-out error must fall below, as a share of before.
@@ -68,12 +64,21 @@ class CandidateSearch:
         core = tuple(k for k, s in enumerate(model.parameters) if s.owner in owners)
         self.core = () if fixed_core else core
         self.origin = model.null
-        self.stepwise = {s.owner for s in model.parameters if s.stepwise}
+        self.stepwise = {s.owner for s in model.parameters if s.of.stepwise}
 
     def holding(self, id: str) -> Self:
         """The same search around a base that holds an effect."""
         search = copy(self)
         search.core = (*self.core, *self.model.of(id))
+        return search
+
+    def weighted(self, weights: tuple[Sequence[Array], Sequence[Array]]) -> Self:
+        """The same search with other weights of the samples of both parts, (N, tracks) a record."""
+        search = copy(self)
+        search.data, search.holdout_data = (
+            data.weighted(part)
+            for data, part in zip((self.data, self.holdout_data), weights, strict=True)
+        )
         return search
 
     def base(self, starts: Array) -> CandidateModel:
@@ -87,17 +92,36 @@ class CandidateSearch:
         q: Array,
         free: Sequence[int],
         touched: NDArray[np.bool_] | None = None,
+        excluded: tuple[str, ...] = (),
     ) -> CandidateModel:
         """A candidate model with its errors on both parts."""
-        every = np.ones(self.model.tracks, dtype=bool)
+        touched = np.ones(self.model.tracks, dtype=bool) if touched is None else touched
         if self.holdout != self.estimation and edges_of(self.model, free):
-            q = between_levels(self.model, q, free, self.data, self.holdout_data, best_tracks)
+            q = between_levels(self.model, q, free, self.data, self.holdout_data)
         errors = Errors(
             self._errors(q, self.data), self._errors(self.in_phase(q, effects), self.holdout_data)
         )
-        return CandidateModel(
-            effects, q, tuple(free), errors, every if touched is None else touched
-        )
+        return CandidateModel(effects, q, tuple(free), errors, touched, excluded)
+
+    def simulated(self, at: CandidateModel, holdout: bool = False) -> tuple[Array, ...]:
+        """Free runs of a candidate model, (N, ny) a record of a part."""
+        if holdout:
+            q = self.in_phase(at.q, at.effects)
+            return self.holdout_data.split(self.model.run(q, self.holdout_data)[0])
+        return self.data.split(self.model.run(at.q, self.data)[0])
+
+    def fitted(
+        self, like: CandidateModel, q: Array | None = None, free: Sequence[int] | None = None
+    ) -> CandidateModel:
+        """A candidate model fitted to the end, from other values of all parameters if given."""
+        q, free = like.q if q is None else q, like.free if free is None else free
+        refit, _ = refined(self.model, q[None], [free], self.data, BUDGET.polish)
+        return self.evaluate(like.effects, refit[0], free, like.touched, like.excluded)
+
+    def slopes(self, at: CandidateModel, holdout: bool = False) -> tuple[Array, ...]:
+        """∂ŷ/∂q over the free parameters of a candidate model, (N, ny, n) a record of a part."""
+        data = self.holdout_data if holdout else self.data
+        return data.split(slopes(self.model, at.q, at.free, data))
 
     def _errors(self, q: Array, data: Data) -> tuple[Array, ...]:
         run = self.model.run(q, data)[0]
@@ -125,20 +149,13 @@ class CandidateSearch:
     def _turned(self, q: Array, id: str, waves: Sequence[Wave]) -> Array:
         """The wave of an effect, one a law, in the phase of the held-out record."""
         rows = np.repeat(q[None], BUDGET.phases, axis=0)
-        for j in range(BUDGET.phases):
-            turn = 2.0 * np.pi * j / BUDGET.phases
-            for wave, i in product(waves, range(self.model.tracks)):
-                a = self.model.index[id, wave.cosine, i]
-                b = self.model.index[id, wave.sine, i]
-                rows[j, a] = q[a] * np.cos(turn) - q[b] * np.sin(turn)
-                rows[j, b] = q[a] * np.sin(turn) + q[b] * np.cos(turn)
+        turn = 2.0 * np.pi * np.arange(BUDGET.phases) / BUDGET.phases
+        for wave, i in product(waves, range(self.model.tracks)):
+            a, b = (self.model.index[id, name, i] for name in (wave.cosine, wave.sine))
+            rows[:, a] = q[a] * np.cos(turn) - q[b] * np.sin(turn)
+            rows[:, b] = q[a] * np.sin(turn) + q[b] * np.cos(turn)
         runs = self.model.run(rows, self.holdout_data)
         return best_tracks(self.model, rows, self.holdout_data.squared_error(runs))
-
-    def polished(self, model: CandidateModel) -> CandidateModel:
-        """The candidate model fitted to the end."""
-        q, _ = refined(self.model, model.q[None], [model.free], self.data, BUDGET.polish)
-        return self.evaluate(model.effects, q[0], model.free, model.touched)
 
     def candidates(
         self, model: CandidateModel, effects: Sequence[Effect], most: int = BUDGET.shortlist
@@ -155,9 +172,7 @@ class CandidateSearch:
         owners: list[Effect] = []
         lags = lags_of(self.model, model)
         for e in effects:
-            if e.id in (*model.effects, *model.excluded):
-                continue
-            if self.level and e.level:
+            if e.id in (*model.effects, *model.excluded) or (self.level and e.level):
                 continue
             for row in starts_of(self.model, e, model.q, errors, self.data, not self.core):
                 batch += [row, exchanged(self.model, row, lags)] if lags else [row]
@@ -187,15 +202,15 @@ class CandidateSearch:
         full = self._from_ties(model, full, cost, chosen)
         models = [self._trimmed(model, e, full[k]) for k, e in enumerate(chosen)]
         samples = common_samples(models)
-        judged = [
-            ScoredCandidate(
-                n,
-                self.evidence(model, n, len(effects), samples),
-                self.likelihood(model, n, samples),
-            )
-            for n in models
-        ]
+        judged = [self.scored(model, n, len(effects), samples) for n in models]
         return sorted(_simplest(judged), key=lambda j: -j.score)
+
+    def scored(
+        self, rest: CandidateModel, model: CandidateModel, tried: int, samples: Array
+    ) -> ScoredCandidate:
+        """A candidate against the model that it was tried on."""
+        evidence = self.evidence(rest, model, tried, samples)
+        return ScoredCandidate(model, evidence, self.likelihood(rest, model, samples))
 
     def _shortlist(
         self, model: CandidateModel, tried: Sequence[Effect], cost: Array, now: Array, most: int
@@ -203,8 +218,6 @@ class CandidateSearch:
         """Which of the effects that took their first steps are fitted in full, the likeliest first.
 
         Args:
-            model: what they are added to.
-            tried: the effects, one law after the other.
             cost: of each, (laws, tracks).
             now: without them, (tracks,).
             most: effects at most, besides those that are alike.
@@ -244,7 +257,7 @@ class CandidateSearch:
             for e, row in zip(owners, q, strict=True)
         ]
         if self.stepwise & set(model.effects):  # found already, and polished when kept
-            free = [tuple(k for k in f if not self.model.parameters[k].stepwise) for f in free]
+            free = [tuple(k for k in f if not self.model.parameters[k].of.stepwise) for f in free]
         if steps < BUDGET.full_steps:
             return search(self.model, q, free, self.data, steps, BUDGET.coarse)
         return refined(self.model, q, free, self.data, steps, BUDGET.coarse, unknown)
@@ -270,8 +283,8 @@ class CandidateSearch:
             free = free_indices(self.model, chosen[k], q[k], range(self.model.tracks))
             rival_values = {(s.name, s.track): q[j, i] for i, s in self._parameters_of(chosen[j])}
             for i, s in self._parameters_of(chosen[k]):
-                other = rival_values.get((s.name, s.track), q[k, i]) if i in free else q[k, i]
-                row[i] = float(np.clip(other, s.lower, s.upper)) if i in free else other
+                other = rival_values.get((s.name, s.track), q[k, i])
+                row[i] = s.within(other) if i in free else q[k, i]
             for i, s in self._parameters_of(chosen[j]):
                 row[i] = s.null
             starts.append(row)
@@ -296,8 +309,9 @@ class CandidateSearch:
     def _trimmed(self, before: CandidateModel, e: Effect, q: Array) -> CandidateModel:
         """The effect kept on the tracks that it serves; the others stay as they were."""
         free_on = partial(free_indices, self.model, e, q)
+        effects, excluded = (*before.effects, e.id), before.excluded
         free = (*before.free, *free_on(range(self.model.tracks)))
-        model = replace(self.evaluate((*before.effects, e.id), q, free), excluded=before.excluded)
+        model = self.evaluate(effects, q, free, excluded=excluded)
         if e.shared or self.model.tracks == 1:
             return model
         samples = effective_samples(model.errors.estimation)
@@ -310,16 +324,15 @@ class CandidateSearch:
         served &= beyond_sampling(self.model, e.id, q)
         if served.all() or not served.any():
             return replace(model, touched=served if served.any() else model.touched)
+        of_others = [
+            k for k, p in enumerate(self.model.parameters) if p.track >= 0 and not served[p.track]
+        ]
         out = q.copy()
-        for k, parameter in enumerate(self.model.parameters):
-            if parameter.track >= 0 and not served[parameter.track]:
-                out[k] = before.q[k]
+        out[of_others] = before.q[of_others]
         free = (*before.free, *free_on(np.flatnonzero(served).tolist()))
         if self.model.coupled(out, free):  # what one track loses, the other feels
-            rows, _ = refined(self.model, out[None], [free], self.data, BUDGET.polish)
-            out = rows[0]
-        served_model = self.evaluate((*before.effects, e.id), out, free, served)
-        return replace(served_model, excluded=before.excluded)
+            return self.fitted(replace(model, touched=served), out, free)
+        return self.evaluate(effects, out, free, served, excluded)
 
     def _needed_itself(
         self, before: CandidateModel, e: Effect, q: Array, least: Array
@@ -333,22 +346,32 @@ class CandidateSearch:
             for k, parameter in self._parameters_of(e):
                 if parameter.track == i:
                     row[k] = before.q[k]
-        data = self.data
-        errors = data.weight * (data.y - self.model.run(without, data))
-        counts = np.maximum(np.sum(data.weight > 0.0, axis=0), 1)
-        squares = np.sum(errors**2, axis=1) / counts
+        counts = np.maximum(np.sum(self.data.weight > 0.0, axis=0), 1)
+        squares = self.data.squared_error(self.model.run(without, self.data)) / counts
         return np.asarray(least < RULE.own_part * np.diag(squares))
 
     def likelihood(self, before: CandidateModel, after: CandidateModel, samples: Array) -> float:
         """Penalised likelihood ratio over both parts, in units of BIC; positive is better."""
         (v0, h0), (v1, h1) = before.errors.mean_squares(), after.errors.mean_squares()
-        n = sum(int(np.isfinite(e).any(axis=1).sum()) for e in before.errors.estimation)
-        m = sum(int(np.isfinite(e).any(axis=1).sum()) for e in before.errors.holdout)
-        gain = np.log((v0 + 1e-300) / (v1 + 1e-300)) + m / max(n, 1) * np.log(
-            (h0 + 1e-300) / (h1 + 1e-300)
+        parts = (before.errors.estimation, before.errors.holdout)
+        n, m = (sum(int(np.isfinite(e).any(axis=1).sum()) for e in part) for part in parts)
+        fell, held_out = (
+            np.log((v0 + 1e-300) / (v1 + 1e-300)),
+            np.log((h0 + 1e-300) / (h1 + 1e-300)),
         )
+        gain = fell + m / max(n, 1) * held_out
         added = len(after.free) - len(before.free)
         return float(np.sum(samples * gain) - added * np.log(np.sum(samples)))
+
+    def best_of(self, base: CandidateModel, models: Sequence[CandidateModel]) -> CandidateModel:
+        """The likeliest of several sets against the base; the first of equals."""
+        scores = self.totals(base, models)
+        return models[int(np.argmax(scores))]
+
+    def totals(self, base: CandidateModel, models: Sequence[CandidateModel]) -> list[float]:
+        """Scores of whole sets against the base, with one effective sample size for all."""
+        samples = common_samples(models)
+        return [self.likelihood(base, n, samples) for n in models]
 
     def evidence(
         self,
@@ -358,17 +381,9 @@ class CandidateSearch:
         samples: Array | None = None,
     ) -> Evidence:
         """Evidence for the effects that ``after`` adds."""
-        if samples is None:
-            samples = effective_samples(after.errors.estimation)
-        return compare_errors(
-            before.errors,
-            after.errors,
-            len(after.free) - len(before.free),
-            tried,
-            after.touched,
-            samples,
-            self.needed,
-        )
+        samples = effective_samples(after.errors.estimation) if samples is None else samples
+        added, pair = len(after.free) - len(before.free), (before.errors, after.errors)
+        return compare_errors(*pair, added, tried, after.touched, samples, self.needed)
 
     def admissible(self, model: CandidateModel) -> bool:
         """Whether the newest effect's parameters are physical (see ``admission``)."""
@@ -376,14 +391,12 @@ class CandidateSearch:
 
     def without(self, model: CandidateModel, id: str) -> CandidateModel:
         """The candidate model without one of its effects, fitted again."""
-        q = model.q.copy()
-        removed = self.model.of(id)
-        for k in removed:
-            q[k] = self.origin[k]
-        free = tuple(k for k in model.free if k not in removed)
+        q, removed = model.q.copy(), list(self.model.of(id))
+        q[removed] = self.origin[removed]
         rest = tuple(i for i in model.effects if i != id)
-        refit, _ = refined(self.model, q[None], [free], self.data, BUDGET.polish)
-        return self.evaluate(rest, refit[0], free)
+        every = np.ones(self.model.tracks, dtype=bool)
+        plain = replace(model, effects=rest, touched=every, excluded=())
+        return self.fitted(plain, q, tuple(k for k in model.free if k not in removed))
 
 
 def _simplest(judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:

@@ -21,7 +21,6 @@ from sysid.diagnosis.search.evidence import effective_samples
 from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.parameter_table import NO_LIMIT
 from sysid.diagnosis.search.selection import CandidateModel
-from sysid.diagnosis.search.sensitivities import sensitivities
 from sysid.effects.base import Effect, EffectParameter
 from sysid.effects.sensor import MOST_SAMPLED
 
@@ -58,11 +57,6 @@ def detectable(
     For a ratio (null 1) the size is its distance from 1, for a limit (saturations, rate limit,
     freewheel) the loosest limit that would have shown. All tracks have the effect at once; the size
     is their mean. None: no size within the effect's bounds would have shown on this log.
-
-    Args:
-        search: the search around the model.
-        model: the model that the log is explained with.
-        ids: effects that were not found; those that the full model does not hold get None.
     """
     smallest: dict[str, float | None] = dict.fromkeys(ids)
     smallest |= {k: v for k, v in smallest_named(search.estimation).items() if k in smallest}
@@ -144,7 +138,7 @@ def _unexplained(
         data = search.holdout_data if holdout else search.data
         total = sum(data.lengths)
         weight = np.sqrt(data.weight[:total]) * noise.weight
-        J = np.concatenate(sensitivities(search, model, holdout)) * weight[:, :, None]
+        J = np.concatenate(search.slopes(model, holdout)) * weight[:, :, None]
         J = J.reshape(J.shape[0] * J.shape[1], J.shape[2])
         base = search.model.run(model.q, data)[0]
         change = (search.model.run(batch, data) - base)[:, :total] * weight

@@ -63,11 +63,8 @@ def sample_ensemble(
     """Let walkers drift over the free parameters of a candidate model.
 
     Args:
-        base: the search around the model.
-        candidate: where they begin.
         parameters: whose intervals are asked for.
         joined: whether the tracks feel each other, so that they move together.
-        seed: of every draw.
     """
     model, rng = base.model, np.random.default_rng(seed)
     groups = _groups(base, candidate, joined)

@@ -76,8 +76,6 @@ def compare_errors(
 
     Args:
         before, after: errors of both models on the same samples.
-        parameters: parameters the richer model adds.
-        tried: effects that were tried, for the correction.
         touched: outputs that the effect changes, (ny,).
         samples: effective number of estimation samples of each output, common to all compared.
         needed: what the held-out ratio must fall below.

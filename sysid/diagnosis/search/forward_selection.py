@@ -8,20 +8,21 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.diagnosis.policies import BUDGET, RULE, VERDICT
-from sysid.diagnosis.search.admission import beyond_sampling, tied
-from sysid.diagnosis.search.batched_search import refined
+from sysid.diagnosis.search.admission import tied
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
 from sysid.diagnosis.search.evidence import Evidence, alike
-from sysid.diagnosis.search.other_lag import beside_either
+from sysid.diagnosis.search.moves import (
+    beside_either,
+    on_more_tracks,
+    swapped,
+)
 from sysid.diagnosis.search.selection import (
     CandidateModel,
     ScoredCandidate,
     SelectedEffect,
     Selection,
 )
-from sysid.diagnosis.search.starts import repeats_at_top
-from sysid.diagnosis.search.widening import on_more_tracks
-from sysid.effects.base import Effect, Place, StartsFrom
+from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import NOT_NAMED, about
 
 Progress = Callable[[str, float], None]
@@ -46,9 +47,6 @@ class ForwardSelection(CandidateSearch):
         """Grow one effect at a time in a small beam while the rule accepts, then prune.
 
         Args:
-            base: the original model.
-            effects: those to try.
-            progress: called with what is being done.
             required: how far one more effect must bring the held-out error of a model down.
             needed: the same for the first one.
         """
@@ -59,11 +57,7 @@ class ForwardSelection(CandidateSearch):
         judged = self.candidates(base, effects)
         first = tuple((j.id, j.score) for j in judged)
         passed = [j for j in self.passing(judged) if j.evidence.ratio < (needed or self.needed)]
-        others = [
-            j
-            for j in passed[1:]
-            if j.id not in passed[0].model.excluded and not is_nested_in(passed[0], j)
-        ]
+        others = [j for j in passed[1:] if j.id not in passed[0].model.excluded]
         beam = passed[:1] + others[: BUDGET.beam - 1]
         if not beam:
             return Selection(base, base, (), self._minor(judged), first)
@@ -72,7 +66,7 @@ class ForwardSelection(CandidateSearch):
         minor = grown_minor if grown_minor is not None else minor
         for rival in beam[1:]:
             # the likeliest first effect may be a stand-in: try the next one where much remains
-            leader_total, rival_total = self._totals(base, (best, rival.model))
+            leader_total, rival_total = self.totals(base, (best, rival.model))
             far_ahead = leader_total > BUDGET.far_ahead * rival_total
             if far_ahead or _little_left(base, best) or required(best) < self.needed:
                 break
@@ -80,15 +74,10 @@ class ForwardSelection(CandidateSearch):
             other, other_minor = self._grown(base, rival.model, effects, say, required)
             if self.best_of(base, (best, other)) is other:
                 best, minor = other, other_minor if other_minor is not None else minor
-        best = self._with_seen_clip(base, self.polished(best), judged)
+        best = self.fitted(best)
         say("dropping and swapping", 0.85)
         best = self.pruned(base, best, effects)
         selected = self.account(base, best, effects, judged)
-        while len(selected) > 1 and (unsound := self._unsound(best, selected)):
-            # the effect that the others need least; what remains is fitted and judged again
-            weakest = max(unsound, key=lambda n: n.evidence.delta_bic)
-            best = self.without(best, weakest.id)
-            selected = self.account(base, best, effects, judged)
         say("done", 1.0)
         return Selection(base, best, selected, minor, first)
 
@@ -105,7 +94,7 @@ class ForwardSelection(CandidateSearch):
         while len(model.effects) < BUDGET.most_effects and (needed := required(model)) > 0.0:
             if len(model.effects) > tidied:
                 tidied = len(model.effects)
-                other = self._swapped(base, model, effects)
+                other = swapped(self, base, model, effects)
                 if other is not model:
                     model = other
                     continue
@@ -118,7 +107,7 @@ class ForwardSelection(CandidateSearch):
                 break
             model = passed[0].model
             if self.stepwise & set(model.effects[:-1]):  # held while the newest effect was tried
-                model = replace(self.polished(model), excluded=model.excluded)
+                model = self.fitted(model)
         return model, minor
 
     def _next(
@@ -135,54 +124,6 @@ class ForwardSelection(CandidateSearch):
             j for j in passed if not self.is_redundant(base, beside[j.id], j.model, judged)
         ], judged
 
-    def _swapped(
-        self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect]
-    ) -> CandidateModel:
-        """Try look-alikes of the effects accepted so far: a later one may show one of them wrong.
-
-        What could not be distinguished from another at first may be distinguished beside a second
-        effect; and so for the laws of one.
-        """
-        for id in model.effects[:-1]:
-            likely = [
-                e
-                for e in effects
-                if (e.id == id and e.laws)
-                or ((id in e.ties or e.id in about(id).ties) and e.id not in model.effects)
-            ]
-            if not likely:
-                continue
-            judged = self.candidates(self.without(model, id), likely)
-            fits = [j.model for j in judged if self.admissible(j.model)]
-            best = self.best_of(base, [model, *fits])
-            if best is not model and not alike(best.errors, model.errors):
-                order = tuple(best.effects[-1] if e == id else e for e in model.effects)
-                model = replace(best, effects=order, excluded=model.excluded)
-        return model
-
-    def _with_seen_clip(
-        self, base: CandidateModel, best: CandidateModel, judged: Sequence[ScoredCandidate]
-    ) -> CandidateModel:
-        """A clip that is seen in the measurements belongs to the model unless it makes it worse.
-
-        It comes first: it needs no inference, and what else is named has to go with it.
-        """
-        data = self.data
-        clipped = [
-            repeats_at_top(data.y[data.weight[:, i] > 0.0, i]) for i in range(self.model.tracks)
-        ]
-        clips = {e.id for e in self.model.effects if e.starts_from is StartsFrom.CLIP_LEVEL}
-        seen = next((j for j in judged if j.id in clips and j.evidence.accepted), None)
-        if seen is None or not any(clipped):
-            return best
-        q, id = best.q.copy(), seen.id
-        for k in self.model.of(id):
-            q[k] = seen.model.q[k]
-        rest = tuple(e for e in best.effects if e != id)
-        refit, _ = refined(self.model, q[None], [best.free], data, BUDGET.polish)
-        model = self.evaluate((id, *rest), refit[0], best.free)
-        return self.best_of(base, (model, best))
-
     def passing(self, judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
         """Accepted candidates, the most likely first; nearly equal ones by fewest parameters."""
         passed = [j for j in judged if self._is_acceptable(j)]
@@ -194,7 +135,6 @@ class ForwardSelection(CandidateSearch):
             j
             for j in passed
             if alike(top.model.errors, j.model.errors)
-            or is_nested_in(j, top)
             or (j.id in about(top.id).ties and about(top.id).rare and self.tied(top.model, j.model))
         ]
         lead = min(
@@ -234,16 +174,6 @@ class ForwardSelection(CandidateSearch):
             and self.admissible(j.model)
         )
 
-    def best_of(self, base: CandidateModel, models: Sequence[CandidateModel]) -> CandidateModel:
-        """The likeliest of several sets against the base; the first of equals."""
-        scores = self._totals(base, models)
-        return models[int(np.argmax(scores))]
-
-    def _totals(self, base: CandidateModel, models: Sequence[CandidateModel]) -> list[float]:
-        """Scores of whole sets against the base, with one effective sample size for all."""
-        samples = common_samples(models)
-        return [self.likelihood(base, n, samples) for n in models]
-
     def pruned(
         self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect]
     ) -> CandidateModel:
@@ -274,9 +204,6 @@ class ForwardSelection(CandidateSearch):
         rivals.
 
         Args:
-            base: the original model.
-            rest: without the effect.
-            whole: with it.
             judged: effects tried on ``rest``, or those to try.
         """
         small = small_gain(base, rest, whole)
@@ -295,8 +222,6 @@ class ForwardSelection(CandidateSearch):
         """Whether no other effect comes near this one beside the same model.
 
         Args:
-            rest: the model.
-            id: of the effect.
             judged: effects tried on it, or those to try.
         """
         scored = [j for j in judged if isinstance(j, ScoredCandidate)]
@@ -329,7 +254,6 @@ class ForwardSelection(CandidateSearch):
                 rest = self.without(model, id)
                 judged = self.candidates(rest, others, most=4)
                 in_place = self._in_place(model, rest, judged, len(effects))
-                judged = self._as_far(in_place, judged)
             ties = tuple(
                 j.id
                 for j in judged
@@ -344,35 +268,6 @@ class ForwardSelection(CandidateSearch):
                 SelectedEffect(id, in_place.evidence, ties, in_place.model.touched, rivals, rest)
             )
         return tuple(selected)
-
-    def _as_far(
-        self, in_place: ScoredCandidate, judged: Sequence[ScoredCandidate]
-    ) -> Sequence[ScoredCandidate]:
-        """Rivals beside the same parameters as an effect in place, where only those set them apart.
-
-        The parameters of the other effects were fitted beside the one in place, and not beside
-        these.
-        """
-        anew = next((j for j in judged if j.id == in_place.id), in_place)
-        if anew is in_place:
-            return judged
-
-        def behind(j: ScoredCandidate) -> bool:
-            same = j.id in about(in_place.id).ties and self.tied(anew.model, j.model)
-            return same and not self.tied(in_place.model, j.model)
-
-        return [self._instead(in_place, j) if behind(j) else j for j in judged]
-
-    def _instead(self, in_place: ScoredCandidate, rival: ScoredCandidate) -> ScoredCandidate:
-        """The rival with the other effects as fitted beside the one in place, if that fits."""
-        q = in_place.model.q.copy()
-        own, others = list(self.model.of(in_place.id)), list(self.model.of(rival.id))
-        q[own], q[others] = self.origin[own], rival.model.q[others]
-        kept = [k for k in in_place.model.free if k not in own]
-        free = tuple(sorted({*kept, *(k for k in rival.model.free if k in others)}))
-        moved = self.polished(replace(rival.model, q=q, free=free))
-        moved = replace(moved, excluded=rival.model.excluded)
-        return replace(rival, model=self.best_of(rival.model, (rival.model, moved)))
 
     def tied(self, best: CandidateModel, other: CandidateModel) -> bool:
         """Whether no log can distinguish two models."""
@@ -395,14 +290,6 @@ class ForwardSelection(CandidateSearch):
         touched = np.array([i in at or -1 in at for i in range(self.model.tracks)])
         return replace(model, effects=(*rest.effects, id), touched=touched)
 
-    def _unsound(
-        self, model: CandidateModel, selected: Sequence[SelectedEffect]
-    ) -> list[SelectedEffect]:
-        """Effects to reject: all where a gain is chance, else delays that have shrunk."""
-        if not all(n.evidence.significant for n in selected):
-            return list(selected)
-        return [n for n in selected if not beyond_sampling(self.model, n.id, model.q).any()]
-
     def _in_place(
         self,
         model: CandidateModel,
@@ -420,14 +307,7 @@ class ForwardSelection(CandidateSearch):
         score = self.likelihood(rest, whole, samples)
         if anew and self.likelihood(rest, anew[0].model, samples) >= score:
             return anew[0]
-        return ScoredCandidate(whole, self.evidence(rest, whole, tried, samples), score)
-
-
-def is_nested_in(scored: ScoredCandidate, other: ScoredCandidate) -> bool:
-    """Whether the law of an effect is a case of another's that closes hardly more of the gap."""
-    more = scored.evidence.ratio**2 - other.evidence.ratio**2
-    enough = RULE.redundant * (1.0 - other.evidence.ratio**2)
-    return scored.id in about(other.id).contains and more < enough
+        return self.scored(rest, whole, tried, samples)
 
 
 def _little_left(base: CandidateModel, best: CandidateModel) -> bool:
@@ -471,8 +351,6 @@ def explains_most_of_remainder(rest: CandidateModel, whole: CandidateModel, nois
     """Whether the newest effect takes most of what the others leave above the noise of an output.
 
     Args:
-        rest: without the effect.
-        whole: with it.
         noise: of each output, (ny,).
     """
     now, then = (n.errors.mean_squares()[1] for n in (rest, whole))

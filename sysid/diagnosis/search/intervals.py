@@ -11,13 +11,12 @@ one degree of freedom or, where the run jumps, of a threshold (Hansen 2000, Econ
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from sysid.data.record import Array
 from sysid.diagnosis.policies import BUDGET
-from sysid.diagnosis.search.batched_search import refined, search
+from sysid.diagnosis.search.batched_search import search
 from sysid.diagnosis.search.ensemble_sampler import EnsembleResult, sample_ensemble
 from sysid.diagnosis.search.evidence import effective_samples
 from sysid.diagnosis.search.forward_selection import ForwardSelection
@@ -64,8 +63,6 @@ def intervals_of(
     """Intervals of the parameters that effects free and slopes cannot judge, by parameter.
 
     Args:
-        base: the search around the model.
-        candidate: the model with its effects.
         uncertain: parameters that are asked, too, although the run changes smoothly with them.
 
     Returns:
@@ -132,7 +129,7 @@ class _Walk:
         self.base, self.candidate, self.model = base, candidate, base.model
         self.tracks = range(self.model.tracks)
         self.samples = effective_samples(candidate.errors.estimation)
-        self.cost = self._cost(candidate.q[None])[0]
+        self.cost = base.data.squared_error(self.model.run(candidate.q[None], base.data))[0]
         self.best = np.zeros(self.model.tracks)
         self.best_row = candidate.q.copy()
         self.moves = self._seen(parameters)
@@ -144,8 +141,13 @@ class _Walk:
         self.unseen = [k for k in parameters if k not in self.moves]
         self.batch = [(tuple(group), side) for group in names.values() for side in (-1.0, 1.0)]
 
-    def _cost(self, rows: Array) -> Array:
-        return self.base.data.squared_error(self.model.run(rows, self.base.data))
+    def _change(self, row: Array) -> Array:
+        """n ln(V/V⁰) of each track, (tracks,)."""
+        cost = self.base.data.squared_error(self.model.run(row[None], self.base.data))[0]
+        return self._changes(cost)
+
+    def _changes(self, cost: Array) -> Array:
+        return np.asarray(self.samples * np.log((cost + 1e-300) / (self.cost + 1e-300)))
 
     def _seen(self, parameters: Sequence[int]) -> list[int]:
         """Slots on which the run depends anywhere between their bounds and null values."""
@@ -167,7 +169,7 @@ class _Walk:
 
     def _level(self, k: int) -> float:
         p = self.model.parameters[k]
-        return THRESHOLD if p.jumps or p.stepwise else LEVEL
+        return THRESHOLD if p.of.jumps or p.of.stepwise else LEVEL
 
     def intervals(self) -> dict[int, Interval]:
         """Every parameter's interval."""
@@ -224,7 +226,7 @@ class _Walk:
         fitted, cost = search(
             self.model, np.array(trials), free, self.base.data, FITTED, BUDGET.coarse
         )
-        ratio = self.samples * np.log((cost + 1e-300) / (self.cost + 1e-300))
+        ratio = self._changes(cost)
         new_ends: dict[int, dict[int, End]] = {i: {} for i in at}
         for i, row, change in zip(at, fitted, ratio, strict=True):
             for k, end in open_ends[i].items():
@@ -252,8 +254,7 @@ class _Walk:
 
     def remember(self, row: Array) -> None:
         """Keep what explains more than the estimate, found elsewhere."""
-        cost = self._cost(row[None])[0]
-        change = self.samples * np.log((cost + 1e-300) / (self.cost + 1e-300))
+        change = self._change(row)
         for track in [None] if self.joined else list(self.tracks):
             self._remember(row, change, track)
 
@@ -261,12 +262,5 @@ class _Walk:
         """The candidate at a value that explains clearly more than its own, if there was one."""
         if np.sum(self.best) > -LOWER:
             return None
-        q, cost = refined(
-            self.model, self.best_row[None], [self.candidate.free], self.base.data, BUDGET.polish
-        )
-        if not np.sum(self.samples * np.log((cost[0] + 1e-300) / (self.cost + 1e-300))) < -LOWER:
-            return None
-        better = self.base.evaluate(
-            self.candidate.effects, q[0], self.candidate.free, self.candidate.touched
-        )
-        return replace(better, excluded=self.candidate.excluded)
+        better = self.base.fitted(self.candidate, self.best_row)
+        return better if np.sum(self._change(better.q)) < -LOWER else None

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.effects.base import Effect
+from sysid.effects.base import Effect, EffectParameter
 from sysid.effects.catalogue import CHANGED
 
 SHIFT, WIDE_SHIFT = 1e-5, 0.03
@@ -18,6 +17,8 @@ which runs change by jumps: wide enough to hold some of them."""
 NO_LIMIT = 100.0
 """A null value beyond this stands for no limit at all."""
 
+_OF_CORE = EffectParameter("", "", 0.0, 0.0, 0.0, ())
+
 
 @dataclass(frozen=True)
 class ModelParameter:
@@ -25,15 +26,12 @@ class ModelParameter:
 
     Attributes:
         owner: ``core`` or an effect's id.
-        name: parameter name.
         track: index of the track, or -1 when all share it.
         null: value at which it does nothing (for the core: its place is taken by the base).
         lower, upper: bounds in physical units.
         scale: typical size, for the solver.
-        stepwise: whether runs change with it by jumps.
-        rough: whether it belongs to an effect that has such a parameter.
-        kinks, jumps: whether the run has a kink, or jumps, where a sample passes it.
-        edge: +1 or −1 for an edge on the axis of the command, upward or downward.
+        of: what the effect declares of it.
+        rough: whether it belongs to an effect with a parameter on which runs depend by jumps.
     """
 
     owner: str
@@ -43,30 +41,28 @@ class ModelParameter:
     lower: float
     upper: float
     scale: float
-    stepwise: bool = False
+    of: EffectParameter = _OF_CORE
     rough: bool = False
-    kinks: bool = False
-    jumps: bool = False
-    edge: int = 0
 
     @property
     def without_gradient(self) -> bool:
         """Whether gradients give no standard error of it."""
-        return self.kinks or self.stepwise or self.jumps
+        return self.of.kinks or self.of.stepwise or self.of.jumps
 
     @property
     def shift(self) -> float:
         """By how much it is moved for a slope."""
         return (WIDE_SHIFT if self.rough else SHIFT) * self.scale
 
+    def within(self, value: float) -> float:
+        """A value within its bounds."""
+        return float(np.clip(value, self.lower, self.upper))
+
 
 class ParameterTable:
     """All effects around cores of one order, for a number of tracks.
 
     Args:
-        effects: those of the chain, in its order.
-        order: order of the core.
-        tracks: number of tracks.
         speed: typical speed of each track, (tracks,).
         dt: sample time [s].
     """
@@ -76,38 +72,37 @@ class ParameterTable:
     ) -> None:
         self.effects, self.order, self.tracks = tuple(effects), order, tracks
         self.speed, self.dt = speed, dt
-        self.parameters = tuple(self._list())
+        self.parameters = (
+            *(p for i in range(tracks) for p in self._of_core(i, float(speed[i]))),
+            *(
+                self._of_effect(e, p, i)
+                for e in effects
+                for i in self.sides(e)
+                for p in e.parameters
+            ),
+        )
         self.index = {(s.owner, s.name, s.track): k for k, s in enumerate(self.parameters)}
 
-    def _list(self) -> list[ModelParameter]:
-        listed = []
-        for i in range(self.tracks):
-            v = float(self.speed[i])
-            listed.append(ModelParameter("core", "gain", i, v, -1e3 * v, 1e3 * v, v))
-            listed += [
-                ModelParameter("core", f"f{k + 1}", i, 0.0, -10.0, 10.0, 0.1)
-                for k in range(self.order)
-            ]
-            listed += [
-                ModelParameter("core", f"b{k + 1}", i, 0.0, -100.0, 100.0, 0.1)
-                for k in range(1, self.order)
-            ]
-        for e in self.effects:
-            for i in (-1,) if e.shared else range(self.tracks):
-                rough = any(p.stepwise for p in e.parameters)
-                listed += [self._effect_parameter(e.id, p, i, rough) for p in e.parameters]
-        return listed
+    def _of_core(self, i: int, v: float) -> list[ModelParameter]:
+        f = (ModelParameter("core", f"f{k}", i, 0.0, -10.0, 10.0, 0.1) for k in self._powers)
+        b = (ModelParameter("core", f"b{k}", i, 0.0, -100.0, 100.0, 0.1) for k in self._powers[1:])
+        return [ModelParameter("core", "gain", i, v, -1e3 * v, 1e3 * v, v), *f, *b]
 
-    def _effect_parameter(self, id: str, p: Any, track: int, rough: bool) -> ModelParameter:
+    @property
+    def _powers(self) -> range:
+        return range(1, self.order + 1)
+
+    def _of_effect(self, e: Effect, p: EffectParameter, track: int) -> ModelParameter:
         v = float(np.mean(self.speed) if track < 0 else self.speed[track])
-        factor = {"drive": 1.0, "speed": v, "dt": self.dt, "one": 1.0}[p.scaled_by]
-        if p.unit == "1/speed":
-            factor = 1.0 / v
-        null = p.null * (v if p.scaled_by == "speed" and 0.0 < abs(p.null) < 1e3 else 1.0)
-        size = max(abs(s) for s in p.starts) or 0.1
-        bounds = (p.lower * factor, p.upper * factor)
-        kind = (p.stepwise, rough, p.kinks, p.jumps, p.edge)
-        return ModelParameter(id, p.name, track, null, *bounds, size * factor, *kind)
+        of_speed = {"speed": v, "speed/s": v, "1/speed": 1.0 / v}
+        factor = of_speed.get(p.unit, self.dt if p.in_samples else 1.0)
+        null = p.null * factor if p.unit in of_speed and abs(p.null) < 1e3 else p.null
+        bounds, rough = (p.lower * factor, p.upper * factor), any(q.stepwise for q in e.parameters)
+        return ModelParameter(e.id, p.name, track, null, *bounds, p.size * factor, p, rough)
+
+    def sides(self, e: Effect) -> Sequence[int]:
+        """Tracks on which an effect has parameters; -1 where all share them."""
+        return (-1,) if e.shared else range(self.tracks)
 
     @property
     def null(self) -> Array:
@@ -119,12 +114,25 @@ class ParameterTable:
         owner = "core" if owner == CHANGED.id else owner
         return tuple(k for k, s in enumerate(self.parameters) if s.owner == owner)
 
+    def core(self, q: Array, track: int) -> tuple[float, Array, Array]:
+        """K, f_1 … f_n and b_2 … b_n of a track's core."""
+        at = [k for k in self.of("core") if self.parameters[k].track == track]
+        return float(q[at[0]]), q[at[1 : self.order + 1]], q[at[self.order + 1 :]]
+
+    def set_core(
+        self, q: Array, track: int, gain: float, f: Array, b: Array | Sequence[float] = ()
+    ) -> None:
+        """Put K, f_1 … and b_2 … of a track's core into ``q``; what is not given becomes zero."""
+        at = [k for k in self.of("core") if self.parameters[k].track == track]
+        q[at] = 0.0
+        q[at[0]], q[at[1 : len(f) + 1]] = gain, f
+        q[at[self.order + 1 : self.order + 1 + len(b)]] = b
+
     def joined(self, q: Array, free: Sequence[int]) -> bool:
         """Whether tracks feel each other's parameters: they share some, or an effect couples them.
 
         Args:
             q: all parameters, (parameters,).
-            free: those that are moved.
         """
         return any(self.parameters[k].track < 0 for k in free) or self.coupled(q, free)
 
@@ -141,25 +149,20 @@ class ParameterTable:
         """Starting values of an effect on all tracks: parameter → value."""
         starts = []
         for k in range(max(len(p.starts) for p in e.parameters)):
+            acting = e.searched({p.name: p.start(k) for p in e.parameters if p.choice})
             values = {}
-            chosen = {p.name: p.starts[min(k, len(p.starts) - 1)] for p in e.parameters if p.choice}
-            acting = {*chosen, *e.searched(chosen)}
-            for i in (-1,) if e.shared else range(self.tracks):
+            for i in self.sides(e):
                 for p in e.parameters:
                     at = self.index[e.id, p.name, i]
-                    if p.name not in acting:
-                        values[at] = self.parameters[at].null
-                        continue
-                    share = p.starts[min(k, len(p.starts) - 1)]
-                    size = max(abs(s) for s in p.starts) or 1.0
-                    values[at] = share * self.parameters[at].scale / size
+                    s, tried = self.parameters[at], p.choice or p.name in acting
+                    values[at] = p.start(k) * s.scale / p.size if tried else s.null
             starts.append(values)
         return starts
 
     def chosen(self, e: Effect, q: Array) -> dict[str, float]:
         """The choices of an effect in an item, those of the first track on which it acts."""
         names = [p.name for p in e.parameters if p.choice]
-        for i in (-1,) if e.shared else range(self.tracks):
+        for i in self.sides(e):
             at = [self.index[e.id, p.name, i] for p in e.parameters]
             if any(q[k] != self.parameters[k].null for k in at):
                 return {n: float(q[self.index[e.id, n, i]]) for n in names}

@@ -1,7 +1,7 @@
-"""Records as the full model takes them: stacked, aligned and padded."""
+"""Records as the full model takes them: stacked, aligned and padded; and the log of each."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -64,6 +64,12 @@ class Data:
             sums = np.sum((self.weight * (self.y - runs)) ** 2, axis=-2)
         return np.where(sums < OVERFLOW, sums, np.inf)
 
+    def weighted(self, weights: Sequence[Array]) -> "Data":
+        """The same records with other weights, (N, tracks) each."""
+        weight = np.zeros_like(self.weight)
+        weight[: sum(self.lengths)] = np.concatenate(weights)
+        return replace(self, weight=weight)
+
     def split(self, whole: Array) -> tuple[Array, ...]:
         """Rows of each record of an array (M, …)."""
         ends = np.cumsum(self.lengths)
@@ -89,62 +95,84 @@ def prepare(
     """Stack records.
 
     Args:
-        data: experiments, or what is known of them.
-        scales: full drive of each input.
         delay: whole samples of dead time.
         weights: weight of each sample of each record, (N, tracks).
         least: rows at least, so that two parts of the data share one compilation.
         logs: which of several logs each record belongs to; all to the first when None.
     """
     facts = LogFacts.of(data)
-    records = facts.records
-    drive: list[Array] = []
-    before: list[Array] = []
-    for r in records:
-        shift = max(delay - 1, 0)
-        d = r.u / scales
-        before.append(drive_before(d[0], r.y))
-        drive.append(np.vstack([np.repeat(before[-1][None], shift, axis=0), d[: len(d) - shift]]))
-    lengths = tuple(len(r) for r in records)
-    begins = [np.where(b == d[0], 1.0, 0.0) for b, d in zip(before, drive, strict=True)]
+    records, shift = facts.records, max(delay - 1, 0)
+    lengths = tuple(map(len, records))
+    starts = np.cumsum([0, *lengths[:-1]])
     total = sum(lengths)
-    first = np.concatenate([np.full(n, k) for n, k in zip(lengths, _starts(lengths), strict=True)])
-    reset = np.zeros(total)
-    reset[_starts(lengths)] = 1.0
-    weight = [np.ones(r.y.shape) for r in records] if weights is None else list(weights)
-    of = [0] * len(records) if logs is None else logs
     pad = max(padded_length(total), least) - total
-
+    drive: list[Array] = []
+    moving: list[Array] = []
+    for r in records:
+        d = r.u / scales
+        before = drive_before(d[0], r.y)
+        drive.append(np.vstack([np.repeat(before[None], shift, axis=0), d[: len(d) - shift]]))
+        moving.append(np.tile(np.where(before == drive[-1][0], 1.0, 0.0), (len(d), 1)))
     since = [np.zeros(1 + r.ny) if r.since is None else r.since for r in records]
+    counted = [(np.cumsum(r.y, axis=0) - r.y) * r.dt for r in records]
+    t = [r.dt * np.arange(len(r), dtype=np.float64)[:, None] for r in records]
+    of = [0] * len(records) if logs is None else logs
+    reset = np.zeros(total + pad)
+    reset[starts] = 1.0
 
-    def stacked(parts: Sequence[Array]) -> Array:
-        whole = np.concatenate(parts)
+    def stacked(parts: Iterable[Array]) -> Array:
+        whole = np.concatenate(list(parts))
         return np.concatenate([whole, np.zeros((pad, *whole.shape[1:]))])
 
     return Data(
         stacked(drive),
-        stacked([r.y for r in records]),
-        stacked([np.repeat(b[None], n, axis=0) for b, n in zip(begins, lengths, strict=True)]),
-        stacked(
-            [
-                s[1:] + (np.cumsum(r.y, axis=0) - r.y) * r.dt
-                for r, s in zip(records, since, strict=True)
-            ]
-        ),
-        stacked(
-            [
-                s[0] + r.dt * np.arange(len(r), dtype=np.float64)[:, None]
-                for r, s in zip(records, since, strict=True)
-            ]
-        ),
-        np.concatenate([reset, np.zeros(pad)]),
-        np.concatenate([first, np.full(pad, total - 1)]).astype(np.int64),
-        stacked(weight),
-        stacked([np.full((n, 1), float(k)) for n, k in zip(lengths, of, strict=True)]),
+        stacked(r.y for r in records),
+        stacked(moving),
+        stacked(s[1:] + c for s, c in zip(since, counted, strict=True)),
+        stacked(s[0] + clock for s, clock in zip(since, t, strict=True)),
+        reset,
+        np.append(np.repeat(starts, lengths), np.full(pad, total - 1)).astype(np.int64),
+        stacked([np.ones(r.y.shape) for r in records] if weights is None else weights),
+        stacked(np.full((n, 1), float(k)) for n, k in zip(lengths, of, strict=True)),
         lengths,
         facts.noise,
     )
 
 
-def _starts(lengths: Sequence[int]) -> list[int]:
-    return [0, *np.cumsum(lengths)[:-1].tolist()]
+PART = " part "
+"""Between a file's name and the number of a stretch that was cut out of it."""
+
+
+@dataclass(frozen=True)
+class Logs:
+    """The logs of a diagnosis.
+
+    Attributes:
+        estimation, holdout: the log that each record belongs to, from 0.
+    """
+
+    names: tuple[str, ...]
+    estimation: tuple[int, ...]
+    holdout: tuple[int, ...]
+
+    @property
+    def validation(self) -> tuple[int, ...]:
+        """Validation logs."""
+        return tuple(k for k in range(len(self.names)) if k not in self.estimation)
+
+
+def logs_of(estimation: Sequence[Record], holdout: Sequence[Record]) -> Logs:
+    """Records by log: stretches of one file are one log, whatever number of times it is named."""
+    names: dict[str, str] = {}
+    for r in (*estimation, *holdout):
+        if r.sha256 not in names:
+            names[r.sha256] = _unused(r.name.rpartition(PART)[0] or r.name, tuple(names.values()))
+    order = list(names)
+    parts = (tuple(order.index(r.sha256) for r in part) for part in (estimation, holdout))
+    return Logs(tuple(names.values()), *parts)
+
+
+def _unused(name: str, names: Sequence[str]) -> str:
+    """The name, with a number behind it where another log has it."""
+    same = sum(n.partition(" (")[0] == name for n in names)
+    return f"{name} ({same + 1})" if same else name

@@ -61,10 +61,7 @@ class CandidateModel:
     """A set of effects with its fitted full model.
 
     Attributes:
-        effects: ids in order of acceptance.
         q: all parameters, (parameters,).
-        free: estimated parameters.
-        errors: free-run errors of both parts.
         touched: outputs that the newest effect changes.
         excluded: effects that could not be distinguished from an accepted one, not looked for
             again.
@@ -88,12 +85,8 @@ class SelectedEffect:
     """An accepted effect: its evidence and what cannot be distinguished from it.
 
     Attributes:
-        id: in the catalogue.
-        evidence: against the model without it.
-        ties: effects that cannot be distinguished from it.
         touched: outputs on which it shows.
         rivals: the fitted models of it and of its ties, by id.
-        rest: the model without it.
     """
 
     id: str
@@ -109,10 +102,6 @@ class Selection:
     """Result of the search.
 
     Attributes:
-        base: the original model.
-        final: the model with all accepted effects.
-        selected: accepted effects in order.
-        minor: effects that help a little but not enough to be proven, with their evidence.
         candidates: score of every effect at the first stage, best first: the likelihood ratio
             (in units of BIC) over both parts of the data.
         intervals: of parameters without a standard error from gradients, by index.

@@ -1,6 +1,7 @@
 """Start values of the search for an effect: from the catalogue, or estimated from the data."""
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
@@ -39,11 +40,8 @@ def starts_of(
     """Starting values of all parameters for the search of one effect.
 
     Args:
-        model: simulation.
-        e: effect to be tried.
         q: parameters of the model without it, (parameters,).
         errors: its free-run errors on the data, (M, tracks).
-        data: estimation records.
         fixed_core: whether the core's parameters stay as they are.
     """
     if e.id == CHANGED.id:
@@ -67,23 +65,19 @@ def _starts_of(model: FullModel, e: Effect, q: Array, errors: Array, data: Data)
     rows = []
     for values in model.starts(e):
         row = q.copy()
-        for parameter, value in values.items():
-            row[parameter] = value
+        row[list(values)] = list(values.values())
         rows.append(row)
     if is_of_servo(e):
         return [*rows, *_from_motion(model, e, q, data)]
-    if e.weakens:
-        rows += [_stronger(model, row) for row in rows]
-    return rows
+    return [*rows, *(_stronger(model, row) for row in rows)] if e.weakens else rows
 
 
 def _other_cores(model: FullModel, q: Array) -> list[Array]:
     """Larger and smaller gains, faster and slower time constants."""
     rows = []
-    for gain, power in ((0.75, 1.0), (1.3, 1.0), (1.0, 0.6), (1.0, 1.6)):
-        row = q.copy()
+    for factor, power in ((0.75, 1.0), (1.3, 1.0), (1.0, 0.6), (1.0, 1.6)):
+        row = _stronger(model, q, factor)
         for i in range(model.tracks):
-            row[model.index["core", "gain", i]] *= gain
             f1 = model.index["core", "f1", i]
             row[f1] = -(abs(row[f1]) ** power)
         rows.append(row)
@@ -92,8 +86,7 @@ def _other_cores(model: FullModel, q: Array) -> list[Array]:
 
 def _stronger(model: FullModel, row: Array, factor: float = 1.3) -> Array:
     out = row.copy()
-    for i in range(model.tracks):
-        out[model.index["core", "gain", i]] *= factor
+    out[[model.index["core", "gain", i] for i in range(model.tracks)]] *= factor
     return out
 
 
@@ -117,14 +110,9 @@ def _signless(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
             )
             size = float(A.sum())
             gain = float(B.sum()) / size if abs(size) > 1e-9 else 0.0
-            if not np.isfinite(gain) or gain == 0.0:
-                continue
-            row[model.index["core", "gain", i]] = gain
-            for k in range(model.order):
-                row[model.index["core", f"f{k + 1}", i]] = float(A[k + 1])
-            for k in range(1, model.order):
-                row[model.index["core", f"b{k + 1}", i]] = float(B[k]) / gain
-            row[model.index[e.id, first.name, i]] = first.starts[0]
+            if np.isfinite(gain) and gain != 0.0:
+                model.set_core(row, i, gain, A[1 : model.order + 1], B[1 : model.order] / gain)
+                row[model.index[e.id, first.name, i]] = first.starts[0]
         rows.append(row)
     return rows + (_ringing(model, e, q, data) if model.order == 3 else [])
 
@@ -132,21 +120,14 @@ def _signless(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
 def _ringing(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
     """Third-order cores with a resonance, where signs that change fast cannot be put back."""
     rows, first = [], e.parameters[0]
-    for turn in (0.3, 0.6, 1.0):
-        for radius in (0.9, 0.97):
-            for real in (0.85, 0.96):
-                row = q.copy()
-                poles = [real, radius * np.exp(1j * turn), radius * np.exp(-1j * turn)]
-                f = np.real(np.poly(poles))
-                for i in range(model.tracks):
-                    y, d = np.abs(data.y[:, i]), np.abs(data.drive[:, i])
-                    row[model.index["core", "gain", i]] = float(y.mean()) / max(d.mean(), 1e-9)
-                    for k in range(3):
-                        row[model.index["core", f"f{k + 1}", i]] = float(f[k + 1])
-                    for k in range(1, 3):
-                        row[model.index["core", f"b{k + 1}", i]] = 0.0
-                    row[model.index[e.id, first.name, i]] = first.starts[0]
-                rows.append(row)
+    gains = np.mean(np.abs(data.y), axis=0) / np.maximum(np.mean(np.abs(data.drive), axis=0), 1e-9)
+    for turn, radius, real in product((0.3, 0.6, 1.0), (0.9, 0.97), (0.85, 0.96)):
+        row = q.copy()
+        poles = [real, radius * np.exp(1j * turn), radius * np.exp(-1j * turn)]
+        for i, gain in enumerate(gains.tolist()):
+            model.set_core(row, i, gain, np.real(np.poly(poles))[1:])
+            row[model.index[e.id, first.name, i]] = first.starts[0]
+        rows.append(row)
     return rows
 
 
@@ -166,11 +147,7 @@ def _from_motion(model: FullModel, e: Effect, q: Array, data: Data) -> list[Arra
             if (regressed := _regressed(model.order, data, i, span)) is None:
                 break
             gain, f, level, load = regressed
-            row[model.index["core", "gain", i]] = gain
-            for k in range(1, model.order + 1):
-                row[model.index["core", f"f{k}", i]] = f[k - 1]
-            for k in range(2, model.order + 1):
-                row[model.index["core", f"b{k}", i]] = 0.0  # what friction takes then holds at once
+            model.set_core(row, i, gain, f)  # what friction takes then holds at once
             row[model.index[e.id, e.parameters[0].name, i]] = level
             row[model.index[e.id, OF_SERVO, i]] = 1.0
             if (bias := (LEVEL.id, LEVEL.parameters[0].name, i)) in model.index:
@@ -309,9 +286,7 @@ class _Seen:
     def __init__(
         self, model: FullModel, wave: Wave, q: Array, data: Data, run: Array, i: int
     ) -> None:
-        order = range(1, model.order + 1)
-        f = np.array([q[model.index["core", f"f{k}", i]] for k in order])
-        tail = np.array([q[model.index["core", f"b{k}", i]] for k in order[1:]])
+        _, f, tail = model.core(q, i)
         self.a = np.concatenate([[1.0], f])
         self.b = np.concatenate([[0.0, 1.0 + f.sum() - tail.sum()], tail])
         self.torque = wave.of_torque

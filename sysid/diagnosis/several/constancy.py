@@ -12,8 +12,7 @@ from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.diagnosis.session import DiagnosisSession
-from sysid.diagnosis.several.single_log_fits import LogFit, fits_of_logs
-from sysid.diagnosis.several_logs import (
+from sysid.diagnosis.several.results import (
     ABSENT,
     INCONCLUSIVE,
     SIGNIFICANT,
@@ -25,6 +24,7 @@ from sysid.diagnosis.several_logs import (
     SeveralLogs,
     chance,
 )
+from sysid.diagnosis.several.single_log_fits import LogFit, fits_of_logs
 from sysid.diagnosis.validation.acceptance import final_evidence
 from sysid.effects.by_log import BY_LOG, GAIN_BY_LOG, parameter_of_log
 from sysid.effects.catalogue import CHANGED, about
@@ -49,31 +49,25 @@ def several_logs(session: DiagnosisSession, selection: Selection) -> SeveralLogs
     base = session.base
     if len(base.search.logs.names) < 2:
         return SeveralLogs()
-    fits = fits_of_logs(base, selection)
-    named = selection.effects
-    views = tuple(_view(base, selection, named, f) for f in fits)
+    views = tuple(_view(base, selection, f) for f in fits_of_logs(base, selection))
     differences = tuple(
-        _difference(session, selection, n) for n in selection.selected if n.id in BY_LOG
+        _difference(base, selection, n) for n in selection.selected if n.id in BY_LOG
     )
-    return SeveralLogs(views, constancies(views, [n.id for n in named]), differences)
+    return SeveralLogs(views, constancies(views, [n.id for n in selection.effects]), differences)
 
 
-def _view(
-    base: Base, selection: Selection, named: Sequence[SelectedEffect], fit: LogFit
-) -> LogView:
+def _view(base: Base, selection: Selection, fit: LogFit) -> LogView:
     logs, k = base.search.logs, fit.log
-    effects = tuple(_shown(base, selection, n, fit) for n in named)
     every = (*base.parts.estimation, *base.parts.holdout)
     of = (*logs.estimation, *logs.holdout)
-    records = tuple(r for r, i in zip(every, of, strict=True) if i == k)
-    noise = base.parts.facts_of(records).noise
+    noise = base.parts.facts_of([r for r, i in zip(every, of, strict=True) if i == k]).noise
     names = base.parts.estimation[0].output_names
     return LogView(
         logs.names[k],
         k in logs.validation,
-        effects,
+        tuple(_shown(base, selection, n, fit) for n in selection.effects),
         _base_parameters(base, fit),
-        {name: float(v) for name, v in zip(names, noise, strict=True)},
+        dict(zip(names, noise.tolist(), strict=True)),
     )
 
 
@@ -97,13 +91,11 @@ def _shown(base: Base, selection: Selection, n: SelectedEffect, fit: LogFit) -> 
 
 def _parameter(base: Base, fit: LogFit, k: int) -> LogParameter:
     """A number of an effect as the log alone has it."""
-    parameter, first = base.search.model.parameters[k], base.search.estimation[0]
-    unit = next((p.unit for p in about(parameter.owner).parameters if p.name == parameter.name), "")
-    tag = "" if parameter.track < 0 else f"[{first.output_names[parameter.track]}]"
-    unit = unit.replace("speed", first.outputs[max(parameter.track, 0)].unit)
-    if k not in fit.std_errors:
-        return LogParameter(f"{parameter.name}{tag}", None, None, unit)
-    return LogParameter(f"{parameter.name}{tag}", float(fit.q[k]), fit.std_errors[k], unit)
+    p, first = base.search.model.parameters[k], base.search.estimation[0]
+    name = p.name if p.track < 0 else f"{p.name}[{first.output_names[p.track]}]"
+    unit = p.of.unit.replace("speed", first.outputs[max(p.track, 0)].unit)
+    error = fit.std_errors.get(k)
+    return LogParameter(name, None if error is None else float(fit.q[k]), error, unit)
 
 
 def _base_parameters(base: Base, fit: LogFit) -> tuple[LogParameter, ...]:
@@ -166,23 +158,21 @@ def _constancy(owner: str, log_values: Sequence[tuple[str, LogParameter]], tests
     )
 
 
-def _difference(session: DiagnosisSession, selection: Selection, n: SelectedEffect) -> Difference:
+def _difference(base: Base, selection: Selection, n: SelectedEffect) -> Difference:
     """What differs and is no effect, with the parameters of each log."""
-    base, model = session.base, session.base.search.model
-    logs, first = base.search.logs, base.search.estimation[0]
+    model, logs, first = base.search.model, base.search.logs, base.search.estimation[0]
     q = base.search.in_phase(selection.final.q, selection.final.effects)
     names = [c for c, touched in zip(first.output_names, n.touched, strict=True) if touched]
     by_log: dict[str, tuple[LogParameter, ...]] = {}
     for k, log in enumerate(logs.names):
         values = []
-        for i in np.flatnonzero(n.touched):
-            parameter = model.index.get((n.id, parameter_of_log(k), int(i)))
+        for i in np.flatnonzero(n.touched).tolist():
+            parameter = model.index.get((n.id, parameter_of_log(k), i))
             value = 0.0 if parameter is None else float(q[parameter])
             c = first.outputs[i]
-            if n.id == GAIN_BY_LOG.id:
-                values.append(LogParameter(f"gain[{c.name}]", 1.0 + value, None, "1"))
-            else:
-                values.append(LogParameter(f"load[{c.name}]", value, None, c.unit))
+            gain = (f"gain[{c.name}]", 1.0 + value, None, "1")
+            load = (f"load[{c.name}]", value, None, c.unit)
+            values.append(LogParameter(*(gain if n.id == GAIN_BY_LOG.id else load)))
         by_log[log] = tuple(values)
     said = "; ".join(
         f"{log} {', '.join(f'{m.value:.3g}' for m in values)}" for log, values in by_log.items()

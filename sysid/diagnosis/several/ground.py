@@ -6,9 +6,9 @@ from dataclasses import replace
 from sysid.data.record import Record
 from sysid.diagnosis.named_effects import NamedEffect
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis, diagnose_pose
-from sysid.diagnosis.search.logs import Logs
+from sysid.diagnosis.search.prepared import Logs
 from sysid.diagnosis.several.constancy import constancies
-from sysid.diagnosis.several_logs import (
+from sysid.diagnosis.several.results import (
     ABSENT,
     INCONCLUSIVE,
     SIGNIFICANT,
@@ -34,11 +34,7 @@ def with_ground(
     """The findings with the effects between tracks and ground that all logs show together.
 
     Args:
-        several: what the logs say of the chain.
         records: those of all logs, as ``logs`` has them: first those that were searched on.
-        logs: which log each belongs to.
-        pose: what all logs say of the ground.
-        geometry: the vehicle's lengths where they are given.
     """
     if not several.logs or pose is None or not pose.effects:
         return several

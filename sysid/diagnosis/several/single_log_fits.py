@@ -38,8 +38,6 @@ class LogFit:
     """What one log says alone.
 
     Attributes:
-        log: which, from 0.
-        q: all parameters.
         std_errors: of the free parameters that the log determines, by index.
         rms: free-run error of each output with all effects, parameters of all logs.
         without: the same without each effect, by id.
@@ -60,7 +58,9 @@ def fits_of_logs(base: Base, selection: Selection) -> tuple[LogFit, ...]:
     for k in range(len(logs.names)):
         data = _data_of(base, k)
         models = (selection.final, *(n.rest for n in selection.selected))
-        rows = np.array([_own(base, candidate, k) for candidate in models])
+        rows = np.array([m.q for m in models])
+        if k in logs.validation:  # it has its own gain and load
+            rows = np.array([base.search.in_phase(m.q, m.effects) for m in models])
         rms = [_rms(data, run) for run in model.run(rows, data)]
         q, free = rows[0], _free(base, selection.final, k)
         while untold := _least_known(base, free, _std_errors(base, data, q, free)):
@@ -95,15 +95,6 @@ def _lacks(base: Base, data: Data, q: Array, free: Sequence[int], id: str) -> bo
     return bool(null - with_effect < float(chi2.ppf(CERTAIN, len(of_effect))))
 
 
-def _own(base: Base, candidate: CandidateModel, k: int) -> Array:
-    """The parameters of a model; a validation log has its own gain and load."""
-    return (
-        base.search.in_phase(candidate.q, candidate.effects)
-        if k in base.search.logs.validation
-        else candidate.q
-    )
-
-
 def _least_known(base: Base, free: Sequence[int], errors: Mapping[int, float]) -> int | None:
     """The last effect parameter that the log does not determine beside the others, if any."""
     parameters = base.search.model.parameters
@@ -127,13 +118,9 @@ def _free(base: Base, candidate: CandidateModel, k: int) -> tuple[int, ...]:
 
     Its gain is the core's.
     """
-    model, free = base.search.model, []
-    for parameter in candidate.free:
-        s = model.parameters[parameter]
-        if s.owner in BY_LOG and (s.owner, s.name) != (LOAD_BY_LOG.id, parameter_of_log(k)):
-            continue
-        free.append(parameter)
-    return tuple(free)
+    own, every = (LOAD_BY_LOG.id, parameter_of_log(k)), base.search.model.parameters
+    pairs = ((j, (every[j].owner, every[j].name)) for j in candidate.free)
+    return tuple(j for j, pair in pairs if pair[0] not in BY_LOG or pair == own)
 
 
 def _rms(data: Data, run: Array) -> Array:

@@ -9,9 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sysid.data.record import Array
 from sysid.diagnosis.augment import covariance_of
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.named_effects import RejectedEffect
@@ -20,20 +18,8 @@ from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN
 from sysid.diagnosis.search.parameter_table import NO_LIMIT
 from sysid.diagnosis.search.selection import CandidateModel, Interval, SelectedEffect, Selection
-from sysid.effects.catalogue import CHANGED, about
+from sysid.effects.catalogue import CHANGED
 from sysid.fitting.profile import NORMAL
-
-LEVEL_BLOCKS = 6
-"""Blocks of each log whose levels are compared."""
-
-CONSTANT = 3.0
-"""Spreads of the blocks' levels that a constant one is off zero. A random walk is off by one or two
-of them, seldom by more; white noise spreads the levels of blocks by a twentieth of itself."""
-
-DRIFTS = "the offset is not constant: over the logs it varies by about its own size"
-
-KNOWN = 3.0
-"""Standard errors that the number of waves in a rad is worth where such a wave is named."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +56,6 @@ def against(
     """The objection to an accepted effect, in words after its name; empty where there is none.
 
     Args:
-        evidence: of the final model against that without the effect.
-        parameters: its free parameters; none where it is read off the data.
         needed: what the held-out error must fall below, as a share of before.
     """
     if not evidence.delta_bic < RULE.bic:
@@ -108,91 +92,6 @@ def weakest(base: Base, selection: Selection) -> RejectedEffect | None:
         return None
     named, reason = max(failed, key=lambda f: f[0].evidence.delta_bic)
     return RejectedEffect(named.id, reason)
-
-
-def drifts(errors: Sequence[Array], shift: Array | float = 0.0) -> NDArray[np.bool_]:
-    """Outputs on which a level wanders about as far as it is off zero, (ny,).
-
-    What a constant level is read off must be constant: a disturbance that drifts is off zero on
-    the whole, too, and by chance alike in two logs.
-
-    Args:
-        errors: (N, ny) of each record, with the level in the model; NaN where a sample does not
-            count.
-        shift: the level in the model, (ny,).
-    """
-    blocks = [b for e in errors for b in np.array_split(e, LEVEL_BLOCKS) if len(b)]
-    levels = np.array([np.nanmean(b, axis=0) for b in blocks if np.isfinite(b).any(axis=0).all()])
-    if len(levels) < 2:
-        return np.zeros(errors[0].shape[1], dtype=bool)
-    off, spread = np.abs(levels.mean(axis=0) + shift), levels.std(axis=0, ddof=1)
-    return np.asarray(off < CONSTANT * spread)
-
-
-def drifting_level(base: Base, selection: Selection) -> RejectedEffect | None:
-    """An accepted constant shift that is not constant on any output that it acts on."""
-    model, final = base.search.model, selection.final
-    for n in selection.selected:
-        if not about(n.id).level:
-            continue
-        first = about(n.id).parameters[0].name
-        shift = np.array([abs(final.q[model.index[n.id, first, i]]) for i in range(model.tracks)])
-        if drifts((*final.errors.estimation, *final.errors.holdout), shift)[n.touched].all():
-            return RejectedEffect(n.id, DRIFTS)
-    return None
-
-
-def unknown_wave(base: Base, selection: Selection) -> RejectedEffect | None:
-    """An accepted wave over the angle of which no track knows how often it comes in a rad.
-
-    A disturbance that wanders looks like a part of one long wave.
-    """
-    model, final = base.search.model, selection.final
-    at = std_errors(base, final)
-    for n in selection.selected:
-        places = [
-            model.index[n.id, wave.line, i]
-            for wave in about(n.id).waves
-            for i in np.flatnonzero(n.touched).tolist()
-        ]
-        rates = [k for k in dict.fromkeys(places) if k in at]
-        if rates and all(final.q[k] < KNOWN * at[k] for k in rates):
-            said = ", ".join(f"{final.q[k]:.2g} ± {at[k]:.1g}" for k in rates)
-            return RejectedEffect(
-                n.id,
-                f"its number of waves per radian is not determined ({said}): a drift looks like "
-                "part of one long wave",
-            )
-    return None
-
-
-def least_beside(shares: Sequence[tuple[str, float, float]]) -> RejectedEffect | None:
-    """Of several effects the one that explains least, where that is less than what they leave.
-
-    What is left follows inputs and outputs: the law of one of them fits in part only. What it
-    misses is of that size, and any further law takes a share of it.
-
-    Args:
-        shares: of each effect its id, and the shares of the gap of its outputs [%] that it closes
-            beside the others and that stay open.
-    """
-    short = [s for s in shares if s[1] < s[2]]
-    if not short:
-        return None
-    id, closed, open_ = min(short, key=lambda s: s[1])
-    return RejectedEffect(
-        id,
-        f"it closes {closed:.1f} % of the gap of its outputs, less than the {open_:.1f} % that all "
-        "effects leave: a law that fits only partly is as likely",
-    )
-
-
-def small_share(closed: float, open_: float) -> str:
-    """Why an effect that closes so much of the gap and leaves so much is rejected."""
-    return (
-        f"it closes {closed:.1f} % of the gap of its outputs and leaves {open_:.1f} %, which is "
-        "correlated with inputs and outputs: other physics may look partly like it"
-    )
 
 
 def final_evidence(base: Base, selection: Selection, named: SelectedEffect) -> Evidence:

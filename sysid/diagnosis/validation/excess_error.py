@@ -73,10 +73,8 @@ def excess_error(
     """Size of the errors beyond the noise.
 
     Args:
-        records: where the model was run.
         errors: its free-run errors there, (N, ny) a record; NaN where a sample does not count.
         floor: noise of each output, (ny,).
-        geometry: of the vehicle; None takes the bundled robot's.
     """
     e, y = np.concatenate(errors), np.concatenate([r.y for r in records])
     beyond = np.sqrt(np.maximum(np.nanmean(e**2, axis=0) - floor**2, 0.0))

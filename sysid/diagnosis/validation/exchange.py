@@ -16,10 +16,9 @@ import numpy as np
 
 from sysid.diagnosis.augment import covariance_of
 from sysid.diagnosis.base_model import Base
-from sysid.diagnosis.policies import BUDGET, RULE
-from sysid.diagnosis.search.batched_search import refined
+from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.evidence import effective_samples
-from sysid.diagnosis.search.exchanged import exchanged, lags_of
+from sysid.diagnosis.search.lags import exchanged, lags_of
 from sysid.diagnosis.search.selection import CandidateModel, Interval, Selection
 from sysid.diagnosis.validation.acceptance import std_errors
 from sysid.fitting.profile import LEVEL, NORMAL
@@ -88,7 +87,4 @@ def _other_place(
     """The model searched from where lags and the core's time constants change places."""
     if not lags:
         return None
-    model = base.search.model
-    start = exchanged(model, candidate.q, lags)
-    refit, _ = refined(model, start[None], [candidate.free], base.search.data, BUDGET.polish)
-    return base.search.evaluate(candidate.effects, refit[0], candidate.free, candidate.touched)
+    return base.search.fitted(candidate, exchanged(base.search.model, candidate.q, lags))

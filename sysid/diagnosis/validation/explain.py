@@ -37,8 +37,6 @@ class Description:
     """A sparse description of one output's errors.
 
     Attributes:
-        output: name of the output.
-        terms: names of the terms as formulas.
         coefficients: their factors, in the output's unit per unit of the term.
         share: share of the squared error above the noise that it predicts on blocks left out.
     """
@@ -73,11 +71,9 @@ def explain(
     """Sparse descriptions of the errors, one for each output on which one is worth its words.
 
     Args:
-        records: where the model was run.
         errors: measured minus simulated, (N, ny) a record; NaN where a sample does not count.
         simulated: the runs, (N, ny) a record.
         floor: measurement noise of each output, (ny,).
-        scales: full drive of each input.
     """
     descriptions = []
     for i, name in enumerate(records[0].output_names):

@@ -64,7 +64,6 @@ class Behind:
         costs: squared error of each change for each of ``SHIFTS``, (changes, shifts).
         power: Σ (∂y/∂δ)² of each, δ in samples.
         errors: squared errors as they are; ``samples`` they are of.
-        before, after: the drive.
     """
 
     costs: Array
@@ -80,7 +79,6 @@ class Jitter:
     """Delays of one output that differ from change to change.
 
     Attributes:
-        output: name.
         spread: standard deviation of the delays [s].
         changes: of the command, from which it is read.
         share: of the error beyond the noise behind these changes that it explains.
@@ -110,8 +108,6 @@ def detect_jitter(base: Base, candidate: CandidateModel, floor: Array) -> tuple[
     δ_k is the least of Σ (y(t) − ŷ(t − δ))² over the samples behind change k.
 
     Args:
-        base: the search.
-        candidate: the model whose errors are asked.
         floor: noise of each output, (ny,).
     """
     search, names = base.search, base.parts.estimation[0].output_names

@@ -76,10 +76,7 @@ def known_terms(
     """Terms for the errors of output ``i``; those that are nothing on these records are left out.
 
     Args:
-        records: where the model was run.
         simulated: its measurements, (N, ny) a record.
-        i: output.
-        scales: full drive of each input.
     """
     about = drives_of(records, simulated, i, scales)
     parts = [

@@ -25,7 +25,7 @@ from sysid.estimation.pem import fit
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
-from sysid.structures.linear.oe import OE
+from sysid.structures.linear.families import OE
 
 MORE = (1, 2)
 """Orders above the base's that are tried: each part that stores energy or flow adds one."""

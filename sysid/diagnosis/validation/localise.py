@@ -1,8 +1,7 @@
 """Where simulation and data disagree: the excess error by regime, with its uncertainty."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,6 @@ class Region:
     """One regime of one output.
 
     Attributes:
-        region: in words.
         share_of_excess: share of the squared error above the noise floor that lies here.
         share_of_samples: share of the samples that lie here.
         interval: 90 % interval of the share of excess (block bootstrap).
@@ -47,10 +45,6 @@ class Region:
             f"(90 % interval {100 * self.interval[0]:.0f}–{100 * self.interval[1]:.0f} %)."
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """{region, share_of_excess, share_of_samples, interval}."""
-        return asdict(self)
-
 
 def localise(
     records: Sequence[Record], errors: Sequence[Array], floor: Array, scales: Array, seed: int = 0
@@ -58,11 +52,8 @@ def localise(
     """Regimes ordered by how much of the excess error they hold beyond their size.
 
     Args:
-        records: where the model was run.
         errors: free-run errors (N, ny) on each; NaN where a sample does not count.
         floor: measurement noise of each output, (ny,).
-        scales: full drive of each track's command.
-        seed: of the bootstrap.
     """
     rng = np.random.default_rng(seed)
     regions: list[Region] = []
@@ -102,88 +93,73 @@ def _share(
     excess: Sequence[Array], inside: Sequence[Mask], rng: np.random.Generator
 ) -> tuple[float, float, float]:
     size = max(sum(len(e) for e in excess) // 40, 10)
-    pairs = [
-        (float(e[k : k + size].sum()), float((e * m)[k : k + size].sum()))
-        for e, m in zip(excess, inside, strict=True)
-        for k in range(0, len(e), size)
-    ]
-    blocks = np.array(pairs)
+    blocks = np.concatenate(
+        [
+            np.add.reduceat(np.column_stack([e, e * m]), np.arange(0, len(e), size))
+            for e, m in zip(excess, inside, strict=True)
+        ]
+    )
     whole, part = blocks.sum(axis=0)
     draws = rng.integers(0, len(blocks), size=(REPLICATES, len(blocks)))
     sums = blocks[draws].sum(axis=1)
     shares = np.divide(sums[:, 1], sums[:, 0], out=np.zeros(REPLICATES), where=sums[:, 0] > 0)
-    low, high = np.quantile(shares, [0.05, 0.95])
-    shares_clipped = np.clip([part / whole, low, high], 0.0, 1.0)
-    return float(shares_clipped[0]), float(shares_clipped[1]), float(shares_clipped[2])
+    ends = np.clip([part / whole, *np.quantile(shares, [0.05, 0.95])], 0.0, 1.0)
+    return float(ends[0]), float(ends[1]), float(ends[2])
 
 
 def regimes(record: Record, i: int, scales: Array) -> dict[str, Mask]:
     """Masks (N,) of the regimes of output ``i``, named in words that fit after 'where'."""
-    d, y = record.u / scales, record.y
-    drive, w = d[:, min(i, d.shape[1] - 1)], y[:, i]
-    fast = float(np.quantile(np.abs(w), 0.98)) or 1.0
-    standstill = np.abs(w) < 0.03 * fast
-    driven = np.abs(drive) > 0.01
-    slope = np.gradient(np.abs(w))
-    steep = 0.01 * fast
-    time = np.arange(len(w)) / max(len(w) - 1, 1)
+    d, w = record.u / scales, record.y[:, i]
+    drive, robot = d[:, min(i, d.shape[1] - 1)], track_channels(record) is not None
+    size, change = np.abs(w) / (float(np.quantile(np.abs(w), 0.98)) or 1.0), np.abs(drive)
+    steep, idle, stands = np.gradient(size), change <= 0.01, size < 0.03
+    steady = (np.abs(steep) <= 0.01) & ~stands
+    left = _after(np.diff(stands.astype(int)) < 0, len(w), 4)
     reversal = _after(np.sign(drive[1:]) * np.sign(drive[:-1]) < 0, len(w), 8)
-    masks = {
-        "it is stalled under command": standstill & driven,
-        "it is at standstill": standstill,
-        "it breaks away": _after(np.diff(standstill.astype(int)) < 0, len(w), 4),
-        "it runs forward": w > 0.03 * fast,
-        "it runs backward": w < -0.03 * fast,
-        "its command has just reversed": reversal,
-        "it speeds up": slope > steep,
-        "it slows down": slope < -steep,
-        "its command is zero while it runs": ~driven & ~standstill,
-        "it runs at steady speed": (np.abs(slope) <= steep) & ~standstill,
-    }
+    time = np.arange(len(w)) / max(len(w) - 1, 1)
+    # in words for a robot, and for a log that is none: an oven neither stands nor runs
+    rows = [
+        (
+            "it is stalled under command",
+            "it is near zero although its command is not",
+            stands & ~idle,
+        ),
+        ("it is at standstill", "it is near zero", stands),
+        ("it breaks away", "it has just left zero", left),
+        ("it runs forward", "it is positive", (size > 0.03) & (w > 0.0)),
+        ("it runs backward", "it is negative", (size > 0.03) & (w < 0.0)),
+        ("its command has just reversed", "its command has just reversed", reversal),
+        ("it speeds up", "it moves away from zero", steep > 0.01),
+        ("it slows down", "it moves towards zero", steep < -0.01),
+        (
+            "its command is zero while it runs",
+            "its command is zero while it is not",
+            idle & ~stands,
+        ),
+        ("it runs at steady speed", "it is steady away from zero", steady),
+    ]
     whole = "full drive" if record.full_drive_is_known else "its largest"
     for low, high in ((0.0, 0.25), (0.25, 0.5), (0.5, 0.75), (0.75, 10.0)):
-        upper = f" to {100 * high:.0f} %" if high < 1.0 else " %"
-        name = f"the command is {100 * low:.0f}{upper} of {whole}"
-        masks[name if high < 1.0 else f"the command is above 75 % of {whole}"] = (
-            np.abs(drive) > low
-        ) & (np.abs(drive) <= high)
+        where = f"{100 * low:.0f} to {100 * high:.0f} %" if high < 1.0 else "above 75 %"
+        words = f"the command is {where} of {whole}"
+        rows.append((words, words, (change > low) & (change <= high)))
     for low, high in ((0.03, 0.35), (0.35, 0.7), (0.7, 10.0)):
-        upper = f"and {100 * high:.0f} %" if high < 1.0 else ""
-        name = f"speed is between {100 * low:.0f} {upper} of the largest"
-        masks[name if high < 1.0 else "speed is above 70 % of the largest"] = (
-            np.abs(w) > low * fast
-        ) & (np.abs(w) <= high * fast)
+        where = f"between {100 * low:.0f} and {100 * high:.0f} %" if high < 1.0 else "above 70 %"
+        both = (f"speed is {where} of the largest", f"it is {where} of its largest value")
+        rows.append((*both, (size > low) & (size <= high)))
     if d.shape[1] > 1:
         other = d[:, 1 - min(i, 1)]
-        masks["the other side is driven hard"] = np.abs(other) > 0.6
-        masks["the other side is at rest"] = np.abs(other) < 0.05
-        if track_channels(record) is not None:
-            masks["the robot turns"] = np.sign(drive) * np.sign(other) < 0
-            masks["the robot runs straight"] = np.abs(drive - other) < 0.1
-    if track_channels(record) is None:
-        masks = {_PLAIN.get(name, name): mask for name, mask in masks.items()}
-    masks["the first third of the log"] = time < 1 / 3
-    masks["the last third of the log"] = time > 2 / 3
-    return masks
-
-
-_PLAIN = {
-    "it is stalled under command": "it is near zero although its command is not",
-    "it is at standstill": "it is near zero",
-    "it breaks away": "it has just left zero",
-    "it runs forward": "it is positive",
-    "it runs backward": "it is negative",
-    "it speeds up": "it moves away from zero",
-    "it slows down": "it moves towards zero",
-    "its command is zero while it runs": "its command is zero while it is not",
-    "it runs at steady speed": "it is steady away from zero",
-    "speed is between 3 and 35 % of the largest": "it is between 3 and 35 % of its largest value",
-    "speed is between 35 and 70 % of the largest": "it is between 35 and 70 % of its largest value",
-    "speed is above 70 % of the largest": "it is above 70 % of its largest value",
-    "the other side is driven hard": "the other input is above 60 % of its largest",
-    "the other side is at rest": "the other input is near zero",
-}
-"""Regimes of a log that is no robot's: an oven neither standstill nor runs."""
+        far, near = "the other input is above 60 % of its largest", "the other input is near zero"
+        rows.append(("the other side is driven hard", far, np.abs(other) > 0.6))
+        rows.append(("the other side is at rest", near, np.abs(other) < 0.05))
+        if robot:
+            turns, straight = np.sign(drive) * np.sign(other) < 0, np.abs(drive - other) < 0.1
+            rows += [("the robot turns", "", turns), ("the robot runs straight", "", straight)]
+    masks = {(name if robot else plain): mask for name, plain, mask in rows}
+    return masks | {
+        "the first third of the log": time < 1 / 3,
+        "the last third of the log": time > 2 / 3,
+    }
 
 
 def _after(events: Mask, n: int, samples: int) -> Mask:

@@ -25,6 +25,7 @@ from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission, load_mission
 from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.structures.model import Model
+from sysid.structures.physics import ground_effects
 from sysid.vehicle.kinematics import Geometry, wrap_angle
 
 SAME_PLACE = 0.05
@@ -54,7 +55,6 @@ class PathTrace:
     """A measured path and those of both models under the same commands.
 
     Attributes:
-        name: of the record.
         t: instants [s], (N,).
         measured, before, after: x, y [m], ψ [rad], (N, 3).
     """
@@ -72,8 +72,6 @@ class MissionProof:
 
     Attributes:
         facts: JSON-able: ``mission``, ``open_loop``, ``closed_loop``, ``sentence``, ``warnings``.
-        traces: open-loop paths.
-        mission: what was driven.
         driven: the mission by each plant, ``before`` and ``after``; one that cannot is left out.
     """
 
@@ -148,8 +146,6 @@ def not_this_mission(record: Record, mission: Mission, channels: tuple[int, int]
     its wheels counts as well as the measured one.
 
     Args:
-        record: a log with pose.
-        mission: what it is said to have driven.
         channels: outputs of the left and of the right track.
 
     Returns:
@@ -191,7 +187,7 @@ def _replayed(
     for model in (before, after):
         wheels = without_sensor_effects(model)
         run = wheels.simulate(record.u, wheels.fitted_state(record, HEAD))
-        ground = model.structure.ground(model.theta)
+        ground = ground_effects(model.structure, model.theta)
         paths.append(_path(run, record.dt, ground, geometry, start, channels))
     return PathTrace(record.name, record.t, record.pose, paths[0], paths[1])
 
@@ -224,7 +220,10 @@ def _by_wheels(
     """Path errors of the measured wheel speeds, without and with the effects of the vehicle."""
     assert record.pose is not None
     start, errors = _start(record, mission), {}
-    for name, ground in (("before", Ground()), ("after", after.structure.ground(after.theta))):
+    for name, ground in (
+        ("before", Ground()),
+        ("after", ground_effects(after.structure, after.theta)),
+    ):
         geometry = mission.vehicle.geometry
         path = _path(record.y, record.dt, ground, geometry, start, channels)
         errors[f"rms_{name}_m"], errors[f"end_{name}_m"], _ = _apart(path, record.pose)

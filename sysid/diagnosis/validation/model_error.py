@@ -14,13 +14,13 @@ Source: Ljung (1999), "Model validation and model error modeling".
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from sysid.criteria.coloured import ar_fit
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index, Record
+from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.validation.error_tests import (
     ORDER,
     f_test,
@@ -51,7 +51,6 @@ class ResidualVerdict:
     """Whether the errors of a model on held-out data still depend on what is known.
 
     Attributes:
-        model: ``before`` or ``after``.
         p_value: of no dependence on commands, speeds and their products, over all outputs.
         share: share of the squared error above the floor that such a dependence predicts.
     """
@@ -60,17 +59,12 @@ class ResidualVerdict:
     p_value: float
     share: float
 
-    def to_json(self) -> dict[str, Any]:
-        """{model, p_value, share}."""
-        return {"model": self.model, "p_value": self.p_value, "share": self.share}
-
 
 @dataclass(frozen=True)
 class OutputStructure:
     """What is left on one output.
 
     Attributes:
-        output: its name.
         p_value: of errors that depend on nothing known.
         share: share of the squared error above the floor (without what the model's own parameters
             could follow) that the known terms predict on blocks not used for their coefficients,
@@ -91,7 +85,6 @@ class ResidualStructure:
     Attributes:
         p_value: over all outputs (Bonferroni).
         share: of the squared error above the floor, each output in units of its floor's error.
-        outputs: each output's share.
     """
 
     p_value: float
@@ -101,6 +94,11 @@ class ResidualStructure:
     def verdict(self, model: str) -> ResidualVerdict:
         """As the noun of a diagnosis, for the model ``before`` or ``after``."""
         return ResidualVerdict(model, self.p_value, self.share)
+
+
+def structured(errors: ResidualStructure | None) -> bool:
+    """Whether errors depend on what is known."""
+    return errors is not None and errors.p_value < VERDICT.structured_p
 
 
 def error_structure(
@@ -114,11 +112,9 @@ def error_structure(
     """Whether free-run errors depend on commands, simulated speeds, their products and time.
 
     Args:
-        records: where the model was run.
         errors: measured minus simulated, (N, ny) a record; NaN where a sample does not count.
         simulated: the runs, (N, ny) a record.
         floor: measurement noise of each output, (ny,).
-        scales: full drive of each input.
         slopes: ∂ŷ/∂θ of each record, (N, ny, n): changes that the model could follow with its own
             parameters are no structure. None: those of a first-order model per output. An empty
             last axis asks for everything, as for a given model that was not fitted on this system.

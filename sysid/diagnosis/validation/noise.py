@@ -62,7 +62,6 @@ def floor_of(data: Sequence[Record] | LogFacts, errors: Sequence[Array], pole: f
     """Noise of the measurements of all logs.
 
     Args:
-        data: every log, or what is known of all.
         errors: those of a model there, (N, ny) a record; NaN where a sample does not count.
         pole: of that model, which says how long it remembers a command.
     """

@@ -8,6 +8,7 @@ from sysid.criteria.verdicts import ResidualReport, ResidualTest
 from sysid.errors import Termination
 from sysid.estimation.assessment.figures import Figures
 from sysid.estimation.soundness import INTEGRATING, largest_radius, motion_doubts
+from sysid.structures import motion
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, unvisited
 
@@ -113,7 +114,11 @@ def _information(model: Model) -> list[str]:
     alone = [name for d in model.null_directions if (name := unvisited(d))]
     if alone:
         shown = ", ".join(alone[:6]) + (" …" if len(alone) > 6 else "")
-        why = "the input does not excite it" if model.structure.linear else "no sample reaches it"
+        why = (
+            "the input does not excite it"
+            if model.structure.traits.linear
+            else "no sample reaches it"
+        )
         sentences.append(
             f"The data hold no information about {shown}: {why}. Record such data, or remove it "
             "from the model."
@@ -174,7 +179,7 @@ def _cancellation(model: Model) -> list[str]:
     if not isinstance(s, PolynomialStructure) or (s.nu, s.ny) != (1, 1):
         return []
     zeros = s.transfer(model.theta).zeros(0, 0)
-    poles = [complex(p) for p in s.poles(model.theta)]
+    poles = [complex(p) for p in motion.poles(s, model.theta)]
     pairs = [p for p in poles if any(abs(p - z) < CANCELLING for z in zeros)]
     if not pairs:
         return []
@@ -191,7 +196,7 @@ def _residuals(model: Model, report: ResidualReport) -> list[str]:
             "delay or a nonlinearity is missing."
         )
     white = [t.output for t in report.whiteness if t.judged and not t.passed]
-    if white and model.structure.has_noise_model:
+    if white and model.structure.traits.has_noise_model:
         sentences.append(
             f"The residuals of {', '.join(white)} are not white: the noise model is too simple "
             "(standard errors use the sandwich form)."

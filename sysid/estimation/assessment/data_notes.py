@@ -18,7 +18,7 @@ def notes_for(structure: Structure, findings: Sequence[Finding]) -> tuple[str, .
     Args:
         findings: verdicts on the data, of any severity.
     """
-    codes = FOR_LINEAR if structure.linear else FOR_NONLINEAR
+    codes = FOR_LINEAR if structure.traits.linear else FOR_NONLINEAR
     return tuple(
         f.text
         for f in findings

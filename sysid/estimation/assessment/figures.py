@@ -20,8 +20,8 @@ from sysid.estimation.offsets.states import (
     offset_column,
     uncertain_columns,
 )
-from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.model import Model
+from sysid.structures.motion import initial_state_window
 
 JACOBIAN_NUMBERS = 20_000_000
 """Largest samples × parameters for which the tests project the model's Jacobian out; longer
@@ -73,8 +73,8 @@ class Figures:
             "initial_state": self.initial_state,
             "samples": self.samples,
             "left_out": self.left_out,
-            "fit_percent": {k: _finite(v) for k, v in self.fit_percent.items()},
-            "rmse": {k: _finite(v) for k, v in self.rmse.items()},
+            "fit_percent": self.fit_percent,
+            "rmse": self.rmse,
         }
 
 
@@ -185,7 +185,7 @@ def residual_tests(
     part = estimated_columns if fitted else uncertain_columns
     parts = [
         [
-            np.column_stack([part(model, c, i), offset_column(model, r, i, fitted)])
+            np.column_stack([part(model, c), offset_column(model, r, i, fitted)])
             for r, c in zip(kept, columns, strict=True)
         ]
         for i, columns in enumerate(jacobians)
@@ -195,7 +195,7 @@ def residual_tests(
         errors,
         inputs,
         absorbed,
-        noise_model=model.structure.has_noise_model,
+        noise_model=model.structure.traits.has_noise_model,
         output_names=[c.name for c in model.outputs],
         input_names=names,
         uncertain=uncertain,
@@ -204,7 +204,7 @@ def residual_tests(
         report = replace(
             report, fixed=fixed_parameter_tests_of(model, errors, jacobians, report.level)
         )
-    if model.structure.linear:
+    if model.structure.traits.linear:
         return report
     further = [
         further_tests(
@@ -212,7 +212,7 @@ def residual_tests(
             inputs,
             absorbed[i] if absorbed else None,
             level=1.0 - (1.0 - report.level) / len(model.outputs),
-            noise_model=model.structure.has_noise_model,
+            noise_model=model.structure.traits.has_noise_model,
             output_name=channel.name,
             input_names=names,
             uncertain=uncertain[i] if uncertain else None,

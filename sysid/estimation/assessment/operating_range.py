@@ -19,7 +19,7 @@ def beyond_range(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
     Args:
         records: the data it is judged on.
     """
-    if model.structure.linear or len(model.ranges) < len(model.inputs):
+    if model.structure.traits.linear or len(model.ranges) < len(model.inputs):
         return ()
     warnings = []
     for k, channel in enumerate(model.inputs):

@@ -1,6 +1,6 @@
 """Natural modes of a signal without inputs: frequencies and time constants."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.estimation.assessment.delta_method import delta_errors
 from sysid.estimation.assessment.step_response import Estimate
+from sysid.structures import motion
 from sysid.structures.model import Model
 
 
@@ -25,10 +26,6 @@ class OwnMode:
     damping: Estimate | None
     time_constant: Estimate | None
 
-    def to_json(self) -> dict[str, Any]:
-        """The mode as a JSON object."""
-        return asdict(self)
-
 
 def own_modes(model: Model) -> tuple[OwnMode, ...]:
     """The modes of a model without inputs with their standard errors, the slowest first.
@@ -43,7 +40,7 @@ def own_modes(model: Model) -> tuple[OwnMode, ...]:
         return ()
 
     def poles(theta: Array) -> "np.ndarray[Any, Any]":
-        return model.structure.poles(theta)
+        return motion.poles(model.structure, theta)
 
     kept = [p for p in poles(model.theta) if p.imag > 0.0 or (p.imag == 0.0 and p.real > 0.0)]
     kept.sort(key=lambda p: -abs(p))

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from sysid.data.record import Array, Record
 from sysid.estimation.robust_fit import bounded_errors, outliers_of
 from sysid.fitting.outliers import Outliers
-from sysid.structures.initial_state_window import initial_state_window
 from sysid.structures.model import Model
+from sysid.structures.motion import initial_state_window
 
 
 def is_robust(model: Model) -> bool:

@@ -13,6 +13,8 @@ from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.robust_fit import fitter
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
+from sysid.methods.method import Fitter
+from sysid.methods.outcome import FitOutcome
 from sysid.structures.linear.constant_input import (
     constant_places,
     widened,
@@ -22,7 +24,6 @@ from sysid.structures.linear.constant_input import (
     without_constant,
 )
 from sysid.structures.linear.polynomial import PolynomialStructure
-from sysid.structures.outcome import FitOutcome, Fitter
 
 BEYOND = 10.0
 """An offset so many ranges of the output away from the data is none: the output integrates."""
@@ -71,7 +72,7 @@ def fit_with_offset(
     """
     records = facts.records
     wide = with_constant(structure, offsets.estimated)
-    known = offsets.at_rest and len(records) == 1 and not structure.has_noise_model
+    known = offsets.at_rest and len(records) == 1 and not structure.traits.has_noise_model
     if known and options.initial is Initial.AUTO:
         # zero about the rest; estimated, they would be hard to distinguish from an offset. What a
         # noise model remembers of the time before the record is not known.

@@ -8,7 +8,7 @@ import numpy as np
 from sysid.data.operating_point import OperatingPoint, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
-from sysid.structures.base import Structure
+from sysid.structures.base import Structure, counts_from_zero, lacks_constant
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,18 +65,18 @@ class Offsets:
         about the means, so that the choice among them is best conditioned (Marquardt 1980, JASA).
         """
         nu, ny = structure.nu, structure.ny
-        if structure.physical:
+        if structure.traits.physical:
             return Offsets.none(nu, ny)
         chosen = self.origin in (Origin.MEANS, Origin.LINES)
-        if structure.linear or chosen or self.origin is Origin.ZERO:
+        if structure.traits.linear or chosen or self.origin is Origin.ZERO:
             return self
-        if structure.counts_from_zero and structure.lacks_constant:
-            return Offsets.none(nu, ny, structure.lacks_constant)
-        if structure.counts_from_zero:
+        if counts_from_zero(structure):
+            if lacks_constant(structure):
+                return Offsets.none(nu, ny, lacks_constant(structure))
             return Offsets(Detrend.none(nu, ny), Origin.INSIDE)
         if self.at_rest:
             return replace(self, origin=Origin.REST, estimated=())
-        if structure.chooses_products:
+        if structure.traits.chooses_products:
             return Offsets(Detrend.means(records), Origin.MEANS)
         u, y = ([getattr(r, side) for r in records] for side in ("u", "y"))
         moved = Detrend(_where_far(u), _where_far(y))

@@ -32,22 +32,21 @@ def fixed_entries(model: Model) -> Index:
     )
 
 
-def estimated_columns(model: Model, columns: Array, output: int) -> Array:
+def estimated_columns(model: Model, columns: Array) -> Array:
     """The columns of one output's gradient that belong to estimated parameters, (N, k)."""
-    index = model.structure.gradient_index(model.theta, output)
-    return columns[:, ~np.isin(index, fixed_entries(model))]
+    return np.delete(columns, fixed_entries(model), axis=1)
 
 
-def uncertain_columns(model: Model, columns: Array, output: int) -> Array:
+def uncertain_columns(model: Model, columns: Array) -> Array:
     """G√P: what the parameters' uncertainty puts into predictions of data not fitted to, (N, k).
 
     Entries without information (infinite variance) count as known: they are part of the model, and
     data that contradict them contradict the model.
     """
-    index = model.structure.gradient_index(model.theta, output)
-    variance = np.diag(model.covariance)[index]
-    sure = ~np.isin(index, fixed_entries(model)) & np.isfinite(variance) & (variance > 0.0)
-    entries = index[sure]
+    variance = np.diag(model.covariance)
+    sure = np.isfinite(variance) & (variance > 0.0)
+    sure[fixed_entries(model)] = False
+    entries = np.flatnonzero(sure)
     spread = np.sqrt(variance[sure])
     correlation = model.covariance[np.ix_(entries, entries)] / np.outer(spread, spread)
     values, vectors = np.linalg.eigh(correlation)
@@ -72,7 +71,7 @@ def offset_column(model: Model, record: Record, output: int, fitted: bool) -> Ar
     wide = with_constant(s, tuple(k == output for k in range(s.ny)))
     r, theta = with_ones(record), widened_theta(wide, model.theta)
     columns = wide.gradient_columns(theta, r.u, r.y, output)
-    place = int(constant_places(wide)[0][0] - wide.row_index(output)[0])
+    place = int(constant_places(wide)[0][0])
     scale = 1.0
     if not fitted:
         error = model.operating_point.y_error[output] if model.operating_point.y_error else 0.0
@@ -103,19 +102,13 @@ def fixed_parameter_tests_of(
         for k, p in enumerate(model.parameters)
         if k in estimated
     ]
-    n, ny = len(model.theta), len(model.outputs)
-    whole = []
-    for r, e in enumerate(errors):
-        columns = np.zeros((len(e), ny, n))
-        for i in range(ny):
-            columns[:, i, model.structure.gradient_index(model.theta, i)] = jacobians[i][r]
-        whole.append(columns)
-    kept = np.setdiff1d(np.arange(n), entries)
+    whole = [np.stack(of_outputs, axis=1) for of_outputs in zip(*jacobians, strict=True)]
+    kept = np.setdiff1d(np.arange(len(model.theta)), entries)
     return fixed_parameter_tests(
         errors,
         [w[:, :, kept] for w in whole],
         [w[:, :, estimated] for w in whole],
         fixed,
-        noise_model=model.structure.has_noise_model,
+        noise_model=model.structure.traits.has_noise_model,
         level=level,
     )

@@ -19,8 +19,7 @@ from sysid.fitting.uncertainty import (
     sandwich,
     with_infinite,
 )
-from sysid.structures.linear.arx import ARX
-from sysid.structures.linear.closed_form import lagged_terms, signs
+from sysid.structures.linear.families import ARX
 
 ROWS_A_COEFFICIENT = 4
 """Rows of a block for each coefficient: its own information is then of full rank."""
@@ -113,7 +112,7 @@ class RecursiveARX:
             raise UsageError(f"`false_alarms` must lie between 0 and 1, got {false_alarms:g}")
         self.structure, self.forgetting = structure, forgetting
         self._layouts = [structure.layout(i) for i in range(structure.ny)]
-        self._terms = [lagged_terms(lay) for lay in self._layouts]
+        self._terms = [lay.terms for lay in self._layouts]
         self.block = max(SHORTEST_BLOCK, ROWS_A_COEFFICIENT * max(map(len, self._terms)))
         width = structure.ny + structure.nu
         self._kept = RowsKept(width)
@@ -261,7 +260,7 @@ class RecursiveARX:
         theta, covariance = np.zeros(n), np.zeros((n, n))
         null, variance = [], []
         for i, factor in enumerate(factors):
-            index, sign = self.structure.row_index(i), signs(self._layouts[i])
+            index, sign = self.structure.row_index(i), self._layouts[i].signs
             solved = factor.solution()
             theta[index] = sign * solved.theta
             block = self._covariance(i, factor, solved, pieces)

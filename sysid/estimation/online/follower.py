@@ -25,13 +25,14 @@ from sysid.estimation.online.change import FALSE_ALARMS
 from sysid.estimation.online.live_fit import LiveFit
 from sysid.estimation.online.live_state import LiveChange
 from sysid.fitting.options import FitOptions
+from sysid.fitting.searchable import StartReport
+from sysid.methods.outcome import FitOutcome
 from sysid.structures.linear.constant_input import (
     constant_places,
     widened,
     without_constant,
 )
 from sysid.structures.model import Model
-from sysid.structures.outcome import FitOutcome, StartReport
 
 OFFSET_POLICIES = ("auto", "none", "level")
 """What may be done about levels while rows come: means and trends need the whole log."""

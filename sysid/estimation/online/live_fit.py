@@ -26,13 +26,12 @@ from sysid.estimation.online.live_state import (
     time_constant,
 )
 from sysid.estimation.online.order_choice import chosen_orders
-from sysid.structures.linear.arx import ARX
-from sysid.structures.linear.closed_form import lagged_terms, signs
 from sysid.structures.linear.constant_input import (
     constant_places,
     with_constant,
     without_constant,
 )
+from sysid.structures.linear.families import ARX
 from sysid.structures.model import Model
 
 FIRST_ORDERS = 200
@@ -203,7 +202,7 @@ class LiveFit:
     def _is_change(self, output: int, back: int) -> bool:
         """Whether an alarm is more than a dead zone, which large commands show less."""
         s = self.recursion.structure
-        terms = lagged_terms(s.layout(output))
+        terms = s.layout(output).terms
         pieces = self.recursion.pieces(DEAD_ZONE_ROWS)
         linear = step_responses(self.model())
         drive = _drives(linear, self.inputs, pieces, s.ny).get(self.outputs[output].name)
@@ -263,7 +262,7 @@ class LiveFit:
         return tuple(
             excitation(
                 self.recursion.factor(i),
-                [names[signal] for signal, _ in lagged_terms(s.layout(i))],
+                [names[signal] for signal, _ in s.layout(i).terms],
                 (out.name, [c.name for c in self.inputs]),
                 (rows[:, i], u),
             )
@@ -290,12 +289,12 @@ class LiveFit:
 
     def _dead_zone(self, pieces: Sequence[Array], i: int, j: int) -> DeadZone | None:
         s = self.recursion.structure
-        return dead_zone(pieces, i, s.ny + j, lagged_terms(s.layout(i)))
+        return dead_zone(pieces, i, s.ny + j, s.layout(i).terms)
 
     def _beyond(self, model: Model, zone: DeadZone, i: int) -> Model:
         """The model with the equation of output i as it is beyond the dead zone."""
         lay = self.recursion.structure.layout(i)
-        sign = signs(lay)
+        sign = lay.signs
         plain = without_constant(self.recursion.structure)
         index = plain.row_index(i)
         kept = slice(0, len(index))  # the constant is the last of its equation

@@ -10,8 +10,7 @@ from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import DataError
 from sysid.fitting import normal_equations as ne
-from sysid.structures.linear.arx import ARX
-from sysid.structures.linear.closed_form import lagged_terms
+from sysid.structures.linear.families import ARX
 
 MOST_DELAY = 20
 """Samples up to which a delay is looked for; for a longer one the orders have to be given."""
@@ -50,7 +49,7 @@ def chosen_orders(
         structure = ARX.from_orders({"na": order, "nb": order, "nk": nk}, nu, ny)
         score = 0.0
         for i in range(ny):
-            terms = lagged_terms(structure.layout(i))
+            terms = structure.layout(i).terms
             gram = ne.lag_gram(records, max(max(map(max, nk)) + 2, 2), start)
             solved = ne.solve(gram, gram.column(i, 0), [gram.column(s, k) for s, k in terms])
             if solved is None or not solved.loss > 0.0:

@@ -13,6 +13,7 @@ from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial
+from sysid.methods.table import method_of
 from sysid.structures.model import Model
 
 SHORTEST_BLOCK = 20
@@ -70,7 +71,9 @@ def cross_validate(
     options = options or options_of(model)
     # a structure without starting values of its own begins at the model's: what the held-out block
     # shows is where a search begins, not where it ends
-    initial_guesses = [("all data", model.theta)] if model.structure.begins_at_values else []
+    initial_guesses = (
+        [("all data", model.theta)] if method_of(model.structure).begins_at_values else []
+    )
     squares, counts, failed = [], [], 0
     total = np.zeros(len(model.outputs))
     for k in range(folds):

@@ -91,7 +91,7 @@ def _shared_grids(text: str, names: Sequence[str]) -> dict[str, list[RawOrders]]
     grid = parse_grid(text)
     if len(names) == 1:
         return {names[0]: grid}
-    known = {name: structure_class(name).order_names for name in names}
+    known = {name: structure_class(name).traits.order_names for name in names}
     for order in grid[0]:
         if not any(order in orders for orders in known.values()):
             raise UsageError(f"`orders`: none of {', '.join(names)} has an order {order}")

@@ -17,13 +17,13 @@ from sysid.estimation.soundness import bounded_run, motion_doubts, relative_gap
 from sysid.fitting.holdout import HoldOut, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
+from sysid.methods.held_out_error import free_run_error
 from sysid.structures.base import Structure
-from sysid.structures.held_out_error import free_run_error
-from sysid.structures.initial_state_window import initial_state_window
-from sysid.structures.linear.arx import ARX
-from sysid.structures.linear.arx_at_once import promising, solved_at_once
 from sysid.structures.linear.constant_input import with_constant, with_ones, without_constant
+from sysid.structures.linear.families import ARX
+from sysid.structures.linear.least_squares import promising, solved_at_once
 from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.motion import initial_state_window
 from sysid.structures.orders import orders_text
 from sysid.structures.registry import structure_class
 
@@ -117,7 +117,7 @@ def search_orders(
         ]
         data = data.of(with_ones)
     if (
-        cls.solved_at_once
+        cls.traits.solved_at_once
         and options.focus is Focus.PREDICTION
         and not (options.robust or options.stable or options.fixed or options.bounds)
     ):

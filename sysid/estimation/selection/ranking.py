@@ -12,7 +12,7 @@ from sysid.estimation.assessment.robust_judging import judged_errors
 from sysid.estimation.selection.orders import OrderSearch
 from sysid.estimation.soundness import bounded_run, doubts_about, relative_gap
 from sysid.fitting.options import FitOptions
-from sysid.structures.held_out_error import free_run_error
+from sysid.methods.held_out_error import free_run_error
 from sysid.structures.model import Model
 from sysid.structures.orders import orders_text
 
@@ -233,6 +233,6 @@ def _origin(model: Model, given: bool) -> str:
         return "fitted; it has no orders"
     if given:
         return "fitted with the orders given"
-    if model.structure.linear:
+    if model.structure.traits.linear:
         return "the only orders that so short a record bears"
     return "chosen by the structure's own search in the estimation data"

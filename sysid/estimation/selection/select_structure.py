@@ -39,7 +39,9 @@ ANY = "any"
 def default_structures(with_inputs: bool) -> tuple[str, ...]:
     """What is fitted to a log with or without inputs when the user names nothing."""
     known = structure_classes().items()
-    return tuple(n for n, c in known if c.by_default and c.takes_inputs is with_inputs)
+    return tuple(
+        n for n, c in known if c.traits.by_default and c.traits.takes_inputs is with_inputs
+    )
 
 
 def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ...]:
@@ -50,7 +52,7 @@ def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ..
     """
     chosen = tuple(names) or default_structures(bool(inputs))
     for name in chosen:
-        takes = structure_class(name).takes_inputs
+        takes = structure_class(name).traits.takes_inputs
         if takes and not inputs:
             raise UsageError(
                 f"{name} needs an input but the log has none; choose from "
@@ -229,7 +231,10 @@ def _may_be_judged_one_step(names: Sequence[str], options: FitOptions) -> bool:
     Only among linear structures: of nonlinear ones those without noise model would never lead, and
     what they are asked for is a simulator. So they are where simulation is the focus asked for.
     """
-    return all(structure_class(name).linear for name in names) and options.focus is Focus.PREDICTION
+    return (
+        all(structure_class(name).traits.linear for name in names)
+        and options.focus is Focus.PREDICTION
+    )
 
 
 def _offsets_and_delay(
@@ -254,7 +259,7 @@ def _fitted(
     model = fit(structure, facts, options, detrend=detrend)
     # a structure that chooses within itself knows its θ only when it is fitted
     settled = bounded_run(model.structure, model.theta)
-    if settled or options.stable or not structure.stable_by_meaning:
+    if settled or options.stable or not structure.traits.stable_by_meaning:
         return model, ()
     bounded = fit(structure, facts, replace(options, stable=True), detrend=detrend)
     return bounded, (
@@ -283,7 +288,7 @@ def _searches(
     searched = [
         (name, grid)
         for name, grid in tasks
-        if len(grid) > 1 or (len(tasks) > 1 and not structure_class(name).linear)
+        if len(grid) > 1 or (len(tasks) > 1 and not structure_class(name).traits.linear)
     ]
     searches: dict[str, tuple[OrderSearch, float]] = {}
     failed: dict[str, str] = {}
@@ -301,7 +306,7 @@ def _searches(
 
         from sysid.processes import tied
 
-        chains.sort(key=lambda c: -len(c[1]) * structure_class(c[0]).search_cost)
+        chains.sort(key=lambda c: -len(c[1]) * structure_class(c[0]).traits.search_cost)
         outcomes = Parallel(n_jobs=jobs, return_as="generator_unordered")(
             delayed(tied)(os.getpid(), _timed, name, chain, grid, data[name], options, criterion)
             for name, chain, grid in chains
@@ -369,7 +374,7 @@ def _collect(
 
 def _delays(name: str, grid: Grid) -> list[Any]:
     """The delays of a grid, each once; one stands for all where candidates are no starts."""
-    if structure_class(name).solved_at_once:
+    if structure_class(name).traits.solved_at_once:
         return [ANY]
     delays: list[Any] = []
     for orders in grid:

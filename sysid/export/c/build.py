@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from sysid.export.c.loop.block import Block
-from sysid.export.c.source import fill
+from sysid.export.templates import fill
 from sysid.robot.mission.loop import Loop
 from sysid.version import __version__
 
@@ -16,19 +16,16 @@ def build_files(files: Mapping[str, str]) -> dict[str, str]:
     programs = [n for n in ("selftest", "loop_selftest") if f"{n}.c" in files]
     sources = sorted(n for n in files if n.endswith(".c") and n[:-2] not in programs)
     objects = " ".join(f"{n[:-2]}.o" for n in sources)
-    loop = "loop_selftest" in programs
-    rule = f"\nloop_selftest: loop_selftest.o {objects}\n\t$(CC) $(CFLAGS) -o $@ $^ -lm\n"
-    common = {"version": __version__, "programs": " ".join(programs)}
+    common = {"programs": " ".join(programs)}
     return {
         "Makefile": fill(
-            "Makefile",
+            "c/Makefile",
             **common,
-            loop_run=" && ./loop_selftest" if loop else "",
-            loop_rule=rule if loop else "",
+            loop="loop_selftest" in programs,
             headers=" ".join(sorted(n for n in files if n.endswith(".h"))),
             objects=objects,
         ),
-        "CMakeLists.txt": fill("CMakeLists.txt", **common, sources=" ".join(sources)),
+        "CMakeLists.txt": fill("c/CMakeLists.txt", **common, sources=" ".join(sources)),
     }
 
 
@@ -55,8 +52,7 @@ def arduino_files(loop: Loop, files: Mapping[str, str], blocks: Sequence[Block])
         for f in navigation.inputs
     )
     sketch = fill(
-        "arduino.ino",
-        version=__version__,
+        "c/arduino.ino",
         navigation="\n".join(lines),
         sample_ms=f"{1000.0 * loop.plant.dt:.0f}",
         period_ms=f"{1000.0 * loop.control.period:.0f}",

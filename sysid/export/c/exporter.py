@@ -9,9 +9,9 @@ from sysid.export.c.fields import numbers
 from sysid.export.c.loop.sources import loop_sources
 from sysid.export.c.precision import DOUBLE, in_single, single
 from sysid.export.c.report import LoopFacts, report
-from sysid.export.c.source import fill, plant_sources
+from sysid.export.c.source import plant_sources
 from sysid.export.c.step import c_step
-from sysid.version import __version__
+from sysid.export.templates import fill
 
 _USAGE = """In C99, without heap or globals (`c/plant.h`, `c/plant.c`); the self-test prints its
 largest relative error:
@@ -45,8 +45,7 @@ class C(Exporter):
             files |= made.files
             extra = arduino_files(source.loop, files, made.blocks)
         files |= build_files(files) | extra
-        count = str(numbers(step.parameters))
-        files["simulink/plant_sfun.c"] = fill("plant_sfun.c", version=__version__, numbers=count)
+        files["simulink/plant_sfun.c"] = fill("c/plant_sfun.c", numbers=numbers(step.parameters))
         files["report.md"] = report(source.model, step, precision, facts)
         if precision.double:
             return files

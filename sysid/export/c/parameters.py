@@ -14,9 +14,10 @@ from sysid.export.c.names import distinct
 from sysid.export.c.program import Program, constant
 from sysid.export.c.traced import WRITTEN_OUT, Traced
 from sysid.fitting.problem import Parameter
+from sysid.structures import special_runs
 from sysid.structures.augmented.given_base import GivenBase
 from sysid.structures.augmented.structure import Augmented
-from sysid.structures.dynamics import Dynamics
+from sysid.structures.base import Structure
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.model import Model
 from sysid.structures.plant import Step
@@ -69,13 +70,14 @@ def theta_numbers(model: Model) -> list[Number]:
 
 
 def _theta_numbers(
-    structure: Dynamics,
+    structure: Structure,
     parameters: Sequence[Parameter],
     theta: Array,
     inputs: Sequence[Channel],
     outputs: Sequence[Channel],
 ) -> Iterator[Number]:
-    known = {c.name: c.words for c in structure.constants} if isinstance(structure, GreyBox) else {}
+    constants = structure.physics.constants if isinstance(structure, GreyBox) else ()
+    known = {c.name: c.words for c in constants}
     for p, value in zip(parameters, theta, strict=True):
         words = known.get(p.name.partition("[")[0], "")
         yield Number(p.name, p.unit, f"{p.name}: {words}" if words else p.name, float(value))
@@ -153,7 +155,7 @@ def _shared_name(group: Sequence[Number]) -> str:
 # ------------------------------------------------------------------------------ a step of cells
 
 
-def traced_step(structure: Dynamics, theta: Any, like: Array) -> Step:
+def traced_step(structure: Structure, theta: Any, like: Array) -> Step:
     """The step of a structure whose θ is recorded, (x, u) → (x⁺, y).
 
     Args:
@@ -164,14 +166,12 @@ def traced_step(structure: Dynamics, theta: Any, like: Array) -> Step:
     if isinstance(structure, Augmented) and structure.given is not None:
         base = _TracedBase(**vars(structure.given), traced=theta[n:])
         structure = replace(structure, given=base)
-    if _owner(structure, "step") in _owner(structure, "traced_step").__mro__:
-        return structure.traced_step(theta[:n], like)
+    classes = type(structure).__mro__
+    traced = next(c for c in classes if c in special_runs.traced_step.registry)
+    own_step = next(c for c in classes if "step" in vars(c))
+    if issubclass(traced, own_step):
+        return special_runs.traced_step(structure, theta[:n], like)
     return structure.step(theta[:n])  # whose author knows of no other way
-
-
-def _owner(structure: Dynamics, method: str) -> type:
-    """The class that says what a method does."""
-    return next(c for c in type(structure).__mro__ if method in vars(c))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.structures.model import Model
+from sysid.structures.motion import time_constants
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def single(model: Model) -> Precision:
     A mode that forgets in n samples sums up n roundings: n = 1/(1 − e^(−dt/τ)) for its time
     constant τ.
     """
-    modes = model.structure.time_constants(model.theta)
+    modes = time_constants(model.structure, model.theta)
     slowest = max((float(t) for t in modes if math.isfinite(t)), default=0.0)
     kept = 1.0 / -math.expm1(-1.0 / slowest) if slowest > 0.0 else 1.0
     bound = _ROUNDINGS * _ROUNDING * kept

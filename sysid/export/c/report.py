@@ -8,8 +8,8 @@ from sysid.export.c.counting import Count, counted
 from sysid.export.c.fields import Field, numbers
 from sysid.export.c.loop.block import Block
 from sysid.export.c.precision import Precision
-from sysid.export.c.source import fill
 from sysid.export.c.step import PlantStep
+from sysid.export.templates import fill
 from sysid.structures.model import Model
 
 
@@ -53,7 +53,7 @@ def report(
     if loop is not None and loop.not_again:
         notes.append(loop.not_again)
     return fill(
-        "report.md",
+        "c/report.md",
         title="The plant in C" if loop is None else "The loop in C",
         when=when,
         programs=" && ".join(programs),

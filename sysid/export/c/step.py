@@ -19,8 +19,9 @@ from sysid.export.c.parameters import (
 )
 from sysid.export.c.program import Derived, Program, assigned
 from sysid.export.c.traced import Traced, cells_of
-from sysid.structures.c_step import CStep
+from sysid.structures import special_runs
 from sysid.structures.model import Model
+from sysid.structures.special_runs import CStep
 
 WORDS = (
     "x holds the states, v the inputs as deviations from the operating point. The lines below are",
@@ -86,7 +87,7 @@ def c_step(model: Model) -> PlantStep:
         ModelError: the structure's equations use what cannot be written as C.
     """
     try:
-        own_step = model.structure.c_step(model.theta)
+        own_step = special_runs.c_step(model.structure, model.theta)
         if own_step is not None:
             return _of_its_own(model, own_step)
         step = _recorded(model, ())

@@ -6,17 +6,14 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from string import Template
 
 from sysid import processes
 from sysid.errors import ModelError
-from sysid.export.c.writing import number
-from sysid.export.fmu.description import Unit, build_description, xml_2, xml_3
+from sysid.export.fmu.description import Unit, model_description
+from sysid.export.templates import fill
 from sysid.plant.storage import zip_bytes
-from sysid.version import __version__
 
 SECONDS = 120.0
 """What a compiler may take: it takes a second."""
@@ -28,14 +25,12 @@ class Version:
 
     Attributes:
         number: its own.
-        functions: the C file with its functions.
-        xml: writes modelDescription.xml.
+        name: of the C file with its functions, and of the template of its description.
         folders: (system, machine) → folder of the binaries.
     """
 
     number: str
-    functions: str
-    xml: Callable[[Unit], str]
+    name: str
     folders: Callable[[str, str], str]
 
 
@@ -45,8 +40,8 @@ def _folder_2(system: str, machine: str) -> str:
     return f"{short}{bits}" if machine in ("x86_64", "x86") else f"{machine}-{short}"
 
 
-FMI_2 = Version("2.0", "fmi2.c", xml_2, _folder_2)
-FMI_3 = Version("3.0", "fmi3.c", xml_3, lambda system, machine: f"{machine}-{system}")
+FMI_2 = Version("2.0", "fmi2", _folder_2)
+FMI_3 = Version("3.0", "fmi3", lambda system, machine: f"{machine}-{system}")
 
 
 def headers() -> Path:
@@ -73,8 +68,10 @@ def archive(unit: Unit, version: Version = FMI_2) -> bytes:
     sources = sources_of(unit, version)
     inside = {f"sources/{n}": text.encode("utf-8") for n, text in sources.items()}
     if version is FMI_3:
-        inside["sources/buildDescription.xml"] = build_description(unit).encode("utf-8")
-    inside["modelDescription.xml"] = version.xml(unit).encode("utf-8")
+        inside["sources/buildDescription.xml"] = fill("fmu/buildDescription.xml", unit=unit).encode(
+            "utf-8"
+        )
+    inside["modelDescription.xml"] = model_description(unit, version.name).encode("utf-8")
     binary = compiled(unit, sources, version)
     if binary is not None:
         folder = version.folders(platform.system().lower(), _machine())
@@ -84,26 +81,11 @@ def archive(unit: Unit, version: Version = FMI_2) -> bytes:
 
 def sources_of(unit: Unit, version: Version) -> dict[str, str]:
     """All C files and headers of a unit by name."""
-    table = ",\n".join(
-        f"    {{{number(v.start if v.started else 0.0)}, {v.role.in_c}, "
-        f"{int(v.boolean)}, {int(v.may_be_nan)}}}"
-        for v in unit.variables
-    )
-    model = _filled(
-        "model.h",
-        title=f"The {unit.name} as a unit.",
-        guid=unit.guid,
-        includes="\n".join(f'#include "{n}"' for n in sorted(unit.sources) if n.endswith(".h")),
-        sample_time=number(unit.sample_time),
-        variables=str(len(unit.variables)),
-        table=table,
-        code=unit.code.strip("\n"),
-    )
     return {
         **unit.sources,
-        "fmu_model.h": model,
-        "unit.h": _filled("unit.h"),
-        version.functions: _filled(version.functions),
+        "fmu_model.h": fill("fmu/model.h", unit=unit),
+        "unit.h": fill("fmu/unit.h"),
+        f"{version.name}.c": fill(f"fmu/{version.name}.c"),
     }
 
 
@@ -124,17 +106,12 @@ def compiled(unit: Unit, sources: Mapping[str, str], version: Version) -> bytes 
         target = f"{unit.name}{_suffix()}"
         # hidden: functions of two units in one process must not meet
         flags = ["-std=c99", "-O1", "-ffp-contract=off", "-shared", "-fPIC", "-fvisibility=hidden"]
-        names = [version.functions, *unit.compiled]
+        names = [f"{version.name}.c", *unit.compiled]
         command = [compiler, *flags, f"-I{include}", "-o", target, *names, "-lm"]
         done = processes.run(command, folder, SECONDS)
         if done.code:
             raise ModelError(f"the unit does not compile: {' '.join(done.err.split())[:300]}")
         return (folder / target).read_bytes()
-
-
-def _filled(template: str, **values: str) -> str:
-    text = files("sysid.export.fmu").joinpath("templates", template).read_text(encoding="utf-8")
-    return Template(text).substitute(version=__version__, **values)
 
 
 def _machine() -> str:

@@ -2,12 +2,12 @@
 
 import hashlib
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from xml.sax.saxutils import quoteattr
 
+from sysid.export.templates import fill, plain
 from sysid.version import __version__
 
 
@@ -93,14 +93,6 @@ class Unit:
         return sorted(n for n in self.sources if n.endswith(".c"))
 
 
-_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]+")
-
-
-def plain(text: str) -> str:
-    """Text without what XML, or a name of the standard, cannot hold: lines become blanks."""
-    return _CONTROL.sub(" ", text).strip()
-
-
 def named_apart(variables: Iterable[Variable]) -> tuple[Variable, ...]:
     """The variables with names that differ: the second ``speed`` is ``speed_2``."""
     taken: set[str] = set()
@@ -115,97 +107,26 @@ def named_apart(variables: Iterable[Variable]) -> tuple[Variable, ...]:
     return tuple(renamed)
 
 
-def xml_2(unit: Unit) -> str:
-    """modelDescription.xml of FMI 2.0."""
-    outputs = [
-        f'      <Unknown index="{k}"{_depends(v, 1)}/>'
-        for k, v in enumerate(unit.variables, 1)
-        if v.role is Role.OUTPUT
-    ]
-    initial = [re.sub(r" dependencies.*?\"(?=/>)", "", line) for line in outputs]
-    sources = [f"      <File name={quoteattr(n)}/>" for n in ("fmi2.c", *unit.compiled)]
-    return _joined(
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<fmiModelDescription fmiVersion="2.0" modelName={quoteattr(unit.name)} '
-        f'guid="{unit.guid}" description={quoteattr(plain(unit.words))} '
-        f'generationTool="sysid {__version__}" variableNamingConvention="flat" '
-        'numberOfEventIndicators="0">',
-        f"  <CoSimulation modelIdentifier={quoteattr(unit.name)} "
-        'canHandleVariableCommunicationStepSize="true" canGetAndSetFMUstate="true" '
-        'canSerializeFMUstate="true" canNotUseMemoryManagementFunctions="true">',
-        *_inside("SourceFiles", sources, "    "),
-        "  </CoSimulation>",
-        *_units(unit),
-        '  <LogCategories>\n    <Category name="logStatusError"/>\n  </LogCategories>',
-        f'  <DefaultExperiment startTime="0.0" stepSize="{float(unit.sample_time)!r}"/>',
-        *_inside("ModelVariables", _variables_2(unit), "  "),
-        "  <ModelStructure>",
-        *_inside("Outputs", outputs, "    "),
-        *_inside("InitialUnknowns", initial, "    "),
-        "  </ModelStructure>",
-        "</fmiModelDescription>",
+def model_description(unit: Unit, version: str) -> str:
+    """modelDescription.xml of FMI 2.0 or 3.0.
+
+    Args:
+        version: its template, ``fmi2`` or ``fmi3``.
+    """
+    return fill(
+        f"fmu/{version}.xml",
+        unit=unit,
+        units=sorted({plain(v.unit) for v in unit.variables if plain(v.unit)}),
+        dimensions=_DIMENSIONS,
+        outputs=[(k, v) for k, v in enumerate(unit.variables) if v.role is Role.OUTPUT],
+        about=_about,
+        start=_start,
+        depends=_depends,
     )
 
 
-def xml_3(unit: Unit) -> str:
-    """modelDescription.xml of FMI 3.0."""
-    of_outputs = [(k, v) for k, v in enumerate(unit.variables) if v.role is Role.OUTPUT]
-    return _joined(
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<fmiModelDescription fmiVersion="3.0" modelName={quoteattr(unit.name)} '
-        f'instantiationToken="{unit.guid}" description={quoteattr(plain(unit.words))} '
-        f'generationTool="sysid {__version__}" variableNamingConvention="flat">',
-        f"  <CoSimulation modelIdentifier={quoteattr(unit.name)} "
-        'canHandleVariableCommunicationStepSize="true" canGetAndSetFMUState="true" '
-        'canSerializeFMUState="true"/>',
-        *_units(unit),
-        '  <LogCategories>\n    <Category name="logStatusError"/>\n  </LogCategories>',
-        f'  <DefaultExperiment startTime="0.0" stepSize="{float(unit.sample_time)!r}"/>',
-        *_inside("ModelVariables", _variables_3(unit), "  "),
-        "  <ModelStructure>",
-        *(f'    <Output valueReference="{k}"{_depends(v, 0)}/>' for k, v in of_outputs),
-        *(f'    <InitialUnknown valueReference="{k}"/>' for k, _ in of_outputs),
-        "  </ModelStructure>",
-        "</fmiModelDescription>",
-    )
-
-
-def build_description(unit: Unit) -> str:
-    """sources/buildDescription.xml of FMI 3.0: what is to be compiled."""
-    return _joined(
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        '<fmiBuildDescription fmiVersion="3.0">',
-        f"  <BuildConfiguration modelIdentifier={quoteattr(unit.name)}>",
-        '    <SourceFileSet language="C99">',
-        *(f"      <SourceFile name={quoteattr(n)}/>" for n in ("fmi3.c", *unit.compiled)),
-        "    </SourceFileSet>",
-        "  </BuildConfiguration>",
-        "</fmiBuildDescription>",
-    )
-
-
-def _variables_2(unit: Unit) -> Iterator[str]:
-    for k, v in enumerate(unit.variables):
-        if v.role is Role.TIME:  # of no use here, and readers ask for its start
-            continue
-        kind = "Boolean" if v.boolean else "Real"
-        about = f" unit={quoteattr(plain(v.unit))}" if v.unit else ""
-        words = f" description={quoteattr(plain(v.words))}" if v.words else ""
-        yield (
-            f'    <ScalarVariable name={quoteattr(v.name)} valueReference="{k}"{words} '
-            f"{v.role.value}>\n      <{kind}{about}{_start(v)}/>\n    </ScalarVariable>"
-        )
-
-
-def _variables_3(unit: Unit) -> Iterator[str]:
-    for k, v in enumerate(unit.variables):
-        kind = "Boolean" if v.boolean else "Float64"
-        about = f" unit={quoteattr(plain(v.unit))}" if v.unit else ""
-        words = f" description={quoteattr(plain(v.words))}" if v.words else ""
-        yield (
-            f'    <{kind} name={quoteattr(v.name)} valueReference="{k}"{words} '
-            f"{v.role.value}{about}{_start(v)}/>"
-        )
+def _about(attribute: str, text: str) -> str:
+    return f" {attribute}={quoteattr(plain(text))}" if text else ""
 
 
 _NOT_FINITE = {"nan": "NaN", "inf": "INF", "-inf": "-INF"}
@@ -227,15 +148,6 @@ def _depends(v: Variable, first: int) -> str:
         return ""
     kinds = f' dependenciesKind="{" ".join(["dependent"] * len(v.depends))}"' if v.depends else ""
     return f' dependencies="{" ".join(str(k + first) for k in v.depends)}"{kinds}'
-
-
-def _inside(name: str, lines: Iterable[str], indent: str) -> list[str]:
-    kept = list(lines)
-    return [f"{indent}<{name}>", *kept, f"{indent}</{name}>"] if kept else []
-
-
-def _joined(*lines: str) -> str:
-    return "\n".join([*lines, ""])
 
 
 _DIMENSIONS = {
@@ -260,13 +172,3 @@ _DIMENSIONS = {
     "kg": 'kg="1"',
 }
 """Units by their powers of SI units; others have a name only."""
-
-
-def _units(unit: Unit) -> list[str]:
-    names: Sequence[str] = sorted({plain(v.unit) for v in unit.variables if plain(v.unit)})
-    each = []
-    for name in names:
-        base = _DIMENSIONS.get(name)
-        inner = f"<BaseUnit {base}/>" if base else ""
-        each.append(f"    <Unit name={quoteattr(name)}>{inner}</Unit>")
-    return _inside("UnitDefinitions", each, "  ")

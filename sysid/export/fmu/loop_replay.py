@@ -14,8 +14,7 @@ from sysid.export.fmu.description import Role, Unit
 from sysid.export.fmu.loop_units import OF_THE_UNIT, LoopUnits
 from sysid.export.fmu.replay import Replay, reach
 from sysid.export.fmu.wiring import Wiring
-from sysid.robot.mission.loop import Loop, LoopState, Tick, ticks
-from sysid.robot.mission.rolling import on_ground
+from sysid.robot.mission.loop import Loop, LoopState, Tick, on_ground, ticks
 
 MOST_ROWS = 400
 """Samples that a unit is compared in: a mission of 40 s at the thesis's period."""

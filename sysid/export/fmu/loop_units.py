@@ -14,139 +14,15 @@ from sysid.export.c.loop.members import described
 from sysid.export.c.loop.sources import law_sources
 from sysid.export.c.loop.trees import identifier
 from sysid.export.c.precision import DOUBLE
-from sysid.export.c.writing import number
 from sysid.export.fmu.description import Role, Unit, Variable, named_apart
 from sysid.export.fmu.wiring import SIDES, Wiring, wiring_of
+from sysid.export.templates import fill
 from sysid.robot.mission.contracts import TurnsTracks
 from sysid.robot.mission.loop import Loop
 from sysid.robot.mission.tracks.robot_plant import RobotPlant
 
 THOUGHTS = ("reference_speed", "reference_psi", "v_cmd", "psi_cmd")
 """Outputs of the controller beside its commands and its estimate."""
-
-_CONTROLLER = """
-typedef struct {{
-    controller_parameters laws;
-    navigation_parameters navigation;
-}} all_parameters;
-
-typedef struct {{
-    controller_state laws;
-    navigation_state navigation;
-    navigation_outputs estimate;
-    controller_outputs decided;
-    double sample;  /* that comes next */
-    double instant; /* of control that comes next */
-}} fmu_state;
-
-static void parameters_of(const double *r, all_parameters *p)
-{{
-    controller_defaults(&p->laws);
-    navigation_defaults(&p->navigation);
-{parameters}
-}}
-
-static const char *fmu_begin(fmu_state *state, const double *r)
-{{
-    all_parameters p;
-    parameters_of(r, &p);
-    memset(state, 0, sizeof *state);
-    controller_init(&state->laws, &p.laws);
-    navigation_init(&state->navigation, &p.navigation);
-{start}
-    return NULL;
-}}
-
-/* What the robot's computer does at one sample. */
-static void fmu_advance(fmu_state *state, double *r)
-{{
-    const double t = state->sample * FMU_SAMPLE_TIME;
-    const double slack = {slack} * (CONTROLLER_PERIOD + t);
-    all_parameters p;
-    navigation_inputs read;
-    controller_inputs seen;
-    int pass;
-
-    parameters_of(r, &p);
-    read.t = t;
-    read.dt = state->sample > 0.0 ? FMU_SAMPLE_TIME : 0.0;
-    read.drive_l = state->decided.pwm_l / {full};
-    read.drive_r = state->decided.pwm_r / {full};
-{measurements}
-    for (pass = 0; pass < 2; pass++) {{
-        /* first what is decided before this sample, then, with its measurement, at it */
-        const double until = pass == 0 ? t - slack : t + slack;
-        if (pass == 1) {{
-            navigation_step(&state->navigation, &p.navigation, &read, &state->estimate);
-            if (r[{given}] > 0.5) {{
-{pose}
-            }}
-        }}
-        while (state->instant * CONTROLLER_PERIOD < until) {{
-            seen.t = state->instant * CONTROLLER_PERIOD;
-            seen.x = state->estimate.x;
-            seen.y = state->estimate.y;
-            seen.psi = state->estimate.psi;
-            seen.speed = state->estimate.speed;
-            seen.yaw_rate = state->estimate.yaw_rate;
-            controller_step(&state->laws, &p.laws, &seen, &state->decided);
-            state->instant += 1.0;
-        }}
-    }}
-    state->sample += 1.0;
-{outputs}
-}}
-
-static void fmu_outputs(const fmu_state *state, double *r)
-{{
-    fmu_state copy = *state;
-    fmu_advance(&copy, r);
-}}
-"""
-
-_VEHICLE = """
-typedef struct {{
-    motion_state motion;
-    double sample; /* that comes next */
-}} fmu_state;
-
-static void parameters_of(const double *r, motion_parameters *p)
-{{
-    motion_defaults(p);
-{parameters}
-    (void)r;
-}}
-
-static const char *fmu_begin(fmu_state *state, const double *r)
-{{
-    motion_parameters p;
-    parameters_of(r, &p);
-    motion_init(&state->motion, &p);
-    state->sample = 0.0;
-    return NULL;
-}}
-
-static void fmu_advance(fmu_state *state, double *r)
-{{
-    motion_parameters p;
-    motion_inputs rolled;
-    motion_outputs body;
-
-    parameters_of(r, &p);
-    rolled.t = state->sample * FMU_SAMPLE_TIME;
-    rolled.dt = state->sample > 0.0 ? FMU_SAMPLE_TIME : 0.0;
-{measurements}
-    motion_step(&state->motion, &p, &rolled, &body);
-    state->sample += 1.0;
-{outputs}
-}}
-
-static void fmu_outputs(const fmu_state *state, double *r)
-{{
-    fmu_state copy = *state;
-    fmu_advance(&copy, r);
-}}
-"""
 
 
 @dataclass
@@ -226,7 +102,6 @@ def _controller(
     given = made.add(Variable("pose_from_inputs", Role.FIXED, "", words, boolean=True))
     laws = ("guidance", "control", "command", "navigation")
     parameters = _parameters(made, loop, [blocks[n] for n in laws], _IN_CONTROLLER)
-    starts = [f"    state->estimate.{n} = {number(v)};" for n, v in _start(loop).items()]
     made.add(Variable("time", Role.TIME, "s", "of the simulation"))
     needed = (*laws, "controller")
     return Unit(
@@ -234,17 +109,16 @@ def _controller(
         loop.plant.dt,
         named_apart(made.found),
         {f"{n}{e}": files[f"{n}{e}"] for n in needed for e in (".h", ".c")},
-        _CONTROLLER.format(
-            parameters="\n".join(parameters),
-            start="\n".join(starts),
-            slack=number(DOUBLE.slack),
-            full=number(PWM_FULL_SCALE),
-            measurements="\n".join(measurements),
+        fill(
+            "fmu/controller_unit.c",
+            parameters=parameters,
+            start=_start(loop),
+            slack=DOUBLE.slack,
+            full=PWM_FULL_SCALE,
+            measurements=measurements,
             given=given,
-            pose="\n".join(
-                f"                state->estimate.{n} = r[{at}];" for n, at in pose.items()
-            ),
-            outputs="\n".join(outputs),
+            pose=pose,
+            outputs=outputs,
         ),
         f"what drives {name}, by sysid",
     )
@@ -268,10 +142,11 @@ def _vehicle(
         loop.plant.dt,
         named_apart(made.found),
         {n: files[n] for n in ("motion.h", "motion.c")},
-        _VEHICLE.format(
-            parameters="\n".join(parameters),
-            measurements="\n".join(measurements),
-            outputs="\n".join(outputs),
+        fill(
+            "fmu/vehicle_unit.c",
+            parameters=parameters,
+            measurements=measurements,
+            outputs=outputs,
         ),
         f"where {name} drives to, by sysid",
     )

@@ -1,82 +1,18 @@
 """The plant as a unit: inputs, outputs and initial states."""
 
 import math
-from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from sysid.data.record import Array
 from sysid.export.base import Source
-from sysid.export.c.parameters import Tunable
 from sysid.export.c.source import c_sources
 from sysid.export.c.step import tunable_parameters
-from sysid.export.c.writing import listed
 from sysid.export.fmu.description import Role, Unit, Variable, named_apart
+from sysid.export.templates import fill
 from sysid.structures.model import Model
+from sysid.structures.motion import time_constants
 from sysid.structures.plant import Plant
-
-_CODE = """
-typedef plant_state fmu_state;
-
-/* where the parameters of the start stand among the variables, and the states after them */
-enum {{
-    START = PLANT_INPUTS + PLANT_OUTPUTS,
-    START_SETTLED = START + PLANT_STATES,
-    STATE = START_SETTLED + 1
-}};
-
-static void parameters_of(const double *r, plant_parameters *p)
-{{
-{parameters}
-}}
-
-/* after so many samples under one input every mode of the plant has died away */
-#define SETTLING_SAMPLES {samples}
-static const double settled_scale[PLANT_OUTPUTS] = {{{scale}}};
-
-static const char *fmu_begin(fmu_state *state, const double *r)
-{{
-    double before[PLANT_OUTPUTS], y[PLANT_OUTPUTS];
-    plant_parameters p;
-    int k;
-    parameters_of(r, &p);
-    plant_init(state, &p);
-    if (r[START_SETTLED] > 0.5) {{
-        for (k = 0; k < PLANT_OUTPUTS; k++)
-            y[k] = 0.0;
-        for (k = 0; k < SETTLING_SAMPLES; k++) {{
-            memcpy(before, y, sizeof y);
-            plant_step(state, &p, r, y);
-        }}
-        for (k = 0; k < PLANT_OUTPUTS; k++)
-            if (!(fabs(y[k] - before[k]) <= 1e-9 * settled_scale[k]))
-                return "the plant does not settle under the first inputs: leave start_settled off";
-    }}
-    for (k = 0; k < PLANT_STATES; k++)
-        state->x[k] += r[START + k];
-    return NULL;
-}}
-
-static void fmu_outputs(const fmu_state *state, double *r)
-{{
-    fmu_state copy = *state;
-    fmu_state rest;
-    plant_parameters p;
-    int k;
-    parameters_of(r, &p);
-    plant_step(&copy, &p, r, r + PLANT_INPUTS);
-    plant_init(&rest, &p);
-    for (k = 0; k < PLANT_STATES; k++)
-        r[STATE + k] = state->x[k] - rest.x[k];
-}}
-
-static void fmu_advance(fmu_state *state, double *r)
-{{
-    plant_parameters p;
-    parameters_of(r, &p);
-    plant_step(state, &p, r, r + PLANT_INPUTS);
-}}
-"""
 
 _DEAD_AFTER = 40.0
 """Time constants after which a mode has died away: e^-40 is less than a rounding."""
@@ -132,27 +68,20 @@ def plant_unit(source: Source) -> Unit:
         model.dt,
         variables,
         {n: c[n] for n in ("plant.h", "plant.c")},
-        _CODE.format(
-            parameters="\n".join(_assigned(tunable, first)),
+        fill(
+            "fmu/plant_unit.c",
+            tunable=tunable,
+            first=first,
             samples=_settling_samples(model),
-            scale=listed(source.selftest.scale()),
+            scale=source.selftest.scale(),
         ),
         f"{source.name}, by sysid",
     )
 
 
-def _assigned(tunable: Sequence[Tunable], first: int) -> Iterator[str]:
-    """Lines that put values of variables into the struct of the plant's parameters."""
-    for k, t in enumerate(tunable, first):
-        yield f"    p->{t.name} = r[{k}];"
-    if not tunable:
-        yield "    (void)r;"
-        yield "    plant_defaults(p);"
-
-
 def _settling_samples(model: Model) -> int:
     """Samples after which nothing moves any more under one input, where anything comes to rest."""
-    modes = model.structure.time_constants(model.theta)
+    modes = time_constants(model.structure, model.theta)
     slowest = max((float(t) for t in modes if math.isfinite(t)), default=0.0)
     delays = model.structure.n_states(model.theta) + 10  # a delay is a row of states
     return int(min(math.ceil(_DEAD_AFTER * slowest) + delays, _MOST_SETTLING))

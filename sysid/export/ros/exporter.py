@@ -2,8 +2,6 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from importlib.resources import files
-from string import Template
 from typing import ClassVar
 
 from sysid.errors import ModelError
@@ -15,8 +13,8 @@ from sysid.export.c.precision import DOUBLE
 from sysid.export.c.source import plant_sources
 from sysid.export.c.step import c_step
 from sysid.export.c.writing import number
+from sysid.export.templates import fill
 from sysid.robot.mission.loop import Loop
-from sysid.version import __version__
 
 _USAGE = """As two nodes of ROS 1, in a catkin package: link the folder `ros/` into the sources
 of a catkin workspace and build; `ros/README.md` has the details.
@@ -67,7 +65,6 @@ class Ros(Exporter):
         values = robot_lines(loop, blocks) | {
             "package": package,
             "plant": source.name,
-            "version": __version__,
             "timeout": number(loop.timeout),
             "sources": " ".join(f"src/laws/{n}" for n in sorted(code) if n.endswith(".c")),
         }
@@ -81,7 +78,7 @@ class Ros(Exporter):
                 if law in blocks
                 for line in _parameter_lines(law, struct, blocks[law].parameters)
             ]
-            made[place] = _filled(template, {**values, "parameters": "\n".join(lines)})
+            made[place] = fill(f"ros/{template}", **values, parameters="\n".join(lines))
         return dict(made)
 
     def usage(self) -> str:
@@ -102,8 +99,3 @@ def _parameter_lines(law: str, struct: str, parameters: tuple[Field, ...]) -> It
             place = f"{struct}.{f.name}" + (f"[{k}]" if f.size else "")
             key = f"{law}/{f.name}" + (f"_{k}" if f.size else "")
             yield f'        own.param("{key}", {place}, {place});'
-
-
-def _filled(template: str, values: Mapping[str, str]) -> str:
-    text = files("sysid.export.ros").joinpath("templates", template).read_text(encoding="utf-8")
-    return Template(text).substitute(values)

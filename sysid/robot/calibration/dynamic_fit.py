@@ -14,20 +14,27 @@ from functools import cached_property
 import numpy as np
 
 from sysid.data.record import Array, Index
-from sysid.errors import DataError
-from sysid.fitting.normal_equations import RANK_TOLERANCE
+from sysid.fitting.differences import slopes
 from sysid.fitting.problem import Problem
-from sysid.fitting.solvers import Descent, levenberg_marquardt
-from sysid.fitting.uncertainty import sandwich, with_infinite
-from sysid.robot.calibration.dynamic_runs import NUMBERS, Log, Machine, Runs, pieces_of
-from sysid.robot.calibration.slip_fit import Part, SlipFit, fit_slip
+from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
+from sysid.fitting.uncertainty import half_and_null, sandwich, slices_by_output, with_infinite
+from sysid.robot.calibration.dynamic_estimate import (
+    DELAY,
+    IMBALANCE,
+    LENGTHS,
+    DynamicFit,
+    N,
+    Powered,
+    on_grid,
+    theta_of,
+)
+from sysid.robot.calibration.dynamic_runs import NUMBERS, Machine
+from sysid.robot.calibration.slip_estimate import SlipFit
+from sysid.robot.calibration.slip_fit import fit_slip
 from sysid.robot.calibration.slip_model import AT, LOWER, TERMS, window_errors
-from sysid.robot.calibration.trajectory import Trajectory
+from sysid.robot.calibration.trajectory import Part
 from sysid.robot.calibration.windows import OVERLAP
 from sysid.vehicle.kinematics import Geometry
-
-BODY = slice(0, 5)
-"""Mass, yaw inertia, resistances and compliance among ``NUMBERS``."""
 
 MOTOR = slice(5, 9)
 """The motors' numbers. They are held at what the bench says, and its errors are carried into those
@@ -39,10 +46,6 @@ DRAWN = NUMBERS.index("grip")
 
 GRIP = 0.3
 """Standard deviation of the largest thrust over what is given: floors of one name differ by it."""
-
-IMBALANCE, DELAY = NUMBERS.index("imbalance"), NUMBERS.index("delay")
-
-N = len(NUMBERS)
 
 FAR = 3.0
 """Errors beyond so many times the typical one count less (Huber 1964): stones, late poses."""
@@ -68,122 +71,8 @@ SMALL = 1e-3
 LATEST = 1.0
 """Commands act within so many seconds of where they are logged; a log may also hold them late."""
 
-LENGTHS = ("radius_left", "radius_right", "effective_width")
 PLACE = ("marker_x", "marker_y", "heading_offset")
 LAGS = ("pose_lag", "heading_lag")
-
-
-@dataclass(frozen=True, eq=False)
-class Powered:
-    """What drives a vehicle, as far as it is known.
-
-    Attributes:
-        machine: lengths, motors and soil; its masses are where a search starts.
-        logs: commands and speeds of every trajectory.
-        spreads: standard errors of the motors' torque, damping, inertia and friction over their
-            values, (4,); 0 for what counts as exact.
-        torque_known: whether the torque per unit of command is known. Else damping is 1, and all
-            other numbers come in units of it.
-        rotors_known: whether the motors' damping and inertia are known, too. Else what moves with
-            the rotors counts as the vehicle's.
-    """
-
-    machine: Machine
-    logs: tuple[Log, ...]
-    spreads: Array
-    torque_known: bool = True
-    rotors_known: bool = True
-    unit: str = ""
-
-    @cached_property
-    def runs(self) -> Runs:
-        """Runs over all logs.
-
-        Raises:
-            DataError: their sample times differ.
-        """
-        times = sorted({log.dt for log in self.logs})
-        if times[-1] > 1.001 * times[0]:
-            raise DataError(
-                f"the logs have sample times from {times[0]:g} to {times[-1]:g} s: give logs of "
-                "one sample time (`ts`), or fit them separately"
-            )
-        return Runs(self.machine, pieces_of(self.logs))
-
-    def log_of(self, trajectory: Trajectory) -> int:
-        """Number of the log that holds a trajectory."""
-        return next(k for k, log in enumerate(self.logs) if log.trajectory is trajectory)
-
-
-@dataclass(frozen=True, eq=False)
-class DynamicFit:
-    """Numbers found, and what they are worth.
-
-    Attributes:
-        p: every number as it is searched: logarithms of masses, others over where they start, the
-            motors' logarithms, imbalance and delay, then those of the slip model.
-        free: which of them are in the model.
-        covariance: of the free ones; infinite where the log says nothing.
-        geometry: lengths that the slip model's numbers multiply.
-        typical: of the speeds' errors [rad/s] and of the increments' [m, m, rad], (5,).
-        before: the slip model with lengths, marker and lags alone.
-    """
-
-    powered: Powered
-    p: Array
-    free: tuple[int, ...]
-    covariance: Array
-    geometry: Geometry
-    typical: Array
-    before: SlipFit
-
-    @property
-    def theta(self) -> Array:
-        """``NUMBERS``."""
-        return theta_of(self.powered.machine, self.p)
-
-    @property
-    def q(self) -> Array:
-        """Numbers of the slip model."""
-        return self.p[N:]
-
-    @cached_property
-    def slipped(self) -> Array:
-        """What slip adds to the body's speeds, in all pieces."""
-        return self.powered.runs.outputs(self.theta)[1]
-
-    def errors(self, parts: Sequence[Part]) -> Array:
-        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
-        errors = [
-            window_errors(self.q, p.trajectory, self.geometry, p.windows, self.added(p.trajectory))
-            for p in parts
-        ]
-        return np.concatenate(errors)
-
-    def added(self, trajectory: Trajectory) -> Array:
-        """Way and turn that slip adds in each step of a trajectory's grid, (N, 3) [m, m, rad]."""
-        return on_grid(self.powered, trajectory, self.slipped)
-
-
-def theta_of(machine: Machine, p: Array) -> Array:
-    """``NUMBERS`` of a vector as it is searched."""
-    theta = machine.numbers()
-    theta[:2] *= np.exp(p[:2])
-    theta[2:5] *= p[2:5]
-    theta[5:10] = np.exp(p[5:10])
-    theta[IMBALANCE], theta[DELAY] = p[IMBALANCE], p[DELAY]
-    return theta
-
-
-def on_grid(powered: Powered, trajectory: Trajectory, slipped: Array) -> Array:
-    """Speeds of all samples in the pieces, (S, T, 3), as increments on a grid, (N, 3)."""
-    which = powered.log_of(trajectory)
-    dt = powered.logs[which].dt
-    rows = powered.runs.pieces.joined(slipped, which)
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(rows * dt, axis=0)])
-    at = np.arange(len(total)) * dt
-    columns = [np.interp(trajectory.nodes, at, total[:, k]) for k in range(3)]
-    return np.diff(np.column_stack(columns), axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,19 +120,16 @@ class _DynamicProblem(Problem):
         """Output of each."""
         return tuple(c for c, _ in self.stretches)
 
-    def differences(self, p: Array) -> tuple[list[Array], list[Array]]:
-        """Errors of the speeds (rows, 2) log by log, and of increments (W, 3) part by part."""
-        speeds, slipped = self.powered.runs.outputs(theta_of(self.powered.machine, p))
-        return self._speed_errors(speeds), self._way_errors(p[N:], slipped)
-
-    def _speed_errors(self, speeds: Array) -> list[Array]:
-        pieces = self.powered.runs.pieces
+    def speed_errors(self, speeds: Array, share: float = 1.0) -> list[Array]:
+        """A share of the measured speeds less those of a run, (rows, 2) log by log."""
+        joined = self.powered.runs.pieces.joined
         return [
-            self.powered.logs[k].omega[rows] - pieces.joined(speeds, k)[rows]
+            share * self.powered.logs[k].omega[rows] - joined(speeds, k)[rows]
             for k, rows in self.judged
         ]
 
-    def _way_errors(self, q: Array, slipped: Array) -> list[Array]:
+    def way_errors(self, q: Array, slipped: Array) -> list[Array]:
+        """Errors of increments, (W, 3) part by part."""
         return [
             window_errors(
                 q,
@@ -255,15 +141,22 @@ class _DynamicProblem(Problem):
             for p in self.parts
         ]
 
-    def _white(self, speeds: Sequence[Array], ways: Sequence[Array]) -> Array:
+    def _white_speeds(self, errors: Sequence[Array]) -> Array:
+        """In units of the typical ones; a speed that is not there errs by nothing."""
+        white = [np.nan_to_num(e / self.typical[:2]).T.ravel() for e in errors]
+        return np.concatenate(white)
+
+    def _white_ways(self, q: Array, slipped: Array) -> Array:
         """In units of the typical errors; overlapping windows share their information."""
-        rolled = [np.nan_to_num(e / self.typical[:2]).T.ravel() for e in speeds]
-        moved = [(e / self.typical[2:]).T.ravel() / np.sqrt(OVERLAP) for e in ways]
-        return np.concatenate([*rolled, *moved])
+        errors = self.way_errors(q, slipped)
+        white = [(e / self.typical[2:]).T.ravel() / np.sqrt(OVERLAP) for e in errors]
+        return np.concatenate(white)
 
     def residual(self, p: Array) -> Array:
         """Of speeds, of increments, and of what is given for the grip."""
-        return np.append(self._white(*self.differences(p)), p[DRAWN] / GRIP)
+        speeds, slipped = self.powered.runs.outputs(theta_of(self.powered.machine, p))
+        rolled = self._white_speeds(self.speed_errors(speeds))
+        return np.concatenate([rolled, self._white_ways(p[N:], slipped), [p[DRAWN] / GRIP]])
 
     def jacobian(self, p: Array) -> Array:
         """Slopes of the runs by JAX, of the pose by central differences along them."""
@@ -272,41 +165,21 @@ class _DynamicProblem(Problem):
         theta = theta_of(self.powered.machine, p)
         inner = [k for k in self.free if k < N]
         _, slipped = runs.outputs(theta)
-        by_speed, by_slip = runs.slopes(theta, inner)
         stretch = _stretched(self.powered.machine, theta)
-        for k, dspeeds, dslipped in zip(inner, by_speed, by_slip, strict=True):
-            rolled = [-e for e in self._changes(dspeeds * stretch[k])]
-            change = dslipped * stretch[k]
-            moved = self._along(q, slipped, change)
-            J[:-1, k] = self._white(rolled, moved)
-        for k in (k for k in self.free if k >= N):
-            h = self.steps[k - N]
-            up, down = q.copy(), q.copy()
-            up[k - N] += h
-            down[k - N] -= h
-            none = [np.zeros((len(rows), 2)) for _, rows in self.judged]
-            both = zip(self._way_errors(up, slipped), self._way_errors(down, slipped), strict=True)
-            J[:-1, k] = self._white(none, [(a - b) / (2.0 * h) for a, b in both])
+        ways = slice(2 * sum(len(rows) for _, rows in self.judged), -1)
+        for k, dspeeds, dslipped in zip(inner, *runs.slopes(theta, inner), strict=True):
+            rolled, change = dspeeds * stretch[k], dslipped * stretch[k]
+            J[: ways.start, k] = self._white_speeds(self.speed_errors(rolled, 0.0))
+            step = np.array([SMALL / (float(np.abs(change).max()) or 1.0)])
+
+            def along(x: Array, change: Array = change) -> Array:
+                return self._white_ways(q, slipped + x[0] * change)
+
+            J[ways, [k]] = slopes(along, np.zeros(1), step)
+        steps = np.where(np.isin(self.index[N:], self.free), self.steps, 0.0)
+        J[ways, N:] = slopes(lambda x: self._white_ways(x, slipped), q, steps)
         J[-1, DRAWN] = 1.0 / GRIP
         return J
-
-    def _changes(self, speeds: Array) -> list[Array]:
-        pieces = self.powered.runs.pieces
-        return [
-            np.where(
-                np.isfinite(self.powered.logs[k].omega[rows]),
-                pieces.joined(speeds, k)[rows],
-                0.0,
-            )
-            for k, rows in self.judged
-        ]
-
-    def _along(self, q: Array, slipped: Array, change: Array) -> list[Array]:
-        """Change of the increments' errors per unit of a change of the slip."""
-        h = SMALL / (float(np.abs(change).max()) or 1.0)
-        up = self._way_errors(q, slipped + h * change)
-        down = self._way_errors(q, slipped - h * change)
-        return [(a - b) / (2.0 * h) for a, b in zip(up, down, strict=True)]
 
 
 def _stretched(machine: Machine, theta: Array) -> Array:
@@ -352,9 +225,8 @@ def _settled(problem: _DynamicProblem, p: Array, before: SlipFit) -> DynamicFit:
     least = np.array([-WIDEST, -WIDEST, 0.0, 0.0, 1e-4])
     lower = np.concatenate([least, np.full(5, -WIDEST), [-1.0, -LATEST]])
     upper = np.concatenate([np.full(2, WIDEST), np.full(3, 1e4), np.full(5, WIDEST), [1.0, LATEST]])
-    mask = np.zeros(len(p), dtype=bool)
-    mask[list(problem.free)] = True
-    solution = None
+    mask = np.isin(problem.index, problem.free)
+    solution: Solution | None = None
     for _ in range(ROUNDS):
         problem = _weighed(problem, p)
         huber = np.full(sum(problem.lengths), FAR)
@@ -373,15 +245,7 @@ def _settled(problem: _DynamicProblem, p: Array, before: SlipFit) -> DynamicFit:
     J = solution.jacobian[:, free]
     covariance = _covariance(J, solution.residual, solution.weights, problem)
     covariance += _carried(problem, p, J)
-    return DynamicFit(
-        problem.powered,
-        p,
-        problem.free,
-        covariance,
-        problem.geometry,
-        problem.typical,
-        before,
-    )
+    return DynamicFit(problem.powered, p, problem.free, covariance, problem.geometry, before)
 
 
 def _carried(problem: _DynamicProblem, p: Array, J: Array) -> Array:
@@ -397,15 +261,10 @@ def _carried(problem: _DynamicProblem, p: Array, J: Array) -> Array:
 
 def _weighed(problem: _DynamicProblem, p: Array) -> _DynamicProblem:
     """The problem with typical errors as these numbers leave them."""
-    speeds, ways = problem.differences(p)
-    rolled, moved = np.concatenate(speeds), np.concatenate(ways)
-    typical = np.concatenate(
-        [
-            1.4826 * np.nanmedian(np.abs(rolled), axis=0),
-            1.4826 * np.median(np.abs(moved), axis=0),
-        ]
-    )
-    other = replace(problem, typical=np.maximum(typical, SMALLEST))
+    speeds, slipped = problem.powered.runs.outputs(theta_of(problem.powered.machine, p))
+    errors = problem.speed_errors(speeds), problem.way_errors(p[N:], slipped)
+    typical = [1.4826 * np.nanmedian(np.abs(np.concatenate(e)), axis=0) for e in errors]
+    other = replace(problem, typical=np.maximum(np.concatenate(typical), SMALLEST))
     for name in ("judged", "stretches"):
         other.__dict__[name] = getattr(problem, name)
     return other
@@ -417,20 +276,13 @@ def _covariance(J: Array, residual: Array, weights: Array, problem: _DynamicProb
     Windows overlap and what the model leaves lasts for samples; both are in the autoregression
     that is fitted to the errors of each output.
     """
-    scale = np.linalg.norm(J, axis=0)
-    scale[scale == 0.0] = 1.0
-    _, s, Vt = np.linalg.svd(J / scale, full_matrices=False)
-    keep = s > s.max(initial=0.0) * RANK_TOLERANCE
-    half = Vt[keep].T / s[keep] / scale[:, None]
+    half, null = half_and_null(J)
     score = residual * weights
-    edges = np.cumsum([0, *problem.lengths])
-    pieces: dict[int, list[slice]] = {}
-    for (channel, _), a, b in zip(problem.stretches, edges[:-1], edges[1:], strict=True):
-        pieces.setdefault(channel, []).append(slice(int(a), int(b)))
+    pieces = slices_by_output(problem.stretches)
     drawn = J[pieces.pop(5)[0]] @ half
     covariance = half @ (drawn.T @ drawn) @ half.T
-    rows = edges[-2]
+    rows = len(J) - 1
     for where in pieces.values():
         covariance += sandwich(half, [J[w] for w in where], [score[w] for w in where])
-    covariance *= rows / max(rows - len(s), 1)
-    return with_infinite(covariance, Vt[~keep].T)
+    covariance *= rows / max(rows - J.shape[1], 1)
+    return with_infinite(covariance, null)

@@ -1,7 +1,7 @@
 """The motion with mass, fitted to logs with a pose."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import atan
 
 import numpy as np
@@ -9,14 +9,11 @@ import numpy as np
 from sysid.data.column_words import meaning
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
-from sysid.robot.calibration.dynamic_fit import DynamicFit, Powered, fit_dynamics
+from sysid.robot.calibration.dynamic_estimate import DynamicFit, Powered
+from sysid.robot.calibration.dynamic_fit import fit_dynamics
 from sysid.robot.calibration.dynamic_motors import KnownMotors
-from sysid.robot.calibration.dynamic_numbers import correlations_of, numbers_of
 from sysid.robot.calibration.dynamic_runs import LONGEST_PART, Log, Machine
-from sysid.robot.calibration.numbers import Correlations, VehicleNumber
-from sysid.robot.calibration.slip_fit import Part
-from sysid.robot.calibration.slip_model import body_speeds, pose_read
-from sysid.robot.calibration.trajectory import Trajectories, Trajectory
+from sysid.robot.calibration.trajectory import Part, Trajectories
 from sysid.vehicle.kinematics import Geometry
 from sysid.vehicle.motors import Motor
 from sysid.vehicle.soil import Soil
@@ -33,46 +30,6 @@ FASTEST, SLOWEST = 0.5, 5.0
 """Lags between which a search starts where no motors are known: in samples, and in seconds."""
 
 
-@dataclass(frozen=True, eq=False)
-class Weighed:
-    """A vehicle with mass on its floor, driven by its motors.
-
-    Attributes:
-        notes: what was assumed, in sentences.
-    """
-
-    fit: DynamicFit
-    notes: tuple[str, ...] = ()
-
-    def numbers(self) -> tuple[VehicleNumber, ...]:
-        """Every quantity, identifiable or not."""
-        return numbers_of(self.fit)
-
-    def correlations(self) -> Correlations:
-        """How far errors of the numbers go together."""
-        return correlations_of(self.fit)
-
-    def refitted(self, parts: Sequence[Part]) -> "Weighed":
-        """The same model fitted to other windows."""
-        return Weighed(fit_dynamics(parts, self.fit.geometry, self.fit.powered))
-
-    def errors(self, parts: Sequence[Part]) -> Array:
-        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
-        return self.fit.errors(parts)
-
-    def predicted_pose(self, trajectory: Trajectory) -> Array:
-        """x, y [m], ψ [rad] that the source of a trajectory's pose would read, (M, 3)."""
-        return pose_read(self.fit.q, trajectory, self.fit.geometry, self.fit.added(trajectory))
-
-    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
-        forward, yaw_rate = body_speeds(
-            self.fit.q, trajectory.omega, trajectory.step, self.fit.geometry
-        )
-        added = self.fit.added(trajectory)
-        return forward * trajectory.step + added[:, 0], yaw_rate * trajectory.step + added[:, 2]
-
-
 def fit_weighed(
     parts: Sequence[Part],
     start: Geometry,
@@ -80,7 +37,7 @@ def fit_weighed(
     trajectories: Trajectories,
     known: Geometry,
     motors: KnownMotors | None,
-) -> Weighed:
+) -> DynamicFit:
     """Masses and frictions from the windows of trajectories, whose records hold the commands.
 
     Args:
@@ -122,8 +79,8 @@ def fit_weighed(
         both = (motor, motor)
     machine = Machine(vehicle, both, FIRM)
     complete = motors is not None and motors.complete
-    powered = Powered(machine, tuple(logs), spreads, torque, complete, unit)
-    return Weighed(fit_dynamics(parts, start, powered), notes)
+    powered = Powered(machine, tuple(logs), spreads, torque, complete, unit, notes)
+    return fit_dynamics(parts, start, powered)
 
 
 def _commands(record: Record) -> tuple[Array, str]:

@@ -11,7 +11,6 @@ from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.data.yaml_files.source import read_yaml
 from sysid.errors import ModelError, UsageError
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
-from sysid.structures.grey_box.dc_motor.torque import torque_source
 from sysid.structures.model import Model
 from sysid.vehicle.motors import Bench, Motor
 
@@ -91,8 +90,9 @@ def motors_of_model(model: Model) -> KnownMotors:
         ModelError: it has no torque, or was driven on the ground.
     """
     m = model.structure
-    source = torque_source(m, model.theta) if isinstance(m, DCMotor) else None
-    if source is None or not isinstance(m, DCMotor):
+    physics = m.physics if isinstance(m, DCMotor) else None
+    source = physics.torque_source(model.theta) if physics else None
+    if physics is None or source is None:
         raise ModelError(
             "the model has speeds and no torque; give a dc-motor of `sysid bench motor`, or one "
             "identified with the tracks lifted and its torque_constant"
@@ -102,11 +102,10 @@ def motors_of_model(model: Model) -> KnownMotors:
             "the motors were identified from a log driven on the ground, which already contains "
             "the vehicle's mass and friction: identify them with the tracks lifted"
         )
-    structure: DCMotor = m
     left, right = source.motors[0], source.motors[-1]
 
     def numbers(theta: Array) -> Array:
-        torque = torque_source(structure, theta)
+        torque = physics.torque_source(theta)
         assert torque is not None
         return np.array([float(getattr(torque.motors[0], name)) for name in FIELDS])
 

@@ -312,19 +312,22 @@ class PoseProblem(Problem):
         return J
 
 
-def with_memory(influence: Array, lengths: Sequence[int]) -> Array:
-    """Variance of each number from what every error did to it, with the errors' memory, (n,).
+def with_memory(white: Array, influence: Array, lengths: Sequence[int]) -> Array:
+    """The covariance of numbers, (n, n), whose variances are those of errors with a memory where
+    that makes them larger than white ones do.
 
     Args:
+        white: covariance by white errors, (n, n).
         influence: what each of the three errors of each window did to each number, (3W, n).
         lengths: of these rows, those of each record.
     """
     whole = np.array([n // len(CHANNELS) for n in lengths if n])
-    windows, numbers = len(influence) // len(CHANNELS), influence.shape[1]
-    each = influence.reshape(windows, len(CHANNELS), numbers).sum(axis=1)
+    each = influence.reshape(len(influence) // len(CHANNELS), len(CHANNELS), len(white)).sum(axis=1)
     pieces = np.split(each, np.cumsum(whole)[:-1])
     ones = [np.ones((len(p), 1)) for p in pieces]
-    return np.array([coloured_gram(ones, [p[:, k] for p in pieces])[0, 0] for k in range(numbers)])
+    grown = [coloured_gram(ones, [p[:, k] for p in pieces])[0, 0] for k in range(len(white))]
+    size = np.sqrt(np.maximum(np.array(grown) / np.maximum(np.diag(white), 1e-300), 1.0))
+    return np.asarray(white * np.outer(size, size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,7 +404,6 @@ class PoseSearch:
         white = Errors(self.estimation.whitened(parts[0]), self.holdout.whitened(parts[1]))
         bound = tuple(k for k in best.at_bound if k in free)
         inverse = np.linalg.pinv(J.T @ J, hermitian=True) if free else np.zeros((0, 0))
-        grown = with_memory(best.residual[:, None] * (J @ inverse), self.estimation.lengths)
-        size = np.sqrt(np.maximum(grown / np.maximum(variance * np.diag(inverse), 1e-300), 1.0))
-        covariance = variance * inverse * np.outer(size, size)
+        influence = best.residual[:, None] * (J @ inverse)
+        covariance = with_memory(np.asarray(variance * inverse), influence, self.estimation.lengths)
         return Fitted(best.p, covariance, free, errors, white, bound)

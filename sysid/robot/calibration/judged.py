@@ -1,15 +1,13 @@
 """Prediction errors of a vehicle model on held-out windows of its pose."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import DataError
-from sysid.robot.calibration.slip_fit import Part
-from sysid.robot.calibration.trajectory import Trajectory
+from sysid.robot.calibration.trajectory import Part, Trajectory
 from sysid.robot.calibration.windows import WINDOW
 
 ESTIMATED = 0.7
@@ -66,10 +64,6 @@ class Drift:
     per_metre: float | None
     per_turn: float | None
     stretches: int
-
-    def to_json(self) -> dict[str, Any]:
-        """Every field."""
-        return asdict(self)
 
 
 def split(

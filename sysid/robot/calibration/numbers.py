@@ -1,12 +1,12 @@
 """Parameters of a vehicle for display: value, standard error, meaning."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.fitting.differences import propagated
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,6 @@ class VehicleNumber:
     sentence: str
     in_model: bool = True
 
-    def to_json(self) -> dict[str, Any]:
-        """Every field."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, eq=False)
 class Correlations:
@@ -46,10 +42,19 @@ class Correlations:
     matrix: Array
 
     @classmethod
-    def of(cls, names: Sequence[str], covariance: Array) -> "Correlations":
-        """From their covariance, (n, n)."""
-        size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        return cls(tuple(names), covariance / np.outer(size, size))
+    def of(
+        cls, names: Sequence[str], covariance: Array, shown: Mapping[str, str]
+    ) -> "Correlations":
+        """From their covariance, (n, n); numbers that the log says nothing about are left out.
+
+        Args:
+            shown: number of the model → the quantity shown in its place, which is over it.
+        """
+        keep = np.flatnonzero(np.isfinite(np.diag(covariance))).tolist()
+        sign = np.array([-1.0 if names[k] in shown else 1.0 for k in keep])
+        size = np.sqrt(np.maximum(np.diag(covariance)[keep], 1e-300)) * sign
+        matrix = covariance[np.ix_(keep, keep)] / np.outer(size, size)
+        return cls(tuple(shown.get(names[k], names[k]) for k in keep), matrix)
 
     def strong(self, beyond: float = 0.9) -> tuple[tuple[str, str, float], ...]:
         """Pairs whose errors go together by more than so much."""
@@ -60,10 +65,6 @@ class Correlations:
             for j in range(i)
             if abs(self.matrix[i, j]) > beyond
         )
-
-    def to_json(self) -> dict[str, Any]:
-        """{names, matrix}."""
-        return {"names": list(self.names), "matrix": self.matrix.tolist()}
 
 
 def derived(
@@ -77,15 +78,19 @@ def derived(
         steps: differences that make the gradient g, (n,).
     """
     value = of(q)
-    gradient = {name: np.zeros(len(q)) for name in value}
-    for k, h in enumerate(steps):
-        up, down = q.copy(), q.copy()
-        up[k] += h
-        down[k] -= h
-        above, below = of(up), of(down)
-        for name in value:
-            gradient[name][k] = (above[name] - below[name]) / (2.0 * h)
-    return {
-        name: (value[name], max(float(g @ covariance @ g), 0.0) ** 0.5)
-        for name, g in gradient.items()
-    }
+    errors = propagated(lambda p: np.array(list(of(p).values())), q, covariance, steps)
+    return {n: (v, float(e)) for (n, v), e in zip(value.items(), errors, strict=True)}
+
+
+def capital(text: str) -> str:
+    """The text with a capital first letter."""
+    return text[:1].upper() + text[1:]
+
+
+def undetermined(what: str, shown_by: str, how: str = "") -> str:
+    """What a log does not determine, and the manoeuvre that would.
+
+    Args:
+        how: how well it does, behind what it is.
+    """
+    return f"The log does not determine {what}{how}; {shown_by} would."

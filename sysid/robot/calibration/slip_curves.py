@@ -7,14 +7,14 @@ radius and the width that say what was rolled.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.robot.calibration.slip_fit import Part, SlipFit
+from sysid.robot.calibration.slip_estimate import SlipFit
 from sysid.robot.calibration.slip_model import AT, increments
+from sysid.robot.calibration.trajectory import Part
 from sysid.robot.calibration.windows import OVERLAP
 from sysid.vehicle.kinematics import Geometry, body_velocity
 
@@ -40,10 +40,6 @@ class SlipPoint:
     slip: float
     std_error: float
     windows: int
-
-    def to_json(self) -> dict[str, Any]:
-        """Every field."""
-        return asdict(self)
 
 
 SlipCurves = dict[str, tuple[SlipPoint, ...]]

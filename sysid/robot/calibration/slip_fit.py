@@ -12,12 +12,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid.data.record import Array, Index
+from sysid.fitting.differences import slopes
 from sysid.fitting.problem import Problem
 from sysid.fitting.solvers import Descent, levenberg_marquardt
 from sysid.robot.calibration.geometry import LEFT_OUT
 from sysid.robot.calibration.ground_fit import with_memory
-from sysid.robot.calibration.slip_model import AT, LOWER, NULLS, TERMS, window_errors
-from sysid.robot.calibration.trajectory import Trajectory
+from sysid.robot.calibration.slip_estimate import SlipFit
+from sysid.robot.calibration.slip_model import AT, LOWER, NULLS, TERMS, errors_of
+from sysid.robot.calibration.trajectory import Part
 from sysid.robot.calibration.windows import OVERLAP
 from sysid.vehicle.kinematics import Geometry
 
@@ -41,72 +43,11 @@ BETTER = 0.98
 LAGS = (-0.25, 0.0, 0.25, 0.5, 0.75, 1.0, 1.5)
 """Lags of the pose [s] from which a fit starts: a lidar's pose comes up to a second late."""
 
-IDENTIFIABLE_SHARE = 0.1
-"""A parameter is identifiable if less than this share of its prior uncertainty remains."""
-
-ALIKE = 0.9
-"""Numbers whose effects have such a cosine are one number to a log: a fifth of the noise would do
-to change one for the other."""
-
 STEP = 1e-3
 """Differences that make the Jacobian, in units of the prior."""
 
 NOTHING = 1e-4, 1e-4, 1e-4
 """Smallest typical errors [m, m, rad], which logs without noise have."""
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """Windows of one trajectory.
-
-    Attributes:
-        windows: first and last measurement of each, (W, 2).
-    """
-
-    trajectory: Trajectory
-    windows: Index
-
-
-@dataclass(frozen=True, eq=False)
-class SlipFit:
-    """Numbers found, and what they are worth.
-
-    Attributes:
-        q: every number, in the order of ``TERMS``; lengths relative to those of ``geometry``.
-        geometry: lengths that q multiplies.
-        free: which of them are in the model.
-        covariance: of all numbers; those that are not in the model as if each was added to it.
-        added: what each number would be if it was added to the model; q for those that are in it.
-        typical: typical errors of the increments, (3,) [m, m, rad].
-        prior: what one would guess each number may be off by without a log.
-        likeness: cosine of what every two optional numbers do to the increments beyond what all
-            others can do, (n, n); 0 for the others.
-    """
-
-    q: Array
-    geometry: Geometry
-    free: tuple[int, ...]
-    covariance: Array
-    added: Array
-    typical: Array
-    prior: Array
-    likeness: Array
-
-    @property
-    def std_errors(self) -> Array:
-        """Of every number."""
-        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
-
-    @property
-    def identifiable(self) -> tuple[bool, ...]:
-        """Whether each parameter is identifiable; significant optional ones are."""
-        sure = self.std_errors < IDENTIFIABLE_SHARE * self.prior
-        return tuple(bool(sure[k]) or (t.optional and k in self.free) for k, t in enumerate(TERMS))
-
-    def like(self, k: int) -> tuple[int, ...]:
-        """Optional numbers that would do nearly the same as this one on these logs."""
-        row = np.abs(self.likeness[k])
-        return tuple(j for j in range(len(TERMS)) if j != k and row[j] > ALIKE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +58,6 @@ class _SlipProblem(Problem):
     geometry: Geometry
     typical: Array
     weights: Array
-    centre: Array
     prior: Array
     free: tuple[int, ...]
     index: Index = field(default_factory=lambda: np.arange(len(TERMS)))
@@ -133,29 +73,16 @@ class _SlipProblem(Problem):
         """All count as one output."""
         return (0,) * (len(self.parts) + 1)
 
-    def white(self, q: Array) -> Array:
-        """Errors in units of the typical ones, each window with its weight, (3W,)."""
-        errors = errors_of(q, self.parts, self.geometry) / self.typical
-        return np.asarray((errors * np.sqrt(self.weights)[:, None]).ravel())
-
     def residual(self, p: Array) -> Array:
-        """Those of the windows, and of the prior."""
-        return np.concatenate([self.white(p), (p - self.centre) / self.prior])
+        """Errors in units of the typical ones, each window with its weight, and the prior's."""
+        errors = errors_of(p, self.geometry, self.parts) / self.typical
+        white = (errors * np.sqrt(self.weights)[:, None]).ravel()
+        return np.concatenate([white, (p - NULLS) / self.prior])
 
     def jacobian(self, p: Array) -> Array:
         """Central differences in the free numbers; other columns are zero."""
-        J = np.zeros((sum(self.lengths), len(TERMS)))
-        for k in self.free:
-            h = STEP * self.prior[k]
-            up, down = p.copy(), p.copy()
-            up[k], down[k] = up[k] + h, max(down[k] - h, LOWER[k])
-            J[:, k] = (self.residual(up) - self.residual(down)) / (up[k] - down[k])
-        return J
-
-
-def errors_of(q: Array, parts: Sequence[Part], geometry: Geometry) -> Array:
-    """Measured less predicted increments of all windows, (W, 3) [m, m, rad]."""
-    return np.concatenate([window_errors(q, p.trajectory, geometry, p.windows) for p in parts])
+        steps = np.where(np.isin(self.index, self.free), STEP * self.prior, 0.0)
+        return slopes(self.residual, p, steps, LOWER)
 
 
 def fit_slip(parts: Sequence[Part], start: Geometry, terms: Sequence[str] | None = None) -> SlipFit:
@@ -193,9 +120,9 @@ def _needless(fit: SlipFit) -> set[int]:
 
 def _one_more(problem: _SlipProblem, fit: SlipFit, dropped: set[int]) -> SlipFit | None:
     """The fit with the optional term that the log shows most, None where it shows none."""
-    ratio = np.abs(fit.added - NULLS) / np.maximum(fit.std_errors, 1e-300)
+    ratio = np.abs(fit.if_added - NULLS) / np.maximum(fit.std_errors, 1e-300)
     ratio[[*fit.free, *dropped]] = 0.0
-    ratio[(fit.added - NULLS < 0.0) & (LOWER == NULLS)] = 0.0  # it would be less than nothing
+    ratio[(fit.if_added - NULLS < 0.0) & (LOWER == NULLS)] = 0.0  # it would be less than nothing
     for best in np.argsort(-ratio)[: int(np.sum(ratio >= MAYBE))].tolist():
         more = tuple(sorted((*fit.free, best)))
         tried = _settled(replace(problem, free=more), fit.q)
@@ -216,10 +143,9 @@ def _halves_agree(problem: _SlipProblem, plain: SlipFit, richer: SlipFit) -> boo
     for first, other in (halves, halves[::-1]):
         cost = []
         for model in (plain, richer):
-            count = sum(len(p.windows) for p in first)
-            small = replace(problem, parts=tuple(first), free=model.free, weights=np.ones(count))
-            q = _solved(_weighed(small, model.q), model.q, 8)
-            errors = errors_of(q, other, problem.geometry)
+            small = replace(problem, parts=tuple(first), free=model.free)
+            q = _solved(small, model.q, 8, 1)
+            errors = errors_of(q, problem.geometry, other)
             size = np.linalg.norm(errors / plain.typical, axis=1)
             cost.append(float(np.sum(np.minimum(size, FAR * np.sqrt(3.0)) ** 2)))
         if not cost[1] < BETTER * cost[0]:
@@ -236,8 +162,7 @@ def _first(parts: tuple[Part, ...], start: Geometry, free: tuple[int, ...]) -> _
             spread[k] *= start.B
         elif t.unit == "s/m":
             spread[k] /= max(fastest, 1e-9)
-    count = sum(len(p.windows) for p in parts)
-    return _SlipProblem(parts, start, np.ones(3), np.ones(count), NULLS.copy(), spread, free)
+    return _SlipProblem(parts, start, np.ones(3), np.ones(1), spread, free)
 
 
 def _best_lag(problem: _SlipProblem) -> Array:
@@ -247,10 +172,8 @@ def _best_lag(problem: _SlipProblem) -> Array:
     for lag in LAGS:
         q = NULLS.copy()
         q[[AT["pose_lag"], AT["heading_lag"]]] = lag
-        for _ in range(2):
-            weighed = _weighed(replace(problem, free=few), q)
-            q = _solved(weighed, q, 10)
-        errors = errors_of(q, problem.parts, problem.geometry)
+        q = _solved(replace(problem, free=few), q, 10, 2)
+        errors = errors_of(q, problem.geometry, problem.parts)
         costs.append((np.median(np.abs(errors), axis=0), q))
     typical = np.maximum(np.min([t for t, _ in costs], axis=0), NOTHING)
     return min(costs, key=lambda item: float(np.sum(np.log(np.maximum(item[0], typical)))))[1]
@@ -258,28 +181,26 @@ def _best_lag(problem: _SlipProblem) -> Array:
 
 def _weighed(problem: _SlipProblem, q: Array) -> _SlipProblem:
     """The problem with typical errors and weights as these numbers leave them."""
-    errors = errors_of(q, problem.parts, problem.geometry)
+    errors = errors_of(q, problem.geometry, problem.parts)
     typical = np.maximum(1.4826 * np.median(np.abs(errors), axis=0), NOTHING)
     size = np.linalg.norm(errors / typical, axis=1) / np.sqrt(3.0)
     weights = np.minimum(1.0, FAR / np.maximum(size, 1e-300))
     return replace(problem, typical=typical, weights=weights)
 
 
-def _solved(problem: _SlipProblem, q: Array, evaluations: int) -> Array:
-    free = np.zeros(len(TERMS), dtype=bool)
-    free[list(problem.free)] = True
+def _solved(problem: _SlipProblem, q: Array, evaluations: int, rounds: int) -> Array:
+    """The numbers after some rounds, each with the weights that the one before has left."""
+    free = np.isin(problem.index, problem.free)
     how = Descent(free, LOWER, np.full(len(TERMS), np.inf), max_evaluations=evaluations)
-    return levenberg_marquardt(problem, q, how).p
+    for _ in range(rounds):
+        q = levenberg_marquardt(_weighed(problem, q), q, how).p
+    return q
 
 
 def _settled(problem: _SlipProblem, q: Array) -> SlipFit:
     """The numbers with weights that have settled, and their covariance; others do nothing."""
-    q = q.copy()
-    outside = [k for k in range(len(TERMS)) if k not in problem.free]
-    q[outside] = NULLS[outside]
-    for _ in range(ROUNDS):
-        problem = _weighed(problem, q)
-        q = _solved(problem, q, 20)
+    q = np.where(np.isin(problem.index, problem.free), q, NULLS)
+    q = _solved(problem, q, 20, ROUNDS)
     return _judged(_weighed(problem, q), q)
 
 
@@ -292,11 +213,11 @@ def _judged(problem: _SlipProblem, q: Array) -> SlipFit:
     n, free = len(TERMS), list(problem.free)
     J = replace(problem, free=tuple(range(n))).jacobian(q)
     covariance, added = np.zeros((n, n)), q.copy()
-    covariance[np.ix_(free, free)] = _Linear.of(problem, J, q, free).covariance(problem, q, free)
+    covariance[np.ix_(free, free)] = _linear(problem, J, q, free)[1]
     for k in (k for k in range(n) if k not in free):
-        both = _Linear.of(problem, J, q, [*free, k])
-        covariance[k, k] = both.variances(problem, [-1])[0]
-        added[k] = q[k] + both.step[-1]
+        step, both = _linear(problem, J, q, [*free, k])
+        covariance[k, k] = both[-1, -1]
+        added[k] = q[k] + step[-1]
     return SlipFit(
         q,
         problem.geometry,
@@ -320,51 +241,22 @@ def _likeness(J: Array) -> Array:
     return likeness
 
 
-@dataclass(frozen=True, eq=False)
-class _Linear:
-    """The problem around q as a line in some numbers.
-
-    Attributes:
-        silent: variance that the prior leaves open where the log is silent, (k, k).
-        plain: variance of white errors, (k, k).
-        influence: what each error does to each number, (3W, k).
-        step: from q to where they all fit best, (k,).
-        freedom: share of the windows that are left when as many as there are numbers are used up.
-    """
-
-    silent: Array
-    plain: Array
-    influence: Array
-    step: Array
-    freedom: float
-
-    @classmethod
-    def of(cls, problem: _SlipProblem, J: Array, q: Array, free: list[int]) -> "_Linear":
-        residual = problem.residual(q)
-        rows = len(residual) - len(TERMS)
-        j, prior = J[:rows, free], problem.prior[free]
-        data, pull = j.T @ j, np.diag(prior**-2.0)
-        inverse = np.linalg.inv(data + pull)
-        step = -inverse @ (j.T @ residual[:rows] + (q - problem.centre)[free] / prior**2)
-        remainder = residual[:rows] + j @ step  # with a number that is added in its place
-        windows = rows / 3
-        freedom = max(windows / OVERLAP - len(free), 1.0) * OVERLAP / windows
-        plain = inverse @ data @ inverse * float(np.mean(remainder**2)) / freedom
-        influence = remainder[:, None] * (j @ inverse)
-        return cls(inverse @ pull @ inverse, plain, influence, step, freedom)
-
-    def variances(self, problem: _SlipProblem, which: Sequence[int]) -> Array:
-        """Of some numbers, with the memory of the errors where they have one, (len(which),)."""
-        at = list(which)
-        each = with_memory(self.influence[:, at], problem.lengths[:-1]) / self.freedom
-        return np.asarray(np.maximum(each, np.diag(self.plain)[at]) + np.diag(self.silent)[at])
-
-    def covariance(self, problem: _SlipProblem, q: Array, free: list[int]) -> Array:
-        """Of all numbers; lengths are no surer than speeds between two samples let them be."""
-        white = np.diag(self.plain)
-        wanted = self.variances(problem, range(len(free))) - np.diag(self.silent)
-        size = np.sqrt(wanted / np.maximum(white, 1e-300))
-        covariance = self.plain * np.outer(size, size) + self.silent
-        sampled = [i for i, k in enumerate(free) if k <= AT["effective_width"]]
-        covariance[sampled, sampled] += (LEFT_OUT * q[[free[i] for i in sampled]]) ** 2
-        return np.asarray(covariance)
+def _linear(problem: _SlipProblem, J: Array, q: Array, free: Sequence[int]) -> tuple[Array, Array]:
+    """Step from q to where some numbers fit best if all are lines, (k,), and their covariance."""
+    residual = problem.residual(q)
+    rows = len(residual) - len(TERMS)
+    j, prior = J[:rows, free], problem.prior[free]
+    data, pull = j.T @ j, np.diag(prior**-2.0)
+    inverse = np.linalg.inv(data + pull)
+    step = -inverse @ (j.T @ residual[:rows] + (q - NULLS)[free] / prior**2)
+    remainder = residual[:rows] + j @ step  # with a number that is added in its place
+    windows = rows / 3
+    freedom = max(windows / OVERLAP - len(free), 1.0) * OVERLAP / windows
+    white = inverse @ data @ inverse * float(np.mean(remainder**2)) / freedom
+    influence = remainder[:, None] * (j @ inverse) / np.sqrt(freedom)
+    # the prior leaves open where the log is silent
+    covariance = with_memory(white, influence, problem.lengths[:-1]) + inverse @ pull @ inverse
+    # lengths are no surer than speeds between two samples let them be
+    sampled = [i for i, k in enumerate(free) if k <= AT["effective_width"]]
+    covariance[sampled, sampled] += (LEFT_OUT * q[[free[i] for i in sampled]]) ** 2
+    return step, covariance

@@ -10,8 +10,9 @@ wheels lose is the catalogue's law of slip (``sysid.effects``), the way they go 
 ``sysid.vehicle``.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from abc import ABC
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,8 +20,8 @@ from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
 from sysid.effects.ground import Ground
 from sysid.effects.vehicle import SLIP, SLIP_SHARE
-from sysid.robot.calibration.trajectory import Trajectory
-from sysid.vehicle.kinematics import Geometry, body_velocity
+from sysid.robot.calibration.trajectory import Part, Trajectory
+from sysid.vehicle.kinematics import Geometry, body_velocity, chained_arcs, seen_from
 
 
 @dataclass(frozen=True)
@@ -29,160 +30,98 @@ class Term:
 
     Attributes:
         name: as users see it, where it is not a ratio to a length.
+        meaning: what it is, in words.
+        shown_by: the manoeuvre that determines it.
         null: value at which it does nothing.
         spread: what one would guess it may be off by without any log (standard deviation); a
             length's is in units of the vehicle's width, a slip with speed's in those of its speed.
         optional: whether it is in the model only where the log shows it.
         lower: smallest value that can be.
-        meaning: what it is, in words.
-        shown_by: the manoeuvre that determines it.
     """
 
     name: str
-    unit: str
-    null: float
-    spread: float
-    optional: bool
-    lower: float
     meaning: str
     shown_by: str
+    unit: str = "m"
+    null: float = 0.0
+    spread: float = 1.0
+    optional: bool = False
+    lower: float = -np.inf
 
+
+def _optional(name: str, unit: str, meaning: str, shown_by: str, lower: float = -np.inf) -> Term:
+    return Term(name, meaning, shown_by, unit, spread=0.5, optional=True, lower=lower)
+
+
+def _length(name: str, meaning: str, shown_by: str, lower: float) -> Term:
+    return Term(name, meaning, shown_by, null=1.0, lower=lower)
+
+
+STRAIGHT = "long straight runs, forward and backward"
+TURNS = "turns on the spot and arcs, both ways"
+TIGHT_TURNS = "turns on the spot, or tight arcs, both ways"
 
 TERMS = (
-    Term(
-        "radius_left",
-        "m",
-        1.0,
-        1.0,
-        False,
-        0.01,
-        "effective wheel radius of the left side",
-        "long straight runs, forward and backward",
-    ),
-    Term(
-        "radius_right",
-        "m",
-        1.0,
-        1.0,
-        False,
-        0.01,
-        "effective wheel radius of the right side",
-        "long straight runs, forward and backward",
-    ),
-    Term(
-        "effective_width",
-        "m",
-        1.0,
-        1.0,
-        False,
-        1e-3,
-        "effective width in turns",
-        "turns on the spot and arcs, both ways",
-    ),
-    Term(
-        "marker_x",
-        "m",
-        0.0,
-        1.0,
-        False,
-        -np.inf,
-        "how far the pose's point lies ahead of the axis of rotation",
-        "turns on the spot, or tight arcs, both ways",
-    ),
-    Term(
-        "marker_y",
-        "m",
-        0.0,
-        1.0,
-        False,
-        -np.inf,
-        "how far the pose's point lies to the left of the centre line",
-        "turns on the spot, or tight arcs, both ways",
-    ),
+    _length("radius_left", "effective wheel radius of the left side", STRAIGHT, 0.01),
+    _length("radius_right", "effective wheel radius of the right side", STRAIGHT, 0.01),
+    _length("effective_width", "effective width in turns", TURNS, 1e-3),
+    Term("marker_x", "how far the pose's point lies ahead of the axis of rotation", TIGHT_TURNS),
+    Term("marker_y", "how far the pose's point lies to the left of the centre line", TIGHT_TURNS),
     Term(
         "heading_offset",
-        "rad",
-        0.0,
-        0.5,
-        False,
-        -np.inf,
         "offset of the heading from the driving direction",
         "straight runs",
+        "rad",
+        spread=0.5,
     ),
     Term(
         "pose_lag",
-        "s",
-        0.0,
-        1.0,
-        False,
-        -np.inf,
         "delay of the position after the wheel speeds",
         "starts, stops and changes of the speed",
+        "s",
     ),
     Term(
         "heading_lag",
-        "s",
-        0.0,
-        1.0,
-        False,
-        -np.inf,
         "delay of the heading after the wheel speeds",
         "turns that start, stop and reverse",
+        "s",
     ),
-    Term(
+    _optional(
         "slip_turning",
         "1",
-        0.0,
-        0.5,
-        True,
-        -0.9,
         "slip of the wheels in a turn on the spot, less in wider turns",
         "turns of several radii with straight runs between them",
+        -0.9,
     ),
-    Term(
+    _optional(
         "slip_speed",
         "s/m",
-        0.0,
-        0.5,
-        True,
-        -np.inf,
         "slip of the wheels per m/s",
         "straight runs at several speeds, slow and fast",
     ),
-    Term(
+    _optional(
         "slip_load",
         "s",
-        0.0,
-        0.5,
-        True,
-        0.0,
         "slip speed of the wheels per m/s² of the vehicle, which is the lag of its speed",
         "hard starts and stops on a straight line, with a pose whose own lag is known or steady",
+        0.0,
     ),
-    Term(
+    _optional(
         "side_slip",
         "s",
-        0.0,
-        0.5,
-        True,
-        -np.inf,
         "outward drift speed per m/s² of centripetal acceleration",
         "wide turns at high speed, both ways",
     ),
-    Term(
+    _optional(
         "yaw_lag",
         "s",
-        0.0,
-        0.5,
-        True,
-        0.0,
         "additional lag of turning, as tyres or tracks scrub",
         "turns that start, stop and reverse while driving",
+        0.0,
     ),
 )
 """Every number of the model, in the order of q."""
 
-NAMES = tuple(t.name for t in TERMS)
 AT: Mapping[str, int] = {t.name: k for k, t in enumerate(TERMS)}
 NULLS = np.array([t.null for t in TERMS])
 LOWER = np.array([t.lower for t in TERMS])
@@ -230,16 +169,7 @@ def path(q: Array, trajectory: Trajectory, geometry: Geometry, more: Array | flo
     along, turn = forward * trajectory.step, yaw_rate * trajectory.step
     aside = -q[AT["side_slip"]] * forward * turn
     added = np.broadcast_to(more, (len(along), 3))
-    along, aside, turn = along + added[:, 0], aside + added[:, 1], turn + added[:, 2]
-    psi = np.concatenate([[0.0], np.cumsum(turn)])
-    middle = psi[:-1] + 0.5 * turn
-    chord = np.sinc(turn / (2.0 * np.pi))
-    c, s = chord * np.cos(middle), chord * np.sin(middle)
-    out = np.zeros((len(psi), 3))
-    out[1:, 0] = np.cumsum(along * c - aside * s)
-    out[1:, 1] = np.cumsum(along * s + aside * c)
-    out[:, 2] = psi
-    return out
+    return chained_arcs(along + added[:, 0], turn + added[:, 2], aside + added[:, 1])
 
 
 def pose_read(
@@ -269,16 +199,9 @@ def increments(pose: Array, windows: Index, offset: float) -> Array:
         windows: first and last measurement of each, (W, 2).
         offset: of the heading, which is no direction of the vehicle [rad].
     """
-    a, b = pose[windows[:, 0]], pose[windows[:, 1]]
-    change = b - a
-    c, s = np.cos(a[:, 2] - offset), np.sin(a[:, 2] - offset)
-    return np.column_stack(
-        [
-            c * change[:, 0] + s * change[:, 1],
-            c * change[:, 1] - s * change[:, 0],
-            change[:, 2],
-        ]
-    )
+    a = pose[windows[:, 0]]
+    change = pose[windows[:, 1]] - a
+    return np.column_stack([seen_from(a[:, 2] - offset, change[:, :2]), change[:, 2]])
 
 
 def window_errors(
@@ -290,6 +213,61 @@ def window_errors(
     error = measured - increments(pose_read(q, trajectory, geometry, more), windows, offset)
     error[:, 2] -= 2.0 * np.pi * np.rint(error[:, 2] / (2.0 * np.pi))
     return error
+
+
+class Motion(ABC):
+    """A model that predicts the pose from the wheel speeds.
+
+    Attributes:
+        q: every number, in the order of ``TERMS``; radii and 1/width relative to ``geometry``.
+        geometry: lengths that q multiplies.
+    """
+
+    q: Array
+    geometry: Geometry
+
+    def added(self, trajectory: Trajectory) -> Array | float:
+        """Way and turn that something else adds in each step of a grid, (N, 3) [m, m, rad]."""
+        return 0.0
+
+    def errors(self, parts: Sequence[Part]) -> Array:
+        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
+        return errors_of(self.q, self.geometry, parts, [self.added(p.trajectory) for p in parts])
+
+    def predicted_pose(self, trajectory: Trajectory) -> Array:
+        """x, y [m], ψ [rad] that the trajectory's source would read, from any start, (M, 3)."""
+        return pose_read(self.q, trajectory, self.geometry, self.added(trajectory))
+
+    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
+        step = trajectory.step
+        forward, yaw_rate = body_speeds(self.q, trajectory.omega, step, self.geometry)
+        added = np.broadcast_to(self.added(trajectory), (len(forward), 3))
+        return forward * step + added[:, 0], yaw_rate * step + added[:, 2]
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematic(Motion):
+    """Wheels that roll: what such a vehicle does, and the model that others start from."""
+
+    geometry: Geometry
+    q: Array = field(default_factory=NULLS.copy)
+
+
+def errors_of(
+    q: Array, geometry: Geometry, parts: Sequence[Part], more: Sequence[Array | float] | None = None
+) -> Array:
+    """Measured less predicted increments of all windows, (W, 3) [m, m, rad].
+
+    Args:
+        more: what something else adds to each part's steps, see ``path``.
+    """
+    return np.concatenate(
+        [
+            window_errors(q, p.trajectory, geometry, p.windows, m)
+            for p, m in zip(parts, more or (0.0,) * len(parts), strict=True)
+        ]
+    )
 
 
 def _following(values: Array, lag: float, step: float) -> Array:

@@ -11,6 +11,7 @@ import csv
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,12 @@ import numpy as np
 from sysid.data.files import read_bytes
 from sysid.data.record import Array
 from sysid.errors import DataError
-from sysid.vehicle.kinematics import Geometry, step_pose
+from sysid.fitting.differences import slopes
+from sysid.vehicle.kinematics import Geometry, chained_arcs
 
 TURNS_ALIKE = 0.03
 """Share of the larger singular value of the returns' Jacobian below which the smaller one
 determines nothing: squares one way move along one line whatever is wrong."""
-
-ROUNDS = 20
-"""Gauss–Newton steps at most; from the nominal values five are enough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +36,17 @@ class SquareRun:
         side: length of a side [m].
         predicted: (E_d, E_b) → what ``found`` would be, (2,) [m].
         found: where the run ended, or by how much it missed its start, (2,) [m].
-        missed: where it ended less where the odometry as it is said so, (2,) [m].
     """
 
     clockwise: bool
     side: float
     predicted: Callable[[float, float], Array]
     found: Array
-    missed: Array
+
+    @cached_property
+    def missed(self) -> Array:
+        """Where it ended less where the odometry as it is said so, (2,) [m]."""
+        return np.asarray(self.found - self.predicted(1.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,15 +113,10 @@ def ideal_return(
         side: of the square by the odometry [m].
         width: nominal distance of the wheels [m].
     """
-    left, right = scales(wheel_ratio)
-    actual = width_ratio * width
     arc = 0.25 * math.pi * width * (-1.0 if clockwise else 1.0)
-    x, y, psi = 0.0, 0.0, 0.0
-    for _ in range(4):
-        for way_l, way_r in ((left * side, right * side), (-left * arc, right * arc)):
-            along, turn = 0.5 * (way_l + way_r), (way_r - way_l) / actual
-            x, y, psi = step_pose(x, y, psi, along, turn, 1.0, xp=math)
-    return np.array([x, y])
+    rolled = np.array([(side, side), (-arc, arc)] * 4) * scales(wheel_ratio)
+    turn = np.diff(rolled, axis=1)[:, 0] / (width_ratio * width)
+    return chained_arcs(rolled.mean(axis=1), turn)[-1, :2]
 
 
 def returned(
@@ -142,7 +139,6 @@ def returned(
             cw,
             side,
             lambda d, b, cw=cw: ideal_return(d, b, side, geometry.B, cw),  # type: ignore[misc]
-            np.asarray(m, dtype=np.float64),
             np.asarray(m, dtype=np.float64),
         )
         for cw, m in zip(clockwise, missed, strict=True)
@@ -222,7 +218,9 @@ def square_result(runs: Sequence[SquareRun]) -> SquareResult:
 
 
 def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
-    """Gauss–Newton on the mean returns of both directions, each weighed alike."""
+    """Least squares on the mean returns of both directions, each weighed alike."""
+    from scipy.optimize import least_squares
+
     measured = np.concatenate([np.mean([r.found for r in g], axis=0) for g in groups])
 
     def predicted(p: Array) -> Array:
@@ -230,14 +228,14 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
             [np.mean([r.predicted(*p.tolist()) for r in g], axis=0) for g in groups]
         )
 
-    p = np.ones(2)
-    for _ in range(ROUNDS):
-        J = _jacobian(predicted, p)
-        step = np.linalg.lstsq(J, measured - predicted(p), rcond=None)[0]
-        p = np.maximum(p + step, 0.1)
-        if float(np.abs(step).max()) < 1e-10:
-            break
-    J = _jacobian(predicted, p)
+    def away(p: Array) -> Array:
+        return np.asarray(predicted(p) - measured)
+
+    def jacobian(p: Array) -> Array:
+        return slopes(predicted, p, np.full(2, 1e-5))
+
+    p: Array = least_squares(away, np.ones(2), jacobian, (0.1, np.inf), xtol=1e-12).x
+    J = jacobian(p)
     size = np.linalg.svd(J, compute_uv=False)
     if size[1] < TURNS_ALIKE * size[0]:
         text = "Both errors move the returns along one line, so neither can be determined."
@@ -263,27 +261,14 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     )
 
 
-def _jacobian(predicted: Callable[[Array], Array], p: Array) -> Array:
-    columns = []
-    for k in range(2):
-        up, down = p.copy(), p.copy()
-        up[k] += 1e-5
-        down[k] -= 1e-5
-        columns.append((predicted(up) - predicted(down)) / 2e-5)
-    return np.column_stack(columns)
-
-
 def _std_errors(solve: Array, groups: list[list[SquareRun]]) -> tuple[float | None, float | None]:
     """From the scatter of the runs about the mean of their direction, pooled over both."""
     freedom = sum(len(g) - 1 for g in groups)
     if freedom < 1:
         return None, None
-    apart = [
-        r.missed - np.mean([o.missed for o in g], axis=0) for g in groups for r in g if len(g) > 1
-    ]
-    scatter = np.asarray(apart).T @ np.asarray(apart) / freedom
-    covariance = np.zeros((4, 4))
-    for k, g in enumerate(groups):
-        covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = scatter / len(g)
-    variance = np.diag(solve @ covariance @ solve.T)
-    return float(np.sqrt(variance[0])), float(np.sqrt(variance[1]))
+    missed = [np.array([r.missed for r in g]) for g in groups]
+    apart = np.concatenate([m - m.mean(axis=0) for m in missed])
+    scatter = apart.T @ apart / freedom
+    covariance = np.kron(np.diag([1.0 / len(g) for g in groups]), scatter)
+    errors = np.sqrt(np.diag(solve @ covariance @ solve.T))
+    return float(errors[0]), float(errors[1])

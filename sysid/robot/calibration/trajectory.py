@@ -110,6 +110,18 @@ class Trajectory:
 
 
 @dataclass(frozen=True, eq=False)
+class Part:
+    """Windows of one trajectory.
+
+    Attributes:
+        windows: first and last measurement of each, (W, 2).
+    """
+
+    trajectory: Trajectory
+    windows: Index
+
+
+@dataclass(frozen=True, eq=False)
 class Trajectories:
     """The trajectories of one vehicle.
 

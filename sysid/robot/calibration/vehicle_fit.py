@@ -6,16 +6,19 @@ its predictions.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from sysid.data.documents import plain_object
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
+from sysid.robot.calibration.dynamic_estimate import DynamicFit
+from sysid.robot.calibration.dynamic_fit import fit_dynamics
 from sysid.robot.calibration.dynamic_motion import fit_weighed
 from sysid.robot.calibration.dynamic_motors import KnownMotors
-from sysid.robot.calibration.geometry import SURE, GeometryEstimate, lengths_of
+from sysid.robot.calibration.geometry import GeometryEstimate, lengths_of
 from sysid.robot.calibration.judged import (
     Drift,
     PathErrors,
@@ -29,124 +32,16 @@ from sysid.robot.calibration.judged import (
 )
 from sysid.robot.calibration.numbers import Correlations, VehicleNumber
 from sysid.robot.calibration.slip_curves import SlipCurves, slip_curves
-from sysid.robot.calibration.slip_fit import Part, SlipFit, errors_of, fit_slip
-from sysid.robot.calibration.slip_model import NULLS, TERMS, body_speeds, pose_read
-from sysid.robot.calibration.slip_numbers import correlations_of, in_units, numbers_of
+from sysid.robot.calibration.slip_estimate import SlipFit, in_units
+from sysid.robot.calibration.slip_fit import fit_slip
+from sysid.robot.calibration.slip_model import Kinematic, Motion
 from sysid.robot.calibration.square_runs import SquareResult, square_result
-from sysid.robot.calibration.square_search import PoseMeasurement, square_runs
-from sysid.robot.calibration.trajectory import Trajectories, Trajectory, trajectories_of
+from sysid.robot.calibration.square_search import square_runs
+from sysid.robot.calibration.trajectory import Part, Trajectories, trajectories_of
 from sysid.vehicle.kinematics import Geometry
 
-
-class Motion(Protocol):
-    """A model that predicts the pose from the wheel speeds."""
-
-    def errors(self, parts: Sequence[Part]) -> Array:
-        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
-        ...
-
-    def predicted_pose(self, trajectory: Trajectory) -> Array:
-        """x, y [m], ψ [rad] that a trajectory's source would read, from any start, (M, 3)."""
-        ...
-
-    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
-        ...
-
-
-class MotionFit(Motion, Protocol):
-    """A fitted model of motion."""
-
-    def numbers(self) -> tuple[VehicleNumber, ...]:
-        """Every quantity, identifiable or not."""
-        ...
-
-    def correlations(self) -> Correlations:
-        """How far errors of the numbers go together."""
-        ...
-
-    def refitted(self, parts: Sequence[Part]) -> "MotionFit":
-        """The same model fitted to other windows."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Kinematic:
-    """Wheels that roll: what such a vehicle does, and the model that others start from."""
-
-    geometry: Geometry
-
-    def errors(self, parts: Sequence[Part]) -> Array:
-        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
-        return errors_of(NULLS, parts, self.geometry)
-
-    def predicted_pose(self, trajectory: Trajectory) -> Array:
-        """x, y [m], ψ [rad] at a trajectory's measurements, from the origin, (M, 3)."""
-        return pose_read(NULLS, trajectory, self.geometry)
-
-    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
-        return _steps(NULLS, trajectory, self.geometry)
-
-
-@dataclass(frozen=True, eq=False)
-class Slipping:
-    """A vehicle that slips about centres of rotation that its sides keep.
-
-    Attributes:
-        given: lengths that a person gave; None for none.
-    """
-
-    fit: SlipFit
-    given: Geometry | None
-
-    def numbers(self) -> tuple[VehicleNumber, ...]:
-        """Every quantity, identifiable or not."""
-        return numbers_of(self.fit, self.given)
-
-    def correlations(self) -> Correlations:
-        """How far errors of the numbers go together."""
-        return correlations_of(self.fit)
-
-    def refitted(self, parts: Sequence[Part]) -> "Slipping":
-        """The same terms fitted to other windows."""
-        terms = [TERMS[k].name for k in self.fit.free if TERMS[k].optional]
-        return Slipping(fit_slip(parts, self.fit.geometry, terms), self.given)
-
-    def errors(self, parts: Sequence[Part]) -> Array:
-        """Measured minus predicted increments of windows, (W, 3) [m, m, rad]."""
-        return errors_of(self.fit.q, parts, self.fit.geometry)
-
-    def predicted_pose(self, trajectory: Trajectory) -> Array:
-        """x, y [m], ψ [rad] that the source of a trajectory's pose would read, (M, 3)."""
-        return pose_read(self.fit.q, trajectory, self.fit.geometry)
-
-    def driven(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Way [m] and angle turned [rad] in each step of a trajectory's grid."""
-        return _steps(self.fit.q, trajectory, self.fit.geometry)
-
-    def shares(self) -> dict[str, dict[str, Any]] | None:
-        """The vehicle and its slip i = slip + turning |ω_R − ω_L|/(|ω_L| + |ω_R|) as sections of a
-        mission; None where both sides roll alike and lose nothing in turns."""
-        n = in_units(self.fit.q, self.fit.geometry)
-        left, right, turning = n["radius_left"], n["radius_right"], n["slip_turning"]
-        apart = abs(left - right) / self.fit.geometry.r
-        unlike = apart > SURE * float(np.hypot(*self.fit.std_errors[:2]))
-        if not (unlike or turning):
-            return None
-        mean = 0.5 * (left + right)
-        motion: dict[str, Any] = {"kind": "slip"}
-        if unlike:
-            motion["slip"] = [1.0 - left / mean, 1.0 - right / mean]
-        if turning > 0.0:
-            motion["turning"] = min(turning, 0.9)
-        return {"vehicle": {"r": mean, "B": n["effective_width"]}, "motion": motion}
-
-
-def _steps(q: Array, trajectory: Trajectory, geometry: Geometry) -> tuple[Array, Array]:
-    forward, yaw_rate = body_speeds(q, trajectory.omega, trajectory.step, geometry)
-    return forward * trajectory.step, yaw_rate * trajectory.step
-
+MotionFit = SlipFit | DynamicFit
+"""A fitted model of motion."""
 
 MOTIONS = ("slip", "dynamic")
 """Models of motion that can be fitted, by the names that a mission knows them under."""
@@ -226,11 +121,8 @@ class VehicleFit:
     def mission(self) -> dict[str, dict[str, Any]]:
         """Sections of a mission file that drive this vehicle: ``vehicle``, and ``motion`` where its
         sides slip by shares (the law of the mission's motion of kind slip)."""
-        if isinstance(self.model, Slipping):
-            shares = self.model.shares()
-            if shares is not None:
-                return shares
-        return {"vehicle": {"r": self.acting.r, "B": self.acting.B}}
+        shares = self.model.shares() if isinstance(self.model, SlipFit) else None
+        return shares or {"vehicle": asdict(self.acting)}
 
     @property
     def before_sentence(self) -> str:
@@ -250,34 +142,36 @@ class VehicleFit:
         """The document of ``fit-vehicle``."""
         steps = {"before": self.before, "plain": self.plain, "after": self.after}
         first, last = self.drift
-        return {
-            "motion": self.motion,
-            "parameters": [n.to_json() for n in self.numbers],
-            "correlations": self.correlations.to_json(),
-            "path_error_m": {k: e.path for k, e in steps.items()},
-            "heading_error_rad": {k: e.heading for k, e in steps.items()},
-            "path_error_rms_m": {k: e.path_rms for k, e in steps.items()},
-            "heading_error_rms_rad": {k: e.heading_rms for k, e in steps.items()},
-            "before": self.before_sentence,
-            "drift": {"before": first.to_json(), "after": last.to_json()},
-            "two_fold": [
-                {
-                    "path_error_m": {"before": f.before.path, "after": f.after.path},
-                    "heading_error_rad": {"before": f.before.heading, "after": f.after.heading},
-                    "parameters": dict(f.numbers),
-                }
-                for f in self.folds
-            ],
-            "squares": None if self.squares is None else self.squares.to_json(),
-            "slip": {k: [p.to_json() for p in points] for k, points in self.curves.items()},
-            "windows": {"estimation": self.windows[0], "held_out": self.windows[1]},
-            "geometry": {
-                "given": None if self.given is None else {"r": self.given.r, "B": self.given.B},
-                "plain": self.lengths.to_json(),
-            },
-            "vehicle": {"r": self.acting.r, "B": self.acting.B},
-            "mission": self.mission,
-        }
+        return plain_object(
+            {
+                "motion": self.motion,
+                "parameters": self.numbers,
+                "correlations": self.correlations,
+                "path_error_m": {k: e.path for k, e in steps.items()},
+                "heading_error_rad": {k: e.heading for k, e in steps.items()},
+                "path_error_rms_m": {k: e.path_rms for k, e in steps.items()},
+                "heading_error_rms_rad": {k: e.heading_rms for k, e in steps.items()},
+                "before": self.before_sentence,
+                "drift": {"before": first, "after": last},
+                "two_fold": [
+                    {
+                        "path_error_m": {"before": f.before.path, "after": f.after.path},
+                        "heading_error_rad": {"before": f.before.heading, "after": f.after.heading},
+                        "parameters": dict(f.numbers),
+                    }
+                    for f in self.folds
+                ],
+                "squares": self.squares,
+                "slip": self.curves,
+                "windows": {"estimation": self.windows[0], "held_out": self.windows[1]},
+                "geometry": {
+                    "given": self.given,
+                    "plain": self.lengths,
+                },
+                "vehicle": self.acting,
+                "mission": self.mission,
+            }
+        )
 
 
 def fit_vehicle(
@@ -315,12 +209,11 @@ def fit_vehicle(
     start = _start(lengths)
     model: MotionFit
     if motion == "dynamic":
-        model = weighed = fit_weighed(
-            first, start, (*records, *holdout), trajectories, known, motors
-        )
-        trajectories = replace(trajectories, notes=(*trajectories.notes, *weighed.notes))
+        every = (*records, *holdout)
+        model = fit_weighed(first, start, every, trajectories, known, motors)
+        trajectories = replace(trajectories, notes=(*trajectories.notes, *model.powered.notes))
     else:
-        model = Slipping(fit_slip(first, start), geometry)
+        model = fit_slip(first, start)
     fitted = _judged(_Study(trajectories, first, second, known, geometry, lengths, motion), model)
     worse = fitted.after.path > WORSE * fitted.plain.path
     if motion == "dynamic" and (worse or fitted.after.heading > WORSE * fitted.plain.heading):
@@ -352,16 +245,13 @@ def _start(lengths: GeometryEstimate) -> Geometry:
 def _judged(study: _Study, model: MotionFit) -> VehicleFit:
     before, plain = Kinematic(study.known), Kinematic(study.lengths.geometry)
     long = long_stretches(study.second)
-    if not isinstance(model, Slipping):
-        slipping = fit_slip(study.first, _start(study.lengths), ())
-    else:
-        slipping = model.fit
+    slipping = model.before if isinstance(model, DynamicFit) else model
     every = [*study.first, *study.second]
     acting = _acting(model, study.first)
     after = PathErrors.of(model.errors(study.second))
     return VehicleFit(
         motion=study.motion,
-        numbers=model.numbers(),
+        numbers=model.numbers(study.given),
         correlations=model.correlations(),
         before=PathErrors.of(before.errors(study.second)),
         plain=PathErrors.of(plain.errors(study.second)),
@@ -408,8 +298,8 @@ def _still_off(after: PathErrors, model: Motion, parts: Sequence[Part]) -> tuple
 def _squares(study: _Study, fit: SlipFit) -> SquareResult | None:
     """Closed squares, judged as such, beside what the whole of the paths says."""
     n = in_units(fit.q, fit.geometry)
-    measurement = PoseMeasurement(n["pose_lag"], n["heading_offset"])
-    runs = square_runs(study.trajectories.each, study.known, measurement)
+    each = study.trajectories.each
+    runs = square_runs(each, study.known, n["pose_lag"], n["heading_offset"])
     if not runs:
         return None
     result = square_result(runs)
@@ -448,9 +338,16 @@ def _folds(study: _Study, model: MotionFit) -> tuple[Fold, ...]:
     folds = []
     before = Kinematic(study.known)
     for fitted, judge in (halves, halves[::-1]):
-        model = model.refitted(fitted)
-        values = {n.name: n.value for n in model.numbers() if n.in_model}
+        model = _refitted(model, fitted)
+        values = {n.name: n.value for n in model.numbers(study.given) if n.in_model}
         folds.append(
             Fold(PathErrors.of(before.errors(judge)), PathErrors.of(model.errors(judge)), values)
         )
     return tuple(folds)
+
+
+def _refitted(model: MotionFit, parts: Sequence[Part]) -> MotionFit:
+    """The same model with the same terms fitted to other windows."""
+    if isinstance(model, DynamicFit):
+        return fit_dynamics(parts, model.geometry, model.powered)
+    return fit_slip(parts, model.geometry, model.terms)

@@ -18,7 +18,7 @@ from sysid.data.noise import white_noise
 from sysid.data.record import Array, Record
 from sysid.effects.ground import Ground
 from sysid.effects.lag import followed
-from sysid.vehicle.kinematics import Geometry, body_velocity
+from sysid.vehicle.kinematics import Geometry, body_velocity, chained_arcs, seen_from
 
 WINDOW = 2.0
 """Length of a window [s]."""
@@ -77,7 +77,7 @@ class Track:
         skid may turn half a turn less than their wheels say; over holes the wheels lead it.
         """
         a, b = self.pose[self.starts], self.pose[self.starts + self.span]
-        change = _turned_back(b[:, :2] - a[:, :2], a[:, 2])
+        change = seen_from(a[:, 2], b[:, :2] - a[:, :2])
         rolled = self.path(Ground(), geometry)[:, 2]
         (there,) = np.nonzero(np.isfinite(self.pose[:, 2]))
         heading = np.full(len(rolled), np.nan)
@@ -110,7 +110,7 @@ class Track:
             psi = np.interp(t - late[0] - late[1], t, psi)
         a, b = self.starts, self.starts + self.span
         change = np.column_stack([x[b] - x[a], y[b] - y[a]])
-        return np.column_stack([_turned_back(change, psi[a]), psi[b] - psi[a]])
+        return np.column_stack([seen_from(psi[a], change), psi[b] - psi[a]])
 
     def path(self, ground: Ground, geometry: Geometry, offset: Array | None = None) -> Array:
         """x, y, ψ from the origin by the wheel speeds (missing ones count as rest), (N, 3)."""
@@ -133,26 +133,10 @@ def path_of(
     """
     rolled = ground.rolled(omega, dt)
     forward, yaw_rate = body_velocity(rolled[:, 0], rolled[:, 1], geometry)
-    along = 0.5 * dt * (forward[1:] + forward[:-1])
-    turn = 0.5 * dt * (yaw_rate[1:] + yaw_rate[:-1])
-    x, y, psi = np.zeros(3) if start is None else start
-    heading = psi + np.concatenate([[0.0], np.cumsum(turn)])
-    bent = np.sinc(turn / (2.0 * np.pi))
-    middle = heading[:-1] + 0.5 * turn
-    c, s = np.cos(middle), np.sin(middle)
-    chord = along * bent
-    east, north = chord * c, chord * s
-    if ground.slides:
-        lateral = ground.lateral(forward, yaw_rate)
-        aside = 0.5 * dt * (lateral[1:] + lateral[:-1]) * bent
-        east, north = east - aside * s, north + aside * c
-    return np.column_stack(
-        [
-            x + np.concatenate([[0.0], np.cumsum(east)]),
-            y + np.concatenate([[0.0], np.cumsum(north)]),
-            heading,
-        ]
-    )
+    lateral = ground.lateral(forward, yaw_rate) if ground.slides else np.zeros(len(omega))
+    along, turn, aside = (0.5 * dt * (v[1:] + v[:-1]) for v in (forward, yaw_rate, lateral))
+    first = (0.0, 0.0, 0.0) if start is None else start.tolist()
+    return chained_arcs(along, turn, aside if ground.slides else None, first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,13 +237,6 @@ def increments_noise(tracks: Sequence[Track], geometry: Geometry) -> Noise:
         geometry=geometry,
         tracks=tuple(tracks),
         beyond=np.zeros(3),
-    )
-
-
-def _turned_back(change: Array, psi: Array) -> Array:
-    c, s = np.cos(psi), np.sin(psi)
-    return np.column_stack(
-        [c * change[:, 0] + s * change[:, 1], c * change[:, 1] - s * change[:, 0]]
     )
 
 

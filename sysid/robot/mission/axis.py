@@ -61,7 +61,6 @@ class AxisInputs(NamedTuple):
         motion: motion that navigation believes [m/s, rad/s].
         low, high: limits of the command [drive].
         applied: what of the last command acted, as far as is known [drive].
-        plant: the identified plant along this axis.
     """
 
     t: Real
@@ -83,19 +82,15 @@ class AxisLaw(Protocol):
     @property
     def gains(self) -> Mapping[str, tuple[float, float]]:
         """The keys that are gains to be tuned, each with the bounds of a sensible search."""
-        ...
 
     @property
     def uses_plant(self) -> bool:
         """Whether it reads ``inputs.plant``: what the identified plant answers is then measured."""
-        ...
 
     def with_gains(self, values: Mapping[str, Real]) -> "AxisLaw":
         """The same law with other values of its gains, which are taken as they are."""
-        ...
 
     def start(self, scene: Any, xp: Any) -> State: ...
 
     def step(self, state: State, inputs: AxisInputs, dt: Real, xp: Any) -> tuple[State, Real]:
         """The command [drive] in [low, high]."""
-        ...

@@ -1,6 +1,5 @@
 """Distances between a vehicle's centre and obstacles, over ``xp``."""
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -84,15 +83,6 @@ def nearest_point(wall: Wall, x: Real, y: Real, xp: Any) -> Point:
             )
     assert nearest is not None  # a wall has two points at least
     return nearest[1], nearest[2]
-
-
-def inside(polygon: Sequence[Point], p: Point) -> bool:
-    """Whether a point lies inside a closed polygon, by the crossings of a ray to the right."""
-    crossings = 0
-    for (ax, ay), (bx, by) in pairwise((*polygon, polygon[0])):
-        if (ay > p[1]) != (by > p[1]):
-            crossings += p[0] < ax + (p[1] - ay) / (by - ay) * (bx - ax)
-    return crossings % 2 == 1
 
 
 def _side(a: Point, b: Point, p: Point) -> Real:

@@ -283,17 +283,14 @@ class Guidance(Protocol):
     @property
     def reach(self) -> float:
         """Distance from an obstacle's point within which it changes the way [m]; 0 never."""
-        ...
 
     @property
     def advice(self) -> GuidanceAdvice:
         """What to change when a mission fails."""
-        ...
 
     @property
     def traits(self) -> GuidanceTraits:
         """What it can do and needs."""
-        ...
 
     def start(self, scene: Scene, xp: Any) -> State: ...
 
@@ -303,7 +300,6 @@ class Guidance(Protocol):
 
     def to_go(self, state: State, pose: Pose, scene: Scene, xp: Any) -> Real:
         """The way still to go from a true pose [m]; a mission where it stops shrinking is stuck."""
-        ...
 
 
 @runtime_checkable
@@ -312,7 +308,6 @@ class HasPotential(Protocol):
 
     def potential(self, x: Real, y: Real, scene: Scene, xp: Any) -> Real:
         """The potential at X, Y [m]; its unit is the law's own."""
-        ...
 
 
 @runtime_checkable
@@ -328,12 +323,10 @@ class Controller(Protocol):
     @property
     def uses_plant(self) -> bool:
         """Whether it needs ``scene.nominal`` of the identified plant, which is then measured."""
-        ...
 
     @property
     def compensate(self) -> tuple[str, ...] | str:
         """Ids of the plant's effects to make up for on the way to the tracks, or all of them."""
-        ...
 
     def start(self, scene: Scene, xp: Any) -> State: ...
 
@@ -379,7 +372,6 @@ class TurnsTracks(Protocol):
 
     def wheel_speeds(self, state: State) -> tuple[Real, Real]:
         """ω of the left and the right track after a step [rad/s]."""
-        ...
 
 
 @runtime_checkable
@@ -393,16 +385,13 @@ class Sensor(Protocol):
     @property
     def names(self) -> tuple[str, ...]:
         """What it reads, as navigation and the log call it, e.g. ``gyro_z``."""
-        ...
 
     @property
     def draws(self) -> int:
         """Standard normal numbers that a sample needs."""
-        ...
 
     def figures(self, dt: float) -> Mapping[str, Figures]:
         """How well it reads, by name, where the plant's sample time is ``dt`` [s]."""
-        ...
 
     def start(self, scene: Scene, xp: Any) -> State: ...
 
@@ -410,7 +399,6 @@ class Sensor(Protocol):
         self, state: State, inputs: SensorInputs, dt: Real, xp: Any
     ) -> tuple[State, tuple[Real, ...]]:
         """The measurements in the order of ``names``; NaN where nothing is read at this sample."""
-        ...
 
 
 @runtime_checkable
@@ -419,7 +407,6 @@ class Holding(Protocol):
 
     def hold(self, scene: Scene, t: Array, x: Array, y: Array) -> Hold:
         """What held a robot that was at these places [m] at ``t`` [s] and got nowhere."""
-        ...
 
 
 @runtime_checkable
@@ -429,11 +416,9 @@ class Reporting(Protocol):
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns, with none of another part."""
-        ...
 
     def report(self, state: State, xp: Any) -> tuple[Real, ...]:
         """Their values after a step."""
-        ...
 
 
 ROBOT_INPUTS = (Channel("pwm_l", "µs"), Channel("pwm_r", "µs"))
@@ -473,11 +458,9 @@ class SteppablePlant(Protocol):
 
     def initial_state(self) -> Array:
         """Return the state at rest."""
-        ...
 
     def step(self, state: Array, u: Array) -> tuple[Array, Array]:
         """Return the next state and the output y(k) at this sample; ``state`` stays as it is."""
-        ...
 
 
 Readout = Callable[[Array, Array], Array]

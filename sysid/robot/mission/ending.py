@@ -42,12 +42,7 @@ def sentence(
     log: Mapping[str, Array],
     last: References = STANDING,
 ) -> str:
-    """One sentence on the end of a mission, with the next step.
-
-    Args:
-        mission: what was to be done, by which laws.
-        last: references at the end.
-    """
+    """One sentence on the end of a mission, with the next step."""
     guidance = mission.guidance.advice
     if outcome in (Outcome.ARRIVED, Outcome.MISSED):
         return _arrived(outcome, mission, float(_to_goal(mission, log)[-1]))
@@ -75,12 +70,7 @@ def _arrived(outcome: Outcome, mission: Mission, away: float) -> str:
 
 
 def stuck(mission: Mission, log: Mapping[str, Array], last: References) -> Stuck:
-    """Why and where a robot got nowhere.
-
-    Args:
-        mission: what was to be done, by which laws.
-        last: references at the end.
-    """
+    """Why and where a robot got nowhere."""
     place = float(log["x"][-1]), float(log["y"][-1])
     return Stuck(_stuck(mission, log, last)[0], place)
 
@@ -121,7 +111,6 @@ def _stuck(mission: Mission, log: Mapping[str, Array], last: References) -> tupl
 
 
 def _gave_up(mission: Mission, hold: Hold, x: float, y: float) -> tuple[StuckReason, str]:
-    """Guidance itself found no way on."""
     advice = mission.guidance.advice
     if hold is Hold.NO_WAY_THROUGH:
         change = _either("move the goal or what walls it off", advice.closer)
@@ -136,7 +125,6 @@ def _gave_up(mission: Mission, hold: Hold, x: float, y: float) -> tuple[StuckRea
 
 
 def _misled(mission: Mission, log: Mapping[str, Array], said: str) -> tuple[StuckReason, str]:
-    """It stands still, or its course does not lead to the goal."""
     t, x, y, to_go = log["t"], log["x"], log["y"], _to_goal(mission, log)
     guidance, control = mission.guidance.advice, mission.control.advice
     last = t >= t[-1] - STUCK.time

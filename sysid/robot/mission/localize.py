@@ -12,6 +12,7 @@ from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import DataError
 from sysid.robot.mission.contracts import Body, NavigationInputs, Pose, Reporting, Scene
+from sysid.robot.mission.navigation.consistency import chi2_bounds, samples_in_one
 from sysid.robot.mission.registry import law
 from sysid.robot.mission.spec import Mission
 from sysid.vehicle.kinematics import wrap_angle
@@ -54,7 +55,6 @@ class Localization:
             empty where the law reports no covariance.
         errors: of the estimate where the log holds the true pose: ``position_rms_m``,
             ``position_end_m``, ``heading_rms_rad``, ``heading_end_rad``; empty elsewhere.
-        notes: what was assumed.
     """
 
     log: SensorLog
@@ -80,7 +80,6 @@ def localize(
         path: log with the wheel speeds and with columns of sensors.
         mission: its navigation, sensors, geometry and start.
         columns: reading → column, where the names differ; ``-column`` where its sign does.
-        options: how to read the log.
 
     Raises:
         DataError: the log cannot be read, or holds no wheel speed and no sensor.
@@ -192,7 +191,6 @@ def _drives(log: SensorLog) -> list[tuple[float, float]]:
 
 
 def _check(columns: Mapping[str, Array], log: SensorLog) -> None:
-    """Refuse an estimate that is no number."""
     for name in ESTIMATE[:3]:
         lost = np.flatnonzero(np.logical_not(np.isfinite(columns[name])))
         if len(lost):
@@ -203,7 +201,6 @@ def _check(columns: Mapping[str, Array], log: SensorLog) -> None:
 
 
 def _errors(columns: Mapping[str, Array], pose: Array) -> dict[str, float]:
-    """Errors against the true pose, where that is known."""
     known = np.isfinite(pose).all(axis=1)
     distance = np.hypot(columns["x_est"] - pose[:, 0], columns["y_est"] - pose[:, 1])[known]
     angle = wrap_angle((columns["psi_est"] - pose[:, 2])[known])
@@ -226,11 +223,15 @@ def _consistency(columns: Mapping[str, Array], pose: Array | None) -> dict[str, 
     """
     if "nis" not in columns:
         return {}
+
+    def bounds(dof: float, count: float) -> list[float]:
+        return [quantile / count for quantile in chi2_bounds(dof, 0.95)]
+
     came = columns["nis_dof"] > 0
     nis, dof = columns["nis"][came], columns["nis_dof"][came]
     facts: dict[str, Any] = {"nis_mean": None, "nis_bounds": None}
     if came.any():
-        facts = {"nis_mean": float(nis.mean()), "nis_bounds": _bounds(float(dof.sum()), len(nis))}
+        facts = {"nis_mean": float(nis.mean()), "nis_bounds": bounds(float(dof.sum()), len(nis))}
     facts |= dict.fromkeys(f"nees{of}_{n}" for of in ("", "_heading") for n in ("mean", "bounds"))
     if pose is not None:
         dx, dy = columns["x_est"] - pose[:, 0], columns["y_est"] - pose[:, 1]
@@ -240,29 +241,7 @@ def _consistency(columns: Mapping[str, Array], pose: Array | None) -> dict[str, 
         for of, nees, size in (("", place, 2.0), ("_heading", heading, 1.0)):
             nees = nees[np.isfinite(nees)][1:]  # the start is given, not estimated
             if len(nees):
-                count = _independent(nees)
-                bounds = _bounds(size * count, count)
-                facts |= {f"nees{of}_mean": float(nees.mean()), f"nees{of}_bounds": bounds}
+                count = max(1.0, len(nees) / samples_in_one([nees]))
+                facts[f"nees{of}_mean"] = float(nees.mean())
+                facts[f"nees{of}_bounds"] = bounds(size * count, count)
     return facts
-
-
-def _bounds(dof: float, count: float) -> list[float]:
-    """Where the mean of ``count`` numbers lies in 95 % whose sum is χ² of ``dof``."""
-    from scipy.special import gammaincinv
-
-    return [2.0 * float(gammaincinv(0.5 * dof, p)) / count for p in (0.025, 0.975)]
-
-
-def _independent(values: Array) -> float:
-    """How many independent numbers say as much of their mean: N/(1 + 2 Σ ρ_k) (Bartlett)."""
-    centred = values - values.mean()
-    power = float(centred @ centred)
-    if power == 0.0:
-        return 1.0
-    total = 0.0
-    for k in range(1, len(values) // 2):
-        rho = float(centred[k:] @ centred[:-k]) / power
-        if rho <= 0.0:  # beyond the first zero there is noise alone
-            break
-        total += rho
-    return max(1.0, len(values) / (1.0 + 2.0 * total))

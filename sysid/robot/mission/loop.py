@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from sysid.data.record import PWM_FULL_SCALE
+from sysid.effects.ground import Ground
 from sysid.robot.mission.clearance import step_clearance
 from sysid.robot.mission.contracts import (
     Body,
@@ -34,9 +35,34 @@ from sysid.robot.mission.contracts import (
     TurnsTracks,
     readout_of,
 )
-from sysid.robot.mission.rolling import on_ground
 from sysid.robot.mission.supply import Feed
-from sysid.vehicle.kinematics import Real
+from sysid.vehicle.kinematics import Real, body_velocity
+
+
+def on_ground(
+    ground: Ground,
+    state: State,
+    omega: tuple[Real, Real],
+    at: tuple[Real, Real],
+    scene: Scene,
+) -> tuple[State, MotionInputs]:
+    """What moves the vehicle when its tracks turn on an identified ground.
+
+    Args:
+        ground: what stands between tracks and ground.
+        omega: speeds of the left and the right track [rad/s].
+        at: instant, and time since the sample before [s].
+
+    Returns:
+        What the ground remembers then, and the inputs of the motion.
+    """
+    (left, right), after = ground.step(state, omega, at[1])
+    inputs = MotionInputs(at[0], left, right, scene)
+    if not ground.slides:
+        return after, inputs
+    speeds = body_velocity(left, right, scene.geometry)
+    return after, inputs._replace(lateral=ground.lateral(*speeds))
+
 
 COLUMNS = (
     "t", "pwm_l", "pwm_r", "omega_l", "omega_r", "x", "y", "psi",
@@ -183,9 +209,7 @@ class Loop:
 
     Attributes:
         plant: two PWM inputs [µs], two wheel speeds [rad/s].
-        scene: what the run is about.
         timeout: it is given up after this time [s].
-        xp: array namespace of all laws.
         shaper: makes PWM of both tracks [µs] of a command, and says what of the command it gives.
         feed: what battery and bridge make of that PWM; None for nothing.
     """
@@ -246,11 +270,6 @@ class Loop:
         true = (f"true_{name}" if name in read else name for name in COLUMNS)
         shown = (name for _, law in self.reporting for name in law.columns)
         return (*true, *read, *shown)
-
-    @property
-    def draws(self) -> tuple[int, ...]:
-        """Standard normal numbers that each sensor needs a sample."""
-        return tuple(sensor.draws for sensor in self.scene.sensors.values())
 
     def sample(
         self, state: LoopState, tick: Tick, draws: Sequence[Sequence[Real]] = ()
@@ -402,7 +421,6 @@ class Loop:
         )
 
     def _judged(self, state: LoopState, body: Body, tick: Tick) -> tuple[Progress, Real]:
-        """The figures after a sample, and whether the run is over."""
         xp, scene, last = self.xp, self.scene, state.progress
         passed = step_clearance(scene, state.body.pose, body.pose, tick.t, tick.dt, xp)
         clearance = xp.minimum(last.clearance, passed)

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sysid.data.record import Array
 from sysid.robot.mission.loop import Loop
 
 _BLOCK = 256
@@ -26,19 +25,8 @@ def sensor_draws(loop: Loop, seed: int) -> Iterator[tuple[list[float], ...]]:
         seed: of the run, at least 0.
     """
     if not loop.scene.sensors:
-        return itertools.repeat(())
-    streams = [generator(seed, name) for name in loop.scene.sensors]
-    return _rows(streams, loop.draws)
-
-
-def _rows(
-    streams: list[np.random.Generator], counts: tuple[int, ...]
-) -> Iterator[tuple[list[float], ...]]:
+        yield from itertools.repeat(())
+    streams = [(generator(seed, name), s.draws) for name, s in loop.scene.sensors.items()]
     while True:
-        blocks = [block(s, n, _BLOCK).tolist() for s, n in zip(streams, counts, strict=True)]
+        blocks = [stream.standard_normal((_BLOCK, n)).tolist() for stream, n in streams]
         yield from zip(*blocks, strict=True)
-
-
-def block(stream: np.random.Generator, count: int, samples: int) -> Array:
-    """The next numbers of a stream, (samples, count): the same however they are divided."""
-    return stream.standard_normal((samples, count))

@@ -32,7 +32,6 @@ class FlowRule:
         detour: a way this many times longer than the straight line leads nowhere.
         still: a way that came less than this [m] forward in 50 steps has ended.
         apart: ends closer together than this [m] are one place.
-        side: starts along each side of the map.
         cells: points along each side of the map of the field.
         margin: room around start, goal and obstacles [m]: the range of the published field.
     """
@@ -74,7 +73,6 @@ class Plan:
 
     Attributes:
         way: the way from the start along the references, (N, 2) [m].
-        arrives: whether it leads to the goal.
         length_m: of the way [m].
         min_clearance_m: smallest distance from it to a surface [m]; None where there is none.
         time_s: at the references of speed [s]; None where it does not arrive.
@@ -122,9 +120,6 @@ def plan(mission: Mission) -> Plan:
     """Follow a mission's guidance without a plant: a point that follows its references exactly.
 
     Obstacles that move are taken where they are at the start.
-
-    Args:
-        mission: scene and law of guidance.
     """
     law, scene = mission.way_guidance, mission.scene()
     x, y = _map(scene)
@@ -161,7 +156,6 @@ def plan(mission: Mission) -> Plan:
 
 
 def _map(scene: Scene) -> tuple[Array, Array]:
-    """The part of the plane that matters, with room around it."""
     places = [(scene.start.x, scene.start.y, 0.0), (*scene.goal, 0.0)]
     places += [(o.x, o.y, o.radius) for o in scene.obstacles]
     places += [(*p, 0.0) for w in scene.walls for p in w.points]
@@ -234,7 +228,6 @@ def _ends(
 
 
 def _varied(law: PotentialField, gain: str) -> tuple[tuple[float, ...], list[PotentialField]]:
-    """The law at several values of one gain."""
     values = tuple(f * getattr(law, gain) for f in FACTORS)
     return values, [law.model_copy(update={gain: v}) for v in values]
 

@@ -1,14 +1,16 @@
 """The laws a mission can name by ``kind:``: the built-in ones and those of other packages."""
 
 from collections.abc import Mapping
+from functools import partial
 from importlib import import_module
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, ValidationError
 
+from sysid.data.yaml_files import problems
 from sysid.data.yaml_files.problems import sentence_at
-from sysid.data.yaml_files.source import shown
+from sysid.data.yaml_files.source import Place, YamlSource, shown
 from sysid.errors import UsageError
 from sysid.extensions import loaded, points, unusable
 from sysid.robot.mission.axis import AxisLaw
@@ -53,10 +55,10 @@ BUILT_IN = {
     "control.yaw.adaptive": "control.adaptive:YawAdaptive",
     "control.yaw.fuzzy": "control.fuzzy:YawFuzzy",
     "control.yaw.neural": "control.neural:YawNeural",
-    "navigation.odometry": "navigation.odometry:Odometry",
-    "navigation.inertial": "navigation.inertial:Inertial",
-    "navigation.compass": "navigation.compass:Compass",
-    "navigation.kf": "navigation.kf:Kalman",
+    "navigation.odometry": "navigation.dead_reckoning:Odometry",
+    "navigation.inertial": "navigation.dead_reckoning:Inertial",
+    "navigation.compass": "navigation.dead_reckoning:Compass",
+    "navigation.kf": "navigation.ekf:Kalman",
     "navigation.ekf": "navigation.ekf:ExtendedKalman",
     "navigation.ukf": "navigation.ukf:UnscentedKalman",
     "navigation.finite-model": "navigation.finite_model:FiniteModel",
@@ -64,8 +66,8 @@ BUILT_IN = {
     "motion.slip": "motion.slip:Slip",
     "motion.dynamic": "motion.dynamic:Dynamic",
     "sensors.encoders": "sensors.encoders:Encoders",
-    "sensors.gyroscope": "sensors.gyroscope:Gyroscope",
-    "sensors.accelerometer": "sensors.accelerometer:Accelerometer",
+    "sensors.gyroscope": "sensors.inertial:Gyroscope",
+    "sensors.accelerometer": "sensors.inertial:Accelerometer",
     "sensors.magnetometer": "sensors.magnetometer:Magnetometer",
     "sensors.visual_odometry": "sensors.visual_odometry:VisualOdometry",
     "sensors.position_fixes": "sensors.position_fixes:PositionFixes",
@@ -267,3 +269,34 @@ def _below(kind: str, error: ErrorDetails) -> InitErrorDetails:
     context = {**error.get("ctx", {}), "sentence": error["msg"]}
     custom = PydanticCustomError(error["type"], "{sentence}", context)
     return {"type": custom, "loc": (kind, *error["loc"]), "input": error["input"]}
+
+
+def first_problem(error: ValidationError, source: YamlSource, model: type[BaseModel]) -> str:
+    """Word the problem that comes first in the file, and name the lines of the others.
+
+    Args:
+        model: the model of the whole file, for the keys there are.
+
+    Returns:
+        ``file:line: what is wrong: what to do``.
+    """
+    known = partial(_known_keys, model=model, values=source.values)
+    return problems.first_problem(error, source, known, "the mission", {"goal": "goal: [1, 0]"})
+
+
+def _known_keys(place: Place, model: type[BaseModel], values: Mapping[str, Any]) -> list[str]:
+    section = str(place[0]) if place else ""
+    if section == "obstacles":
+        return ["at", "radius", "velocity"]
+    if section == "sensors":
+        chosen = place[1:2]
+        return (
+            list(law_class(section, str(chosen[0])).model_fields) if chosen else [*kinds(section)]
+        )
+    if section in ROLES:
+        keys = values[section]
+        for axis in axes(section):  # of a law put together from the laws of its axes
+            if place[1:2] == (axis,):
+                section, keys = f"{section}.{axis}", keys[axis]
+        return ["kind", *section_class(section, keys)[0].model_fields]
+    return problems.keys_of(model, place)

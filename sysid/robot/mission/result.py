@@ -46,7 +46,6 @@ class Stuck:
     place: tuple[float, float]
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for a JSON document."""
         x, y = self.place
         return {"reason": self.reason.value, "place": {"x": x, "y": y}}
 
@@ -68,7 +67,6 @@ class MissionResult:
         log: columns of equal length by name (:data:`sysid.robot.mission.loop.COLUMNS`), one row a
         plant
             sample; read-only.
-        sentence: how it ended, with the next step.
         stuck: why and where it got nowhere; None where it did not.
     """
 
@@ -86,7 +84,6 @@ class MissionResult:
     stuck: Stuck | None = None
 
     def summary(self) -> dict[str, Any]:
-        """Return everything but the log as plain values for a JSON document."""
         return {
             "outcome": self.outcome.value,
             "sentence": self.sentence,

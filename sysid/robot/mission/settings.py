@@ -62,12 +62,10 @@ class GuidanceSettings(Settings):
 
     @property
     def advice(self) -> GuidanceAdvice:
-        """What to change when a mission fails."""
         return GuidanceAdvice()
 
     @property
     def traits(self) -> GuidanceTraits:
-        """What it can do and needs."""
         return GuidanceTraits()
 
     def to_go(self, state: State, pose: Pose, scene: Scene, xp: Any) -> Real:
@@ -111,5 +109,4 @@ class ControlSettings(TunedSettings):
 
     @property
     def advice(self) -> ControlAdvice:
-        """What to change when a mission fails."""
         return ControlAdvice()

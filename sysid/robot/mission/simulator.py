@@ -38,9 +38,8 @@ from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.supply import feed_of
 from sysid.robot.mission.tracks.compensation import compensation_of
 from sysid.robot.mission.tracks.nominal import limits_of, nominal_of
-from sysid.robot.mission.tracks.on_ground import on_ground
 from sysid.robot.mission.tracks.robot_plant import identified_effects
-from sysid.robot.mission.tracks.torque import motors_of
+from sysid.robot.mission.tracks.torque import motors_of, on_ground
 from sysid.runners import floats
 
 
@@ -85,7 +84,6 @@ def simulate(
     missed it where only the estimated one is.
 
     Args:
-        mission: what to do, and by which laws.
         plant: inputs ``pwm_l, pwm_r`` [µs], outputs ``omega_l, omega_r`` [rad/s] in this order;
             :func:`sysid.robot.mission.tracks.mapping.as_robot` makes one of any plant.
         seed: of the sensors' noise; without sensors nothing is random.
@@ -116,7 +114,6 @@ def result_of(
     """What a run came to.
 
     Args:
-        mission: what was to be done.
         state, table: its last state and the rows of its log.
         ended: the outcome of a run that another one ended; its own verdict goes first.
 
@@ -217,7 +214,6 @@ def run(loop: Loop, seed: int, clock: Iterator[Tick] | None = None) -> tuple[Loo
     """Sample until the mission ends, or its clock does; the last state and the log's rows.
 
     Args:
-        seed: of the sensors' noise.
         clock: its ticks; None for those of both clocks, one straight after the other.
 
     Raises:

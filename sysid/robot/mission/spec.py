@@ -22,7 +22,7 @@ from pydantic import (
 from sysid.data.yaml_files.problems import sentence_at
 from sysid.data.yaml_files.source import read_yaml, shown
 from sysid.errors import DataError
-from sysid.robot.mission.clearance import inside, nearest_point
+from sysid.robot.mission.clearance import nearest_point
 from sysid.robot.mission.contracts import (
     Controller,
     Disc,
@@ -36,19 +36,24 @@ from sysid.robot.mission.contracts import (
     Wall,
 )
 from sysid.robot.mission.control.pi_p import SpeedPIYawP
+from sysid.robot.mission.guidance.around_law import Feasible, PassingWaypoints, way_length
 from sysid.robot.mission.guidance.escape import leading_out
-from sysid.robot.mission.guidance.feasible import Feasible
 from sysid.robot.mission.guidance.field import PotentialField
-from sysid.robot.mission.guidance.waypoints import PassingWaypoints, way_length
 from sysid.robot.mission.motion.kinematic import Kinematic
+from sysid.robot.mission.navigation.dead_reckoning import Odometry
 from sysid.robot.mission.navigation.equipment import equipped, lacking
-from sysid.robot.mission.navigation.odometry import Odometry
-from sysid.robot.mission.registry import default_sensor, law, motion_chosen, sensor_set
+from sysid.robot.mission.registry import (
+    default_sensor,
+    first_problem,
+    law,
+    motion_chosen,
+    sensor_set,
+)
 from sysid.robot.mission.settings import Coordinate, Positive, Settings
-from sysid.robot.mission.spec_problems import first_problem
 from sysid.robot.mission.variation import Variation
 from sysid.robot.mission.vehicle_spec import Physics, VehicleSpec, floor_of, tracked_vehicle
 from sysid.runners import floats
+from sysid.vehicle.floor import Polygon
 from sysid.vehicle.kinematics import Geometry, wrap_angle
 from sysid.vehicle.tracked import TrackedVehicle
 
@@ -154,7 +159,6 @@ class Mission(Settings):
         guidance, control, navigation, motion: the laws of the loop; in a file each is a section
             whose ``kind`` names the law and whose other keys are that law's own.
         sensors: what navigation reads besides the wheels, by kind.
-        vehicle: lengths and scales.
         limits: what the references of guidance are kept within.
         vary: quantities that vary between many runs, and by how much.
     """
@@ -233,7 +237,6 @@ class Mission(Settings):
 
     @model_validator(mode="after")
     def _sees(self) -> "Mission":
-        """Navigation has what it reads."""
         sentence = lacking(self.navigation, self.sensors)
         if sentence:
             raise sentence_at(("navigation",), sentence)
@@ -270,7 +273,6 @@ class Mission(Settings):
 
     @model_validator(mode="after")
     def _clear(self) -> "Mission":
-        """Nothing drives out of an obstacle, or into one, without touching it."""
         scene = self.scene()
         standing = tuple(o for o in scene.obstacles if o.vx == o.vy == 0)
         places: list[tuple[tuple[str | int, ...], str, Place, tuple[Disc, ...]]] = [
@@ -293,7 +295,6 @@ class Mission(Settings):
 
     @model_validator(mode="after")
     def _one_way(self) -> "Mission":
-        """A path and waypoints are two ways to say one thing."""
         if self.path and self.waypoints:
             raise sentence_at(("waypoints",), "a path leads past its own points: keep one of them")
         return self
@@ -414,7 +415,6 @@ _LINES_FORM = "write {}: [[[x, y], [x, y], [x, y]]]"
 
 
 def _points(value: Any, name: str, at_least: int) -> tuple[Any, ...]:
-    """The points of a list, of which there must be enough."""
     key = name.partition("[")[0]
     form = f"write {name}: [[x, y], [x, y]]" if key == name else _LINES_FORM.format(key)
     if not isinstance(value, list | tuple):
@@ -435,7 +435,7 @@ def _touched(
         if math.hypot(o.x - x, o.y - y) <= o.radius:
             return f"inside the obstacle at ({o.x:g}, {o.y:g}) of radius {o.radius:g} m"
     for k, polygon in enumerate(polygons, 1):
-        if inside(polygon, place):
+        if Polygon(tuple(polygon)).contains(x, y, floats):
             return f"inside polygons[{k}]"
     for wall in walls:
         if nearest_point(wall, x, y, floats) == place:

@@ -98,12 +98,7 @@ def feed_of(supply: Supply | None, identified: Sequence[str]) -> Feed | None:
 def supply_notes(
     supply: Supply | None, identified: Sequence[str], by_voltage: bool
 ) -> tuple[str, ...]:
-    """What is done with a mission's ``vehicle.supply``, in sentences.
-
-    Args:
-        identified: effects that the plant was identified with.
-        by_voltage: whether the plant's inputs are voltages.
-    """
+    """What is done with a mission's ``vehicle.supply``, in sentences."""
     if supply is None:
         return ()
     said = []

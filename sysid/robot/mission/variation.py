@@ -61,7 +61,6 @@ class Spread(Settings):
         return self
 
     def __bool__(self) -> bool:
-        """Whether anything varies."""
         if self.between is None:
             return self.sigma > 0.0
         return self.between != (0.0, 0.0)
@@ -97,7 +96,6 @@ class StartSpread(Settings):
     psi: Spread = _normal(0.03)
 
     def __bool__(self) -> bool:
-        """Whether anything varies."""
         return bool(self.x or self.y or self.psi)
 
 
@@ -115,7 +113,6 @@ class FrictionSpread(Settings):
     slip: Spread = _normal(0.02)
 
     def __bool__(self) -> bool:
-        """Whether anything varies."""
         return bool(self.dry or self.slip)
 
 

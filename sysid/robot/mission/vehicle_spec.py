@@ -26,7 +26,6 @@ _FIELD_NAMES = {"L": "contact_length"}
 
 
 def _soil(value: Any) -> Soil:
-    """A soil by name or by its numbers."""
     try:
         return value if isinstance(value, Soil) else soil_of(value)
     except ModelError as error:
@@ -202,7 +201,6 @@ class VehicleSpec(Physics):
 
     @model_validator(mode="after")
     def _stands(self) -> "VehicleSpec":
-        """The numbers make a vehicle."""
         try:
             tracked_vehicle(self.geometry, self.given)
         except ModelError as error:

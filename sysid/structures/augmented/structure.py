@@ -3,22 +3,19 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.record import Array, Channel, Index
 from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import chain_effects, effect, in_chain
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.effects.sensor import SAMPLING
 from sysid.fitting.problem import (
-    Focus,
-    Initial,
     Parameter,
-    Problem,
 )
 from sysid.structures.augmented.chain import (
     ChainState,
@@ -31,11 +28,11 @@ from sysid.structures.augmented.chain import (
     with_constants,
 )
 from sysid.structures.augmented.given_base import GivenBase
-from sysid.structures.augmented.runs import ChainRuns
 from sysid.structures.base import Structure
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
+from sysid.structures.motion import poles, time_constants
+from sysid.structures.physics import friction_entries, ground_effects, identified_effects
+from sysid.structures.special_runs import readout, traced_step
+from sysid.structures.traits import Traits
 
 SLOPE = 1e-5
 """Relative shift of a parameter for its slope: the root of what rounding leaves of a long run."""
@@ -61,12 +58,13 @@ class Augmented(Structure):
     """
 
     name: ClassVar[str] = "augmented"
-    tells: ClassVar[str] = "gain and time constants, and each effect with its parameters"
-    title: ClassVar[str] = "Augmented: a linear core with named physical effects"
-    equation: ClassVar[str] = "τ ω̇ = T − ω, T = K d, with the effects in their places"
-    order_names: ClassVar[tuple[str, ...]] = ("n", "nk")
-    has_noise_model: ClassVar[bool] = False
-    begins_at_values: ClassVar[bool] = True
+    traits: ClassVar[Traits] = Traits(
+        title="Augmented: a linear core with named physical effects",
+        equation="τ ω̇ = T − ω, T = K d, with the effects in their places",
+        order_names=("n", "nk"),
+        tells="gain and time constants, and each effect with its parameters",
+        has_noise_model=False,
+    )
 
     order: int
     delay: int
@@ -88,7 +86,7 @@ class Augmented(Structure):
 
     def settings(self) -> dict[str, Any]:
         settings = {"effects": list(self.effects), "scales": list(self.scales), "dt": self.dt}
-        return settings if self.given is None else {**settings, "given": self.given.to_json()}
+        return settings if self.given is None else {**settings, "given": self.given}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "Augmented":
@@ -134,21 +132,6 @@ class Augmented(Structure):
         effects = [effect(id) for id in self.effects]
         return sum(len(e.parameters) * (1 if e.shared else self.ny) for e in effects)
 
-    def ground(self, theta: Array) -> Ground:
-        """The effects of the vehicle, which the chain leaves to those who move it."""
-        _, values = self.unpack(theta)
-        ids = [id for id in self.effects if effect(id).place is Place.POSE]
-        return Ground(tuple(ids), {id: values[id] for id in ids})
-
-    def identified(self, theta: Array) -> Identified:
-        """The effects of command and torque; none where another model drives the chain."""
-        if self.given is not None:  # its outputs, not the commands, are what the effects act on
-            return Identified()
-        core, values = self.unpack(theta)
-        ids = [e.id for e in self.active if e.place in (Place.COMMAND, Place.TORQUE)]
-        parameters = {id: values[id] for id in ids}
-        return Identified(tuple(ids), parameters, core.gain, np.array(self.scales))
-
     @cached_property
     def _indices(self) -> tuple[Index, Index, Index, dict[str, Index]]:
         """Entries of θ: K (tracks,), f (n, tracks), b₂ … (n − 1, tracks), effects by id."""
@@ -179,26 +162,6 @@ class Augmented(Structure):
             theta[gain], denominator, xp.concatenate([largest[None], numerator])
         ), parameters
 
-    def friction_entries(self) -> tuple[int, ...]:
-        """The parameters with which an effect holds a track at standstill."""
-        entries: list[int] = []
-        for e in self.active:
-            for k, p in enumerate(e.parameters if e.holds else ()):
-                alone = {q.name: float(q.name == p.name) for q in e.parameters}
-                if e.holds is not None and e.holds(alone):
-                    entries += sorted(set(self._indices[3][e.id][k].tolist()))
-        return tuple(entries)
-
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One: the errors of the free run, from the first measurements on.
-
-        The diagnosis finds effects and their first values in its full model; from there on the
-        structure is fitted like any other.
-        """
-        return (ChainRuns(self, [(r.u, r.y) for r in records]),)
-
     def first_sample(self) -> int:
         """Free-run structures predict from the first sample."""
         return 0
@@ -207,12 +170,6 @@ class Augmented(Structure):
         core, _ = self.unpack(theta)
         state = rest_state(np, self.active, core, np.zeros(self.ny))
         return state, _at_rest(state, np.zeros((self.delay - 1, self.ny))).size
-
-    def fitter(self) -> "Fitter":
-        """The search from given values only."""
-        from sysid.structures.augmented.fit import fit
-
-        return fit
 
     def n_states(self, theta: Array) -> int:
         """Core, effects and dead time, before them those of the given model."""
@@ -304,9 +261,9 @@ class Augmented(Structure):
         return drive
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        return self.traced_step(theta, theta)
+        return self.traced(theta, theta)
 
-    def traced_step(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
+    def traced(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
         """One sample, its parameters in the namespace of θ."""
         core, parameters = self.unpack(theta)
         template, _ = self._shape(like)
@@ -330,13 +287,6 @@ class Augmented(Structure):
 
         return advance
 
-    def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
-        """The speeds in the state, which the reading is unless an effect changes it."""
-        if any(e.place is Place.READING for e in self.active):
-            return super().readout(theta)
-        n_given, tracks = self._given_states, self.ny
-        return lambda x, u: x[n_given : n_given + tracks]
-
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """Free-run errors: there is no noise model."""
         x0 = self.fitted_state(theta, u, y, window) if window else None
@@ -349,20 +299,9 @@ class Augmented(Structure):
     def stable(self, theta: Array) -> bool:
         """Whether core and given model are stable; effects only dissipate or bound."""
         base = self.given
-        if not np.all(np.isfinite(theta)) or np.any(np.abs(self.poles(theta)) >= 1.0):
+        if not np.all(np.isfinite(theta)) or np.any(np.abs(poles(self, theta)) >= 1.0):
             return False
         return base is None or base.structure.stable(base.theta)
-
-    def poles(self, theta: Array) -> NDArray[np.complex128]:
-        core, _ = self.unpack(theta)
-        roots = [np.roots([1.0, *core.f[:, i]]) for i in range(self.ny)]
-        return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
-
-    def time_constants(self, theta: Array) -> Array:
-        of_core, base = super().time_constants(theta), self.given
-        if base is None:
-            return of_core
-        return np.concatenate([of_core, base.structure.time_constants(base.theta)])
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ by central differences."""
@@ -413,6 +352,65 @@ class Augmented(Structure):
                 id: {k: v.tolist() for k, v in values.items()} for id, values in parameters.items()
             },
         }
+
+
+@ground_effects.register
+def _(s: Augmented, theta: Array) -> Ground:
+    """The effects of the vehicle, which the chain leaves to those who move it."""
+    _, values = s.unpack(theta)
+    ids = [id for id in s.effects if effect(id).place is Place.POSE]
+    return Ground(tuple(ids), {id: values[id] for id in ids})
+
+
+@identified_effects.register
+def _(s: Augmented, theta: Array) -> Identified:
+    """The effects of command and torque; none where another model drives the chain."""
+    if s.given is not None:  # its outputs, not the commands, are what the effects act on
+        return Identified()
+    core, values = s.unpack(theta)
+    ids = [e.id for e in s.active if e.place in (Place.COMMAND, Place.TORQUE)]
+    parameters = {id: values[id] for id in ids}
+    return Identified(tuple(ids), parameters, core.gain, np.array(s.scales))
+
+
+@friction_entries.register
+def _(s: Augmented) -> tuple[int, ...]:
+    """The parameters with which an effect holds a track at standstill."""
+    entries: list[int] = []
+    for e in s.active:
+        for k, p in enumerate(e.parameters if e.holds else ()):
+            alone = {q.name: float(q.name == p.name) for q in e.parameters}
+            if e.holds is not None and e.holds(alone):
+                entries += sorted(set(s._indices[3][e.id][k].tolist()))
+    return tuple(entries)
+
+
+@readout.register
+def _(s: Augmented, theta: Array) -> Callable[[Array, Array], Array]:
+    """The speeds in the state, which the reading is unless an effect changes it."""
+    if any(e.place is Place.READING for e in s.active):
+        step = s.step(theta)
+        return lambda x, u: step(x, u)[1]
+    n_given, tracks = s._given_states, s.ny
+    return lambda x, u: x[n_given : n_given + tracks]
+
+
+@poles.register
+def _(s: Augmented, theta: Array) -> NDArray[np.complex128]:
+    core, _ = s.unpack(theta)
+    roots = [np.roots([1.0, *core.f[:, i]]) for i in range(s.ny)]
+    return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
+
+
+@time_constants.register
+def _(s: Augmented, theta: Array) -> Array:
+    of_core, base = time_constants.dispatch(Structure)(s, theta), s.given
+    if base is None:
+        return of_core
+    return np.concatenate([of_core, time_constants(base.structure, base.theta)])
+
+
+traced_step.register(Augmented, Augmented.traced)
 
 
 def _named(

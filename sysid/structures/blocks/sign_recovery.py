@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
-from sysid.structures.blocks.bla import linear_starts
+from sysid.structures.blocks.linear_approximation import linear_starts
 from sysid.structures.blocks.static.functions import Static
 from sysid.structures.linear.output_error import reflected
 from sysid.structures.orders import Orders
@@ -49,7 +49,14 @@ def signed_starts(
                 continue
             # the lowest measurement is the sensor's zero
             zero = min(float(r.y[k, i].min()) for r, k in zip(records, kept, strict=True))
-            A, B, offset = _recovered(records, kept, orders, i, zero, lag)
+            A, B, offset = recovered(
+                [r.u for r in records],
+                [r.y[:, i] - zero for r in records],
+                kept,
+                max(orders.nf[i]),
+                list(zip(orders.nk[i], orders.nb[i], strict=True)),
+                lag,
+            )
             out = records[0].output_names[i]
             for j, name in enumerate(records[0].input_names):
                 tag = "" if single else f"[{out},{name}]"
@@ -62,25 +69,6 @@ def signed_starts(
             starts[f"output.c{tag}"] = -offset / max(float(A.sum()), 1e-6)
             starts[f"y0{tag}"] = zero
         yield starts
-
-
-def _recovered(
-    records: Sequence[Record],
-    kept: Sequence[NDArray[np.bool_]],
-    orders: Orders,
-    i: int,
-    zero: float,
-    lag: float,
-) -> tuple[Array, list[Array], float]:
-    """``recovered`` for one output of records."""
-    return recovered(
-        [r.u for r in records],
-        [r.y[:, i] - zero for r in records],
-        kept,
-        max(orders.nf[i]),
-        [(orders.nk[i][j], orders.nb[i][j]) for j in range(records[0].nu)],
-        lag,
-    )
 
 
 def recovered(

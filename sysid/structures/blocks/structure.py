@@ -2,39 +2,59 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Channel, Record
+from sysid.data.record import Array, Channel
 from sysid.fitting.problem import (
-    Focus,
-    Initial,
     Parameter,
-    Problem,
 )
 from sysid.structures.base import NamedStructure
 from sysid.structures.blocks.chain import BlockChain
-from sysid.structures.blocks.errors import ChainErrors
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
-from sysid.structures.blocks.static.functions import Static
+from sysid.structures.blocks.static.functions import IDENTITY, Static
 from sysid.structures.blocks.static.kinds import Stage, spline_knots
+from sysid.structures.blocks.static.options import RequestedStatics
 from sysid.structures.linear.polynomial import _pole, _text
+from sysid.structures.motion import poles
+from sysid.structures.orders import Orders, orders_text
+from sysid.structures.special_runs import stable_each
+from sysid.structures.traits import Traits
 
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Refitter
+# the edges of a static are values of the command itself
+block_traits = partial(
+    Traits,
+    tells="static curves (dead zone, saturation), and the poles between them",
+    stable_by_meaning=True,
+    from_zero=True,
+)
 
 
 @dataclass(frozen=True)
 class BlockStructure(NamedStructure):
-    """Base of the block-oriented structures: everything follows from the chain of blocks."""
+    """Base of the block-oriented structures: everything follows from the chain of blocks.
 
-    has_noise_model: ClassVar[bool] = False
-    takes_method: ClassVar[bool] = False
-    tells: ClassVar[str] = "static curves (dead zone, saturation), and the poles between them"
-    stable_by_meaning: ClassVar[bool] = True
+    Attributes:
+        linear_blocks: nb, nf, nk of each, the main one last.
+        statics: at each of the ``places``, one a channel.
+        requested: what the user left open at each place, None in a fitted model. An open structure
+            stands for all that the fit may choose from.
+        choose_orders: whether the orders are open too.
+    """
+
+    layer_names: ClassVar[tuple[str, ...]]
+    """What each layer is called in parameter names; empty for the main linear block."""
+    places: ClassVar[Mapping[str, int]]
+    """The layer of the statics that each option asks for."""
+
+    linear_blocks: tuple[Orders, ...]
+    statics: tuple[tuple[Static, ...], ...]
+    requested: tuple[RequestedStatics, ...] | None = None
+    choose_orders: bool = False
 
     @classmethod
     def candidate_orders(
@@ -43,30 +63,46 @@ class BlockStructure(NamedStructure):
         """The delay alone: the fit itself chooses orders together with the statics."""
         return ({"nk": delay},)
 
-    def refitter(self) -> "Refitter":
-        """The last search alone: nothing is chosen anew."""
-        from sysid.structures.blocks.outcome import refit
-
-        return refit
-
     @property
     @abstractmethod
     def chain(self) -> BlockChain:
         """The blocks."""
 
     @property
-    @abstractmethod
-    def layer_names(self) -> tuple[str, ...]:
-        """What each layer is called in parameter names; empty for the main linear block."""
+    def orders(self) -> Orders:
+        """nb, nf, nk of the main linear block."""
+        return self.linear_blocks[-1]
 
-    @abstractmethod
-    def with_chain(self, chain: BlockChain) -> "BlockStructure":
+    def is_open(self, place: int) -> bool:
+        """Whether a static at this place is left to choose."""
+        return self.requested is not None and self.requested[place].open
+
+    def resolved(self, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> Self:
+        """Settled, with the statics asked for at the channels they were asked for.
+
+        Raises:
+            UsageError: an option names a channel that does not exist.
+        """
+        statics = self.statics
+        if self.requested is not None:
+            statics = tuple(
+                requested.of_channels(outputs if place == "output" else inputs, IDENTITY)
+                for place, requested in zip(self.places, self.requested, strict=True)
+            )
+        return replace(self, statics=statics, requested=None, choose_orders=False)
+
+    def with_chain(self, chain: BlockChain) -> Self:
         """This structure with the statics of another chain of the same layers."""
+        layers = (chain.layers[k] for k in self.places.values())
+        statics = tuple(layer.statics for layer in layers if isinstance(layer, StaticLayer))
+        return replace(self, statics=statics)
 
     @property
-    def counts_from_zero(self) -> bool:
-        """Always: the edges of a static are values of the command itself."""
-        return True
+    def words(self) -> str:
+        """Orders and statics in a line."""
+        kinds = [" ".join(dict.fromkeys(s.text for s in statics)) for statics in self.statics]
+        at = (f"{place} {texts}" for place, texts in zip(self.places, kinds, strict=True))
+        return ", ".join([orders_text(self.order_values()), *at])
 
     @property
     def nu(self) -> int:
@@ -79,10 +115,14 @@ class BlockStructure(NamedStructure):
     def parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[Parameter, ...]:
-        """Names (``input.d_high``, ``b1[omega_l,pwm_r]``, ``output.y3`` …) and units of θ."""
+        """Names (``input.d_high``, ``b1[omega_l,pwm_r]``, ``output.y3`` …) and units of θ.
+
+        Of an open structure those it has before anything is chosen.
+        """
         parameters: list[Parameter] = []
         single = self.nu == 1 and self.ny == 1
-        for name, layer in zip(self.layer_names, self.chain.layers, strict=True):
+        layers = self.resolved(inputs, outputs).chain.layers
+        for name, layer in zip(self.layer_names, layers, strict=True):
             if isinstance(layer, LinearLayer):
                 parameters += self._linear_parameters(name, layer, inputs, outputs)
                 continue
@@ -124,24 +164,24 @@ class BlockStructure(NamedStructure):
             return channel.unit if name[0] in "cdsx" else ""
         return channel.unit if layer == "output" and name[0] == "y" else ""
 
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem of all outputs; prediction and simulation errors are the same."""
-        data = [(r.u, r.y) for r in records]
-        estimate = initial in (Initial.ESTIMATED, Initial.AUTO)
-        return (ChainErrors(self.chain, data, estimate),)
+    def settings(self) -> dict[str, Any]:
+        statics = zip(self.places, self.statics, strict=True)
+        return dict(statics)
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> Self:
+        plain = cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))
+        at = [raw["settings"][place] for place in cls.places]
+        statics = tuple(tuple(Static.from_json(r) for r in row) for row in at)
+        if [len(row) for row in statics] != [len(row) for row in plain.statics]:
+            raise ValueError("its statics do not fit its channels")
+        return replace(plain, statics=statics, requested=None, choose_orders=False)
 
     def first_sample(self) -> int:
-        """0: nothing measured is needed for a prediction."""
         return 0
 
     def n_states(self, theta: Array) -> int:
         return self.chain.n_states
-
-    def poles(self, theta: Array) -> NDArray[np.complex128]:
-        roots = [np.roots(F) for F in self.chain.denominators(theta)]
-        return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
 
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
         return self.chain.fitted_state(theta, u, y, samples)
@@ -170,9 +210,6 @@ class BlockStructure(NamedStructure):
         """
         return self.chain.admissible(theta)
 
-    def stable_each(self, thetas: Array) -> NDArray[np.bool_]:
-        return self.chain.admissible_each(thetas)
-
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output's free run, (N, n)."""
         if not len(u):
@@ -200,7 +237,7 @@ class BlockStructure(NamedStructure):
                 )
                 for c, static in enumerate(layer.statics):
                     part = p[layer.edges[c] : layer.edges[c + 1]]
-                    text = static_text(static, part[: static.n], names[c])
+                    text = _static_text(static, part[: static.n], names[c])
                     if layer.has_y0(c):
                         text += f" {'-' if part[-1] < 0 else '+'} {abs(part[-1]):.5g}"
                     elif not layer.last:
@@ -237,21 +274,11 @@ class BlockStructure(NamedStructure):
                     }
                     for i, j, _, _, B, F in layer.entries(p)
                 ]
-        poles = [_pole(complex(z), dt) for z in self.poles(theta)]
-        return {"stable": self.stable(theta), "poles": poles, "blocks": blocks}
+        z_plane = [_pole(complex(z), dt) for z in poles(self, theta)]
+        return {"stable": self.stable(theta), "poles": z_plane, "blocks": blocks}
 
 
-def statics_to_json(statics: Sequence[Static]) -> list[dict[str, Any]]:
-    """The statics of a layer as JSON-able values."""
-    return [s.to_json() for s in statics]
-
-
-def statics_from_json(raw: Sequence[Mapping[str, Any]]) -> tuple[Static, ...]:
-    """Undo ``statics_to_json``."""
-    return tuple(Static.from_json(r) for r in raw)
-
-
-def static_text(static: Static, p: Array, argument: str) -> str:
+def _static_text(static: Static, p: Array, argument: str) -> str:
     """The static with its numbers, e.g. ``dead-zone(u; d_low=-0.1, d_high=0.2)``."""
     for stage, part in zip(static.stages, static.slices(), strict=True):
         argument = _stage_text(stage, p[part], argument)
@@ -275,3 +302,14 @@ def _fresh(letter: str, n: int) -> list[str]:
 
 def _finite(top: float, bottom: float) -> float | None:
     return top / bottom if bottom else None
+
+
+@poles.register
+def _(s: BlockStructure, theta: Array) -> NDArray[np.complex128]:
+    roots = [np.roots(F) for F in s.chain.denominators(theta)]
+    return np.concatenate([np.zeros(0), *roots]).astype(np.complex128)
+
+
+@stable_each.register
+def _(s: BlockStructure, thetas: Array) -> NDArray[np.bool_]:
+    return s.chain.admissible_each(thetas)

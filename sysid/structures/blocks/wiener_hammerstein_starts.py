@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record, shortened
-from sysid.structures.blocks import candidates
-from sysid.structures.blocks.bla import input_denominators
-from sysid.structures.blocks.fit import ChainData, descend
 from sysid.structures.blocks.layers import LinearLayer
+from sysid.structures.blocks.linear_approximation import input_denominators
 from sysid.structures.blocks.static.functions import Static, parse_static
+from sysid.structures.blocks.trials import ChainData, Effort, Trial
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.orders import orders_text
 
@@ -33,21 +32,21 @@ FIRST = "spline:5"
 REAL = 1e-9
 """Imaginary parts below this are rounding."""
 
+USABLE = 1e50
+"""Cost from which on a start is not stable, or nearly so."""
+
 SAME = 0.01
 """Poles nearer than this lead to the same fit."""
 
 Poles = NDArray[np.complex128]
 
 
-Candidate = candidates.Candidate[WienerHammerstein]
-
-
 def ranked_starts(
     structure: WienerHammerstein, records: Sequence[Record], data: ChainData
-) -> list[Candidate]:
-    """Every deal of the poles with every first numerator, fitted briefly."""
-    nu = structure.nu
-    first = [structure.first.nf[j][j] for j in range(nu)]
+) -> list[Trial]:
+    """Every deal of the poles with every first numerator, fitted briefly to ``data``."""
+    nu, block = structure.nu, structure.linear_blocks[0]
+    first = [block.nf[j][j] for j in range(nu)]
     second = [max(row[j] for row in structure.orders.nf) for j in range(nu)]
     degrees = [a + b for a, b in zip(first, second, strict=True)]
     deals: list[list[tuple[Poles, Poles]]] = [[] for _ in range(nu)]
@@ -62,14 +61,14 @@ def ranked_starts(
     for k in range(count):
         # with several inputs the k-th deal of each: all combinations would be too many
         dealt_out = [d[k % len(d)] for d in deals]
-        for zeros in range(min(3, max(structure.first.nb[j][j] for j in range(nu)))):
+        for zeros in range(min(3, max(block.nb[j][j] for j in range(nu)))):
             start = _started(structure, dealt_out, zeros, data)
             if start is None:
                 continue
             label = f"{orders_text(structure.order_values())}, deal {k + 1}, numerator {zeros}"
-            fitted = descend(start[0].chain, start[1], data, evaluations=8)
-            if np.isfinite(fitted.cost) and fitted.cost < 1e50:
-                starts.append(Candidate(start[0].with_chain(fitted.chain), fitted, label))
+            fitted = replace(start, label=label).descended(data, Effort(8))
+            if fitted.cost < USABLE:
+                starts.append(fitted)
     return starts
 
 
@@ -111,25 +110,25 @@ def _started(
     dealt: Sequence[tuple[Poles, Poles]],
     zeros: int,
     data: ChainData,
-) -> tuple[WienerHammerstein, Array] | None:
+) -> Trial | None:
     """The chain with these poles: first block of unit spread, rest by least squares."""
     size = parse_static(FIRST).stages[0].size
     firsts: list[Array] = []
     passed: list[list[Array]] = []
     statics: list[Static] = []
     for j, (poles, _) in enumerate(dealt):
-        nb, nf = structure.first.nb[j][j], structure.first.nf[j][j]
+        nb, nf = structure.linear_blocks[0].nb[j][j], structure.linear_blocks[0].nf[j][j]
         B = np.zeros(nb)
         shape = np.atleast_1d(np.real(np.poly(-np.ones(min(zeros, nb - 1)))))
         B[: len(shape)] = shape
         F = np.zeros(nf + 1)
         poly = np.real(np.poly(poles)) if len(poles) else np.ones(1)
         F[: len(poly)] = poly
-        v = [lfilter(B, F, u[:, j]) for u, _ in data.data]
+        v = [lfilter(B, F, r.u[:, j]) for r in data.records]
         spread = float(np.concatenate(v).std())
         if not np.isfinite(spread) or spread <= 0.0:
             return None
-        gain = float(np.concatenate([u[:, j] for u, _ in data.data]).std()) / spread
+        gain = float(np.concatenate([r.u[:, j] for r in data.records]).std()) / spread
         v = [x * gain for x in v]
         joined = np.concatenate(v)
         knots = np.linspace(joined.min(), joined.max(), size)
@@ -137,10 +136,9 @@ def _started(
         statics.append(Static((stage,)))
         firsts.append(np.concatenate([B * gain, F[1:]]))
         passed.append(v)
-    named = replace(structure, statics=tuple(statics))
-    values, second, offsets = _second_block(named, dealt, passed, data)
-    theta = np.concatenate([*firsts, *values, second, offsets])
-    return named, theta
+    with_splines = replace(structure, statics=(tuple(statics),))
+    values, second, offsets = _second_block(with_splines, dealt, passed, data)
+    return Trial(with_splines, np.concatenate([*firsts, *values, second, offsets]))
 
 
 def _second_block(
@@ -159,9 +157,9 @@ def _second_block(
     tails = [np.real(np.poly(rest)) if len(rest) else np.ones(1) for _, rest in dealt]
     bases = [
         [static.evaluated(x, np.zeros(static.n))[2] for x in v]
-        for static, v in zip(structure.statics, passed, strict=True)
+        for static, v in zip(structure.statics[0], passed, strict=True)
     ]
-    zeros = [s.evaluated(np.zeros(1), np.zeros(s.n))[2] for s in structure.statics]
+    zeros = [s.evaluated(np.zeros(1), np.zeros(s.n))[2] for s in structure.statics[0]]
     filtered = [
         [lfilter([1.0], tail, phi - zero, axis=1) for phi in of_input]
         for tail, of_input, zero in zip(tails, bases, zeros, strict=True)
@@ -195,8 +193,8 @@ def _products(
     ``filtered`` holds φ_m(v_j)/F_j by input and record, (m, N).
     """
     rows, targets = [], []
-    for e, (_, y) in enumerate(data.data):
-        columns = [np.ones((1, len(y)))]
+    for e, (r, kept) in enumerate(zip(data.records, data.kept, strict=True)):
+        columns = [np.ones((1, len(r)))]
         for j in range(structure.nu):
             phi = filtered[j][e]
             for k in range(structure.orders.nb[i][j]):
@@ -204,8 +202,8 @@ def _products(
                 moved = np.zeros_like(phi)
                 moved[:, lag:] = phi[:, : phi.shape[1] - lag] if lag else phi
                 columns.append(moved)
-        rows.append(np.concatenate(columns)[:, data.kept[e]])
-        targets.append(y[data.kept[e], i])
+        rows.append(np.concatenate(columns)[:, kept])
+        targets.append(r.y[kept, i])
     X, t = np.concatenate(rows, axis=1), np.concatenate(targets)
     scale = np.sqrt(np.mean(X**2, axis=1))
     scale[scale == 0.0] = 1.0
@@ -214,7 +212,7 @@ def _products(
     c = np.linalg.solve(gram + ridge, (X / scale[:, None]) @ t) / scale
     products, at = [], 1
     for j in range(structure.nu):
-        nb, m = structure.orders.nb[i][j], structure.statics[j].n
+        nb, m = structure.orders.nb[i][j], structure.statics[0][j].n
         products.append(c[at : at + nb * m].reshape(nb, m))
         at += nb * m
     return float(c[0]), products

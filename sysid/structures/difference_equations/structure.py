@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from sysid.data.record import Array, Channel, Index, Record
-from sysid.fitting.problem import Focus, Initial, Problem
+from sysid.fitting.problem import Problem
 from sysid.structures.base import NamedStructure
 from sysid.structures.difference_equations.chunks import Data
 from sysid.structures.difference_equations.free_run import FreeRun, ranges, widened
@@ -30,8 +30,6 @@ class RecursiveStructure(NamedStructure):
     output_range: Limits = ()
     input_range: Limits = ()
 
-    order_names: ClassVar[tuple[str, ...]] = ("na", "nb", "nk")
-    has_noise_model: ClassVar[bool] = True
     runaway: ClassVar[float]
     """Range widths beyond the training range from which a probe counts as running away."""
 
@@ -53,7 +51,7 @@ class RecursiveStructure(NamedStructure):
         return self.orders.ny
 
     def order_values(self) -> dict[str, Any]:
-        return {name: self.orders.value(name) for name in self.order_names}
+        return {name: self.orders.value(name) for name in self.traits.order_names}
 
     def range_settings(self) -> dict[str, Any]:
         """The ranges of the data, as ``settings`` stores them."""
@@ -108,18 +106,6 @@ class RecursiveStructure(NamedStructure):
     def over_chunks(self, data: Data, length: int) -> Problem:
         """The errors of all outputs in free runs over chunks of about ``length`` samples."""
 
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem an output one step ahead; one of all outputs in free run.
-
-        The free run starts from the measured past and covers each record whole.
-        """
-        data = [(r.u, r.y) for r in records]
-        if focus is Focus.SIMULATION:
-            return (self.over_chunks(data, max(len(r) for r in records)),)
-        return tuple(self.one_step(i, data) for i in range(self.ny))
-
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """One-step errors; they need no initial state, past errors before the record are zero."""
         out = np.full(y.shape, np.nan)
@@ -138,15 +124,10 @@ class RecursiveStructure(NamedStructure):
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
         entries, first = self.row_index(output), self.first_sample()
-        which = np.isin(entries, self.gradient_index(theta, output))
-        out = np.zeros((len(y), int(which.sum())))
+        out = np.zeros((len(y), len(theta)))
         if len(y) > first:
-            out[first:] = -self.one_step(output, [(u, y)]).jacobian(theta[entries])[:, which]
+            out[first:, entries] = -self.one_step(output, [(u, y)]).jacobian(theta[entries])
         return out
-
-    def gradient_index(self, theta: Array, output: int) -> Index:
-        """The entries of θ that belong to the output's row and can be estimated."""
-        return self.row_index(output)
 
     # ----------------------------------------------------------------- runs
 

@@ -1,15 +1,11 @@
-"""Trials of equations on held-out data, and estimates of the chosen ones on all data."""
+"""Trials of equations on held-out data."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
 
-from sysid.data.record import Array
-from sysid.fitting.problem import Problem
-from sysid.fitting.solvers import Solution
-from sysid.structures.outcome import StartReport
+from sysid.fitting.searchable import StartReport
 
 SEARCH_SAMPLES = 8_000
 """Samples that choose what an equation holds; its parameters come from all of them."""
@@ -33,6 +29,14 @@ class Judged(Protocol):
     def size(self) -> int:
         """Parameters that count."""
 
+    @property
+    def how(self) -> str:
+        """Where it came from, in words."""
+
+    @property
+    def evaluations(self) -> int:
+        """Iterations spent on it."""
+
 
 Trial = TypeVar("Trial", bound=Judged)
 
@@ -41,27 +45,6 @@ def as_good_as(error: float, trials: Sequence[Trial], tie: float = TIE) -> list[
     """The trials with errors that are not larger but for ``tie``, or all; the smallest first."""
     close = [t for t in trials if t.error <= (1.0 + tie) * error] or list(trials)
     return sorted(close, key=lambda t: (t.size, t.error))
-
-
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """θ of a whole structure from all data.
-
-    Attributes:
-        solved: problems that determined it, each with its solution and the number of errors of
-            data, which come first.
-        how: in words.
-    """
-
-    theta: Array
-    solved: tuple[tuple[Problem, Solution, int], ...]
-    how: str
-
-    def report(self, error: float) -> StartReport:
-        """What became of it, judged by its error in free run."""
-        known = error if np.isfinite(error) else None
-        evaluations = sum(solution.evaluations for _, solution, _ in self.solved)
-        return StartReport("all", f"all data, {self.how}", None, known, evaluations)
 
 
 def start_report(output: str, how: str, error: float, evaluations: int = 1) -> StartReport:

@@ -17,10 +17,14 @@ from sysid.fitting.batched import OneTrial, descend_alone
 from sysid.fitting.compiled import compiled, jax_module
 from sysid.fitting.problem import Problem
 from sysid.structures.difference_equations.probing import probing_inputs
+from sysid.structures.grey_box.physics import Physics
 from sysid.structures.linear.predictor import HUGE
+from sysid.structures.motion import time_constants
 
 if TYPE_CHECKING:
     from sysid.structures.grey_box.structure import GreyBox
+
+    AnyBox = GreyBox[Any]
 
 CHUNK = 256
 """Samples a compiled call runs through."""
@@ -52,7 +56,7 @@ Masks = Sequence[NDArray[np.bool_]]
 Compiled = Callable[..., Any]
 
 
-def compiled_runs(structure: "GreyBox") -> tuple[Compiled, Compiled]:
+def compiled_runs(physics: Physics) -> tuple[Compiled, Compiled]:
     """Run and derivative of a chunk, compiled when they are first called.
 
     Along a run δx(t+1) = A(t) δx(t) + b(t), δy(t) = C(t) δx(t) + d(t), where A, b, C and d of all
@@ -65,16 +69,16 @@ def compiled_runs(structure: "GreyBox") -> tuple[Compiled, Compiled]:
         along (θ, X, U, h, steps, δΘ, δx) → (δx⁺, δY), directions along axis 0;
         U (samples, nu, runs), X (samples, n, runs), Y (samples, ny, runs).
     """
-    return _compiled_runs(structure.timeless())
+    return _compiled_runs(physics.bare())
 
 
 @lru_cache(maxsize=32)
-def _compiled_runs(structure: "GreyBox") -> tuple[Compiled, Compiled]:
+def _compiled_runs(physics: Physics) -> tuple[Compiled, Compiled]:
     jax = jax_module()
     jnp = jax.numpy
 
     def run(theta: Any, x: Any, inputs: Any, h: Any, steps: Any) -> Any:
-        after, (states, out) = scan(structure, jnp, jax.lax, theta, x, inputs, h, steps)
+        after, (states, out) = scan(physics, jnp, jax.lax, theta, x, inputs, h, steps)
         return after, states, out
 
     def along(
@@ -86,8 +90,8 @@ def _compiled_runs(structure: "GreyBox") -> tuple[Compiled, Compiled]:
 
         def local(theta: Any, x: Any) -> Any:
             """One sample from each state, all samples side by side."""
-            p = structure.prepared(jnp, structure.unpack(jnp, theta), h)
-            return structure.sample(jnp, x, u, p, h, steps), structure.reading(jnp, x, p)
+            p = physics.prepared(jnp, physics.unpack(jnp, theta), h)
+            return physics.sample(jnp, x, u, p, h, steps), physics.reading(jnp, x, p)
 
         def moved(d_theta: Any, d_state: Any) -> Any:
             every = jnp.broadcast_to(d_state[:, None], flat.shape)
@@ -113,7 +117,7 @@ def _compiled_runs(structure: "GreyBox") -> tuple[Compiled, Compiled]:
 
 
 def scan(
-    structure: "GreyBox",
+    physics: Physics,
     xp: Any,
     lax: Any,
     theta: Any,
@@ -123,10 +127,10 @@ def scan(
     steps: Any,
 ) -> tuple[Any, tuple[Any, Any]]:
     """(x⁺, (X, Y)) of a run of ``steps`` steps h a sample, for tracing by JAX."""
-    p = structure.prepared(xp, structure.unpack(xp, theta), h)
+    p = physics.prepared(xp, physics.unpack(xp, theta), h)
 
     def one(x: Any, u: Any) -> Any:
-        return structure.sample(xp, x, u, p, h, steps), (x, structure.reading(xp, x, p))
+        return physics.sample(xp, x, u, p, h, steps), (x, physics.reading(xp, x, p))
 
     after, rest = lax.scan(one, x, inputs)
     return after, rest
@@ -143,21 +147,21 @@ def _chunks(inputs: Sequence[Array]) -> Array:
 
 
 def trajectory(
-    structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Array
+    structure: "AnyBox", theta: Array, inputs: Sequence[Array], x0: Array
 ) -> tuple[list[Any], list[Array]]:
     """States at the samples of each chunk (CHUNK, n, records), and ŷ (N, ny) of each record."""
-    run, _ = compiled_runs(structure)
+    run, _ = compiled_runs(structure.physics)
     states, parts, x = [], [], x0
     theta = np.asarray(theta, dtype=np.float64)
     for chunk in _chunks(inputs):
-        x, path, y = run(theta, x, chunk, structure.h, structure.steps)
+        x, path, y = run(theta, x, chunk, structure.sampling.h, structure.sampling.steps)
         states.append(path)
         parts.append(np.asarray(y))
     joined = np.concatenate(parts)
     return states, [joined[: len(u), :, k] for k, u in enumerate(inputs)]
 
 
-def free_run(structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Array) -> list[Array]:
+def free_run(structure: "AnyBox", theta: Array, inputs: Sequence[Array], x0: Array) -> list[Array]:
     """ŷ (N, ny) of each record.
 
     Args:
@@ -167,30 +171,28 @@ def free_run(structure: "GreyBox", theta: Array, inputs: Sequence[Array], x0: Ar
     return trajectory(structure, theta, inputs, x0)[1]
 
 
-def stays_bounded(
-    structure: "GreyBox", theta: Array, ranges: Sequence[tuple[float, float]]
-) -> bool:
+def stays_bounded(structure: "AnyBox", theta: Array) -> bool:
     """Whether probing runs from rest stay finite and grow no faster than an integral.
 
     Run in NumPy, all probes side by side, for ``LASTING`` of the slowest time constants: whatever
     settles has settled in the first half, and the integral of a constant doubles in the second.
-
-    Args:
-        ranges: lowest and highest value of each input.
+    The inputs fill the range of the data, ±1 where there are none.
     """
-    modes = structure.time_constants(theta)
+    physics, sampling = structure.physics, structure.sampling
+    modes = time_constants(structure, theta)
     slowest = float(np.max(np.abs(modes[np.isfinite(modes)]), initial=0.0))
     length = int(np.clip(LASTING * slowest, *PROBE)) if slowest else PROBE[1]
-    p = structure.prepared(np, structure.unpack(np, np.asarray(theta, np.float64)), structure.h)
+    p = physics.prepared(np, physics.unpack(np, np.asarray(theta)), sampling.h)
+    ranges = sampling.input_range or ((-1.0, 1.0),) * physics.nu
     inputs = probing_inputs(ranges, length)
     x = np.zeros((structure.n_states(theta), inputs.shape[2]))
-    outputs = np.zeros((length, structure.ny, inputs.shape[2]))
+    outputs = np.zeros((length, physics.ny, inputs.shape[2]))
     with np.errstate(all="ignore"):
         for k, u in enumerate(inputs):
-            outputs[k] = structure.reading(np, x, p)
+            outputs[k] = physics.reading(np, x, p)
             if not np.all(np.isfinite(outputs[k])):
                 return False
-            x = np.asarray(structure.sample(np, x, u, p, structure.h, structure.steps))
+            x = np.asarray(physics.sample(np, x, u, p, sampling.h, sampling.steps))
     # all probes together: one by itself may begin near zero by chance
     size = np.abs(outputs).max(axis=2)
     before, after = size[: length // 2].max(axis=0), size[length // 2 :].max(axis=0)
@@ -198,7 +200,7 @@ def stays_bounded(
 
 
 def tangents(
-    structure: "GreyBox",
+    structure: "AnyBox",
     theta: Array,
     inputs: Sequence[Array],
     x0: Array,
@@ -213,7 +215,7 @@ def tangents(
         wanted: entries of (θ, state) to differentiate by, all when None; other rows are zero.
         path: states along the run, as ``trajectory`` gives them; found when None.
     """
-    _, along = compiled_runs(structure)
+    _, along = compiled_runs(structure.physics)
     path = trajectory(structure, theta, inputs, x0)[0] if path is None else path
     theta = np.asarray(theta, dtype=np.float64)
     n_theta, (n, records) = len(theta), x0.shape
@@ -227,7 +229,7 @@ def tangents(
     moved = [np.repeat(seed[:, n_theta:, None], records, axis=2) for seed in seeds]
     chunks = _chunks(inputs)
     out = np.zeros((width, len(chunks), CHUNK, structure.ny, records))
-    h, steps = structure.h, structure.steps
+    h, steps = structure.sampling.h, structure.sampling.steps
     for at, (chunk, states) in enumerate(zip(chunks, path, strict=True)):
         for k, (seed, some) in enumerate(zip(seeds, blocks, strict=True)):
             moved[k], found = along(theta, states, chunk, h, steps, seed[:, :n_theta], moved[k])
@@ -252,7 +254,7 @@ class GreyErrors(Problem):
 
     def __init__(
         self,
-        structure: "GreyBox",
+        structure: "AnyBox",
         data: Sequence[tuple[Array, Array]],
         estimate_initial: bool,
         kept: Masks | None = None,
@@ -260,9 +262,9 @@ class GreyErrors(Problem):
         wanted: NDArray[np.bool_] | None = None,
     ) -> None:
         self.structure, self.data, self.wanted = structure, list(data), wanted
-        self.n_theta = len(structure.by_entry(lambda c: c.value))
+        self.n_theta = len(structure.physics.pack({}))
         self.index = np.arange(self.n_theta)
-        self.states_each = len(structure.state_names) if estimate_initial else 0
+        self.states_each = len(structure.physics.state_names) if estimate_initial else 0
         self.n_initial = self.states_each * len(data)
         self.kept = [np.ones(len(y), dtype=bool) for _, y in data] if kept is None else list(kept)
         self.scales = output_scales([y for _, y in data]) if scales is None else scales
@@ -272,7 +274,7 @@ class GreyErrors(Problem):
 
     def states(self, p: Array) -> Array:
         """Initial states (n, records) in p."""
-        n = len(self.structure.state_names)
+        n = len(self.structure.physics.state_names)
         if not self.states_each:
             return np.zeros((n, len(self.data)))
         return np.ascontiguousarray(p[self.n_theta :].reshape(len(self.data), n).T)
@@ -300,7 +302,7 @@ class GreyErrors(Problem):
     def jacobian(self, p: Array) -> Array:
         """∂ε/∂p, (M, len(p))."""
         n = self.n_theta
-        states = np.full(len(self.structure.state_names), self.states_each > 0)
+        states = np.full(len(self.structure.physics.state_names), self.states_each > 0)
         moved = np.ones(n, dtype=bool) if self.wanted is None else self.wanted
         slopes = tangents(
             self.structure,
@@ -326,8 +328,13 @@ class GreyErrors(Problem):
         """θ, and for each experiment the state that its first samples suggest."""
         states = []
         if self.states_each:
-            states = [self.structure.state_guess(theta, u, y) for u, y in self.data]
+            states = [state_guess(self.structure, theta, u, y) for u, y in self.data]
         return np.concatenate([theta[: self.n_theta], *states])
+
+
+def state_guess(structure: "AnyBox", theta: Array, u: Array, y: Array) -> Array:
+    """A state that suits the head of a record, (n,)."""
+    return np.asarray(structure.physics.state_guess(theta, u, y, structure.sampling.dt))
 
 
 def output_scales(outputs: Sequence[Array]) -> Array:
@@ -336,13 +343,13 @@ def output_scales(outputs: Sequence[Array]) -> Array:
     return np.where(spread > 0.0, spread, 1.0)
 
 
-def fitted_state(structure: "GreyBox", theta: Array, u: Array, y: Array, samples: int) -> Array:
+def fitted_state(structure: "AnyBox", theta: Array, u: Array, y: Array, samples: int) -> Array:
     """State whose free run meets the first samples of y best.
 
     Levenberg-Marquardt over the state alone, drawn weakly towards ``state_guess``.
     """
     k = min(samples, len(y))
-    prior = structure.state_guess(theta, u[: max(k, 1)], y[: max(k, 1)])
+    prior = state_guess(structure, theta, u[: max(k, 1)], y[: max(k, 1)])
     n = len(prior)
     if n == 0 or k == 0:
         return prior

@@ -2,15 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
-from sysid.structures.grey_box.constants import Constant, Rung, Signal
+from sysid.structures.grey_box.physics import Constant, Physics, Rung, Signal
 from sysid.structures.grey_box.single_runs import together
-from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
+from sysid.structures.traits import Traits
 
 SMALL = 1e-3
 """Head below which outflow is smoothed, as a share of the sensor's unit."""
@@ -20,7 +21,7 @@ LEVEL = 1.25
 
 
 @dataclass(frozen=True)
-class Tanks(GreyBox):
+class TanksPhysics(Physics):
     """Two tanks, one above the other: a pump fills the upper one, which drains into the lower.
 
         ḣ1 = max(k3 u + k4, 0) − k1 h1^a1   h1 ≤ limit1: what the pump brings beyond it
@@ -35,20 +36,15 @@ class Tanks(GreyBox):
     """
 
     takes_floats: ClassVar[bool] = True
-    name: ClassVar[str] = "tanks"
-    title: ClassVar[str] = "Two tanks in cascade: a grey box with outflow and overflow"
-    equation: ClassVar[str] = (
-        "dh1/dt = max(k3·u + k4, 0) - k1·h1^a1, dh2/dt = k1·h1^a1 - k2·(h2+d2)^a2"
-    )
-    when: ClassVar[str] = "levels of two tanks, one draining into the other, fed by a pump"
 
     @classmethod
-    def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:
+    def from_options(cls, given: Mapping[str, str], nu: int, ny: int) -> Self:
+        """One pump, one level; no options."""
         if (nu, ny) != (1, 1):
             raise UsageError(
                 f"tanks needs one input (pump) and one output (lower level), got {nu} and {ny}"
             )
-        return {}
+        return cls(nu, ny)
 
     @property
     def constants(self) -> tuple[Constant, ...]:
@@ -126,22 +122,34 @@ class Tanks(GreyBox):
                 guesses.append((words, self.pack(p | {"limit1": limit * top})))
         return tuple(guesses)
 
-    def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
+    def state_guess(self, theta: Array, u: Array, y: Array, dt: float) -> Array:
         """The lower tank at the first level read, the upper one where it keeps it there."""
         p = self.unpack(np, theta)
         out = p["k2"] * float(_outflow(np, y[0, 0] + p["d2"], p["a2"]))
         upper = (max(out, 1e-12) / max(float(p["k1"]), 1e-12)) ** (1.0 / float(p["a1"]))
         return np.array([min(upper, float(p["limit1"])), float(y[0, 0])])
 
-    def time_scale(self, theta: Array) -> float:
-        """A quarter of a sample: within one the upper tank may begin to overflow."""
-        return 4.0 * self.dt
+    def time_scale(self, theta: Array, dt: float) -> float:
+        """Four samples: within a quarter of one the upper tank may begin to overflow."""
+        return 4.0 * dt
 
-    def time_constants_s(self, theta: Array) -> Array:
+    def time_constants(self, theta: Array) -> Array:
         """2 √h / k of both tanks, linearised about a low level h."""
         p = self.unpack(np, theta)
         rates = np.maximum([float(p["k1"]), float(p["k2"])], 1e-6)
         return np.asarray(2.0 * np.sqrt(LEVEL) / rates)
+
+
+class Tanks(GreyBox[TanksPhysics]):
+    """Two tanks, one above the other, as a structure."""
+
+    name: ClassVar[str] = "tanks"
+    traits: ClassVar[Traits] = grey_box_traits(
+        title="Two tanks in cascade: a grey box with outflow and overflow",
+        equation="dh1/dt = max(k3·u + k4, 0) - k1·h1^a1, dh2/dt = k1·h1^a1 - k2·(h2+d2)^a2",
+        when="levels of two tanks, one draining into the other, fed by a pump",
+    )
+    physics_class: ClassVar[type[Physics]] = TanksPhysics
 
 
 def _outflow(xp: Any, head: Signal, exponent: Signal) -> Signal:

@@ -10,6 +10,7 @@ from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
 from sysid.fitting import normal_equations as ne
 from sysid.fitting.uncertainty import portmanteau_white
+from sysid.structures.linear.least_squares import solved_row
 from sysid.structures.linear.output_error import passing, reflected
 from sysid.structures.linear.predictor import RowErrors, RowLayout
 
@@ -26,21 +27,9 @@ SETTLED = 0.95
 
 def arx_row(records: Sequence[Record], lay: RowLayout) -> Array:
     """Least squares of one ARX row: [a…, b…] in the row's order."""
-    ny = records[0].ny
-    terms = [(j, k) for j, n in enumerate(lay.na) for k in range(1, n + 1)]
-    terms += [
-        (ny + j, k)
-        for j, (nb, nk) in enumerate(zip(lay.nb, lay.nk, strict=True))
-        for k in range(nk, nk + nb)
-    ]
-    used = {lay.output, *(s for s, _ in terms)}
+    used = {lay.output, *(s for s, _ in lay.terms)}
     gram = ne.lag_gram(records, max(lay.start, 1), lay.start, used)
-    solved = ne.solve(gram, gram.column(lay.output, 0), [gram.column(s, k) for s, k in terms])
-    if solved is None:
-        solved = ne.solve_by_blocks(records, max(lay.start, 1), lay.output, terms)
-    theta = solved.theta.copy()
-    theta[: sum(lay.na)] *= -1.0
-    return theta
+    return lay.signs * solved_row(gram, lay, records).theta
 
 
 def plain_row(lay: RowLayout) -> RowLayout:
@@ -119,7 +108,7 @@ def long_arx_errors(records: Sequence[Record], lay: RowLayout) -> list[Array]:
     theta = arx_row(records, long)
     out = []
     for r in records:
-        e, terms = np.zeros(len(r)), terms_of(long, theta, r.ny)
+        e, terms = np.zeros(len(r)), long.weighed(theta)
         e[long.start :] = ne.residual_row((*r.y.T, *r.u.T), long.start, lay.output, terms)
         out.append(e)
     return out
@@ -143,12 +132,3 @@ def long_arx_output(records: Sequence[Record], lay: RowLayout) -> list[Record]:
         usable = np.all(np.isfinite(y)) and np.max(np.abs(y)) < 1e6 * np.max(np.abs(r.y))
         out.append(replace(r, y=y) if usable else r)
     return out
-
-
-def terms_of(lay: RowLayout, theta: Array, ny: int) -> list[tuple[int, int, float]]:
-    """(signal, lag, coefficient) of ŷ = Σ coefficient · signal(t − lag)."""
-    a, b, *_ = lay.slices()
-    terms = [(j, k, -float(v)) for j, s in enumerate(a) for k, v in enumerate(theta[s], 1)]
-    return terms + [
-        (ny + j, k, float(v)) for j, s in enumerate(b) for k, v in enumerate(theta[s], lay.nk[j])
-    ]

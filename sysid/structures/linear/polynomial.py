@@ -1,43 +1,31 @@
 """The shared algebra of ARX, ARMAX, OE and BJ: A y = (B/F) u + (C/D) e (Ljung 1999, eq. 4.33)."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
-from sysid.data.record import Array, Channel, Index, Record
+from sysid.data.record import Array, Channel, Index
 from sysid.data.unit_words import ratio
 from sysid.fitting.normal_equations import residual_row
-from sysid.fitting.problem import (
-    Focus,
-    Initial,
-    Parameter,
-    Problem,
-)
+from sysid.fitting.problem import Parameter
 from sysid.structures.base import NamedStructure, refuse_options
-from sysid.structures.linear.candidates import affordable
+from sysid.structures.linear import many_thetas
+from sysid.structures.linear.polynomials import Polynomials, adjugate, determinant
 from sysid.structures.linear.predictor import RowErrors, RowLayout
-from sysid.structures.linear.problems import FreeRunErrors, Remaining, Stacked
-from sysid.structures.linear.transfer import TransferMatrix, adjugate, determinant
+from sysid.structures.linear.transfer import TransferMatrix
+from sysid.structures.motion import poles
 from sysid.structures.orders import Orders, spread
+from sysid.structures.special_runs import readout, stable_each, stable_parts, traced_step
+from sysid.structures.traits import Traits
 
-if TYPE_CHECKING:
-    from sysid.structures.outcome import InitialGuesses
-
-
-@dataclass(frozen=True, eq=False)
-class Polynomials:
-    """A, B, C, D, F as coefficient arrays in ascending powers of q⁻¹, indexed [output][input]."""
-
-    A: list[list[Array]]
-    B: list[list[Array]]
-    C: list[Array]
-    D: list[Array]
-    F: list[list[Array]]
+linear_traits = partial(
+    Traits, tells="gain, delay, time constants or poles", linear=True, by_default=True
+)
 
 
 @dataclass(frozen=True)
@@ -50,8 +38,6 @@ class PolynomialStructure(NamedStructure):
 
     orders: Orders
     letters: ClassVar[str]
-    linear: ClassVar[bool] = True
-    tells: ClassVar[str] = "gain, delay, time constants or poles"
 
     @property
     def nu(self) -> int:
@@ -69,41 +55,7 @@ class PolynomialStructure(NamedStructure):
         return cls(spread(raw, cls.letters, nu, ny, cls.name))
 
     def order_values(self) -> dict[str, Any]:
-        return {name: self.orders.value(name) for name in self.order_names}
-
-    @classmethod
-    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
-        """Orders that are tried, without delay, whether or not the samples bear them."""
-        return ()
-
-    @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
-        return affordable(cls, cls.order_grid(nu, ny, samples), nu, ny, samples, delay)
-
-    def starts(self, records: Sequence[Record], focus: Focus) -> "InitialGuesses":
-        """Named starting values of θ, by the polynomials there are."""
-        from sysid.structures.linear.starts import starts_of
-
-        return starts_of(self, records, focus)
-
-    def stabilised(self, theta: Array) -> Array:
-        from sysid.structures.linear.starts import stabilised
-
-        return stabilised(self, theta)
-
-    def offset_entries(self) -> Index:
-        """Coefficients of the constant input, where there is one."""
-        from sysid.structures.linear.constant_input import constant_places
-
-        return constant_places(self)[0] if self.orders.constant else super().offset_entries()
-
-    def open_directions(self, records: Sequence[Record]) -> Array:
-        """What inputs in fixed proportion to each other leave open, (n, k)."""
-        from sysid.structures.linear.confounded import confounded
-
-        return confounded(self, records)
+        return {name: self.orders.value(name) for name in self.traits.order_names}
 
     def layout(self, i: int) -> RowLayout:
         """Orders of the equation of output ``i``."""
@@ -142,80 +94,13 @@ class PolynomialStructure(NamedStructure):
 
     def polynomials(self, theta: Array) -> Polynomials:
         """The coefficient arrays that θ stands for."""
-        ny, nu = self.ny, self.nu
-        A: list[list[Array]] = [[np.zeros(1)] * ny for _ in range(ny)]
-        B: list[list[Array]] = [[np.zeros(1)] * nu for _ in range(ny)]
-        F: list[list[Array]] = [[np.ones(1)] * nu for _ in range(ny)]
-        C, D = [np.ones(1)] * ny, [np.ones(1)] * ny
-        for i in range(ny):
-            lay, part = self.layout(i), theta[self.row_index(i)]
-            a, b, c, d, f = lay.slices()
-            for j in range(ny):
-                A[i][j] = np.concatenate([[1.0 if i == j else 0.0], part[a[j]]])
-            for j in range(nu):
-                if lay.nb[j]:
-                    B[i][j] = np.concatenate([np.zeros(lay.nk[j]), part[b[j]]])
-                F[i][j] = np.concatenate([[1.0], part[f[j]]])
-            C[i] = np.concatenate([[1.0], part[c]])
-            D[i] = np.concatenate([[1.0], part[d]])
-        return Polynomials(A, B, C, D, F)
+        p = Polynomials.of([self.layout(i) for i in range(self.ny)], theta)
+        A, B, F = ([[np.array(q) for q in row] for row in M] for M in (p.A, p.B, p.F))
+        return Polynomials(A, B, [np.array(q) for q in p.C], [np.array(q) for q in p.D], F)
 
     def transfer(self, theta: Array) -> TransferMatrix:
         """G(q) = A⁻¹ [B/F] as a transfer matrix."""
         return _transfer_of(self, np.asarray(theta, dtype=np.float64).tobytes())
-
-    def _transfer(self, theta: Array) -> TransferMatrix:
-        p = self.polynomials(theta)
-        pairs = [(i, j) for i in range(self.ny) for j in range(self.nu)]
-        num = [[np.zeros(1)] * self.nu for _ in range(self.ny)]
-        den = [[np.ones(1)] * self.nu for _ in range(self.ny)]
-        if self.orders.coupled:
-            det, adj = determinant(p.A), adjugate(p.A)
-            for i, j in pairs:
-                terms = [np.convolve(adj[i][k], p.B[k][j]) for k in range(self.ny)]
-                num[i][j] = np.zeros(max(map(len, terms)))
-                for term in terms:
-                    num[i][j][: len(term)] += term
-                den[i][j] = det
-        else:
-            for i, j in pairs:
-                num[i][j], den[i][j] = p.B[i][j], np.convolve(p.A[i][i], p.F[i][j])
-        return TransferMatrix.build(num, den)
-
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem per output in prediction focus; one of all outputs in simulation focus."""
-        data = [(r.u, r.y) for r in records]
-        estimate = initial in (Initial.ESTIMATED, Initial.AUTO)
-        rows = [
-            RowErrors(self.layout(i), self.row_index(i), data, estimate, search=True)
-            for i in range(self.ny)
-        ]
-        problems: tuple[Problem, ...] = tuple(rows)
-        later: list[Problem] = []
-        if focus is Focus.SIMULATION and self.has_noise_model:
-            problems = self._free_run_problems(data, estimate)
-            known = self.deterministic_index()
-            later = [Remaining(row, known) for row in rows if not np.all(np.isin(row.index, known))]
-        if stable:
-            n = sum(self.layout(i).n for i in range(self.ny))
-            problems = (Stacked(problems, self.stable, n),)
-        return (*problems, *later)
-
-    def _free_run_problems(
-        self, data: Sequence[tuple[Array, Array]], estimate: bool
-    ) -> tuple[Problem, ...]:
-        if "f" not in self.letters:
-            return (FreeRunErrors(self, data, estimate),)
-        known = self.deterministic_index()
-        rows = []
-        for i in range(self.ny):
-            index = self.row_index(i)
-            output_error = replace(self.layout(i), nc=0, nd=0)
-            kept = index[np.isin(index, known)]
-            rows.append(RowErrors(output_error, kept, data, estimate, search=True))
-        return tuple(rows)
 
     def deterministic_index(self) -> Index:
         """Entries of θ that belong to A, B and F."""
@@ -243,37 +128,12 @@ class PolynomialStructure(NamedStructure):
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """x⁺ = A x + B u, y = C x + D u with the matrices of G(q)."""
         A, B, _, _ = self.transfer(theta).matrices
-        read = self.readout(theta)
+        read = readout(self, theta)
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             return A @ x + B @ u, read(x, u)
 
         return advance
-
-    def traced_step(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
-        """The same run in direct form, in the states that ``like`` has."""
-        from sysid.structures.linear.many_thetas import traced_step
-
-        return traced_step(self, theta, like)
-
-    def stable_each(self, thetas: Array) -> NDArray[np.bool_]:
-        from sysid.structures.linear.many_thetas import stable_each
-
-        return stable_each(self, thetas)
-
-    def stable_parts(self) -> tuple[Index, ...]:
-        paths: list[Index] = []
-        for i in range(self.ny):
-            row, (_, b, _, _, f) = self.row_index(i), self.layout(i).slices()
-            paths += [np.r_[row[p], row[q]] for p, q in zip(b, f, strict=True) if len(row[q])]
-        return tuple(paths)
-
-    def readout(self, theta: Array) -> Callable[[Array, Array], Array]:
-        """y = C x + D u; D is zero wherever a command acts a sample later."""
-        _, _, C, D = self.transfer(theta).matrices
-        if not np.any(D):
-            return lambda x, u: C @ x
-        return lambda x, u: C @ x + D @ u
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """One-step errors; unknown initial states are fitted on the first ``window`` samples."""
@@ -301,7 +161,7 @@ class PolynomialStructure(NamedStructure):
 
         Without a noise model (H = 1) that is the free run, whatever the horizon.
         """
-        if not self.has_noise_model:
+        if not self.traits.has_noise_model:
             x0 = self.fitted_state(theta, u, y, window) if window > 0 else None
             return self.simulate(theta, u, x0)
         e = self.errors(theta, u, y, window)
@@ -318,11 +178,9 @@ class PolynomialStructure(NamedStructure):
 
     def _equation_errors(self, theta: Array, u: Array, y: Array, i: int) -> Array:
         """A y − B u of one output from its first sample on, without a matrix of regressors."""
-        p = self.polynomials(theta)
-        weights = [*(-a for a in p.A[i]), *p.B[i]]
-        terms = [(s, k, float(c)) for s, w in enumerate(weights) for k, c in enumerate(w) if c]
-        terms.remove((i, 0, -1.0))
-        return residual_row((*y.T, *u.T), self.layout(i).start, i, terms)
+        lay = self.layout(i)
+        terms = lay.weighed(theta[self.row_index(i)])
+        return residual_row((*y.T, *u.T), lay.start, i, terms)
 
     def noise_response(self, theta: Array, n: int) -> Array:
         """H(q) = A⁻¹ C/D as an impulse response."""
@@ -342,27 +200,16 @@ class PolynomialStructure(NamedStructure):
         """Whether all poles of G(q) lie inside the unit circle."""
         if not np.all(np.isfinite(theta)):
             return False
-        return bool(np.all(np.abs(self.poles(theta)) < 1.0))
-
-    def poles(self, theta: Array) -> NDArray[np.complex128]:
-        """Poles of G(q); of H(q) = A⁻¹ C where there is no input."""
-        if self.nu:
-            return self.transfer(theta).poles()
-        bottom = np.trim_zeros(determinant(self.polynomials(theta).A), "b")
-        return np.roots(bottom).astype(np.complex128)
+        return bool(np.all(np.abs(poles(self, theta)) < 1.0))
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
         """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
-        lay = self.layout(output)
-        out = np.zeros((len(y), lay.n))
-        if len(y) <= lay.start + lay.nd:
-            return out
-        row = RowErrors(lay, self.row_index(output), [(u, y)], False)
-        out[row.skipped :] = -row.jacobian(row.initial_guess(theta))
+        lay, index = self.layout(output), self.row_index(output)
+        out = np.zeros((len(y), len(theta)))
+        if len(y) > lay.start + lay.nd:
+            row = RowErrors(lay, index, [(u, y)], False)
+            out[row.skipped :, index] = -row.jacobian(row.initial_guess(theta))
         return out
-
-    def gradient_index(self, theta: Array, output: int) -> Index:
-        return self.row_index(output)
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
@@ -395,7 +242,7 @@ class PolynomialStructure(NamedStructure):
         gain = g.static_gain()
         return {
             "stable": self.stable(theta),
-            "poles": [_pole(complex(z), dt) for z in self.poles(theta)],
+            "poles": [_pole(complex(z), dt) for z in poles(self, theta)],
             "zeros": [
                 {"output": i, "input": j, "re": float(z.real), "im": float(z.imag)}
                 for i in range(self.ny)
@@ -437,4 +284,37 @@ def _text(polynomial: Array) -> str:
 @lru_cache(maxsize=32)
 def _transfer_of(structure: PolynomialStructure, theta: bytes) -> TransferMatrix:
     """G(q) of the last few models: states, run, poles and gains of one are asked for in turn."""
-    return structure._transfer(np.frombuffer(theta))
+    return TransferMatrix.build(
+        *structure.polynomials(np.frombuffer(theta)).rational(structure.orders.coupled)
+    )
+
+
+@poles.register
+def _(s: PolynomialStructure, theta: Array) -> NDArray[np.complex128]:
+    """Poles of G(q); of H(q) = A⁻¹ C where there is no input."""
+    if s.nu:
+        return s.transfer(theta).poles()
+    bottom = np.trim_zeros(determinant(s.polynomials(theta).A), "b")
+    return np.roots(bottom).astype(np.complex128)
+
+
+@readout.register
+def _(s: PolynomialStructure, theta: Array) -> Callable[[Array, Array], Array]:
+    """y = C x + D u; D is zero wherever a command acts a sample later."""
+    _, _, C, D = s.transfer(theta).matrices
+    if not np.any(D):
+        return lambda x, u: C @ x
+    return lambda x, u: C @ x + D @ u
+
+
+@stable_parts.register
+def _(s: PolynomialStructure) -> tuple[Index, ...]:
+    paths: list[Index] = []
+    for i in range(s.ny):
+        row, (_, b, _, _, f) = s.row_index(i), s.layout(i).slices()
+        paths += [np.r_[row[p], row[q]] for p, q in zip(b, f, strict=True) if len(row[q])]
+    return tuple(paths)
+
+
+traced_step.register(PolynomialStructure, many_thetas.traced_step)
+stable_each.register(PolynomialStructure, many_thetas.stable_each)

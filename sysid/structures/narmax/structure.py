@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from sysid.data.unit_words import ratio
 from sysid.fitting.problem import (
     Parameter,
 )
-from sysid.structures.base import refuse_options
+from sysid.structures.base import counts_from_zero, lacks_constant, refuse_options
 from sysid.structures.difference_equations.chunks import Data, spreads
 from sysid.structures.difference_equations.monomials import (
     MAX_DEGREE,
@@ -30,9 +30,18 @@ from sysid.structures.narmax.options import SELECTIONS, explicit_terms, require_
 from sysid.structures.narmax.problems import ChunkedRuns, OneStep
 from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.orders import MAX_ORDER, spread
+from sysid.structures.traits import Traits
 
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
+OPTIONS: Mapping[str, str] = {
+    "degree": "largest degree of a product, 1 to 6; the best of 1, 2 and 3 unless given",
+    "terms": "number of terms of each output, or the terms themselves such as "
+    '"y(t-1), u(t-1)*y(t-2)^2" (outputs divided by ;); chosen on the data unless given',
+    "noise_lags": "past errors e(t-1) … in the equation, by extended least squares; 0 unless given",
+    "selection": "what chooses the terms: err (one-step error reduction), simulation (free "
+    "run) or auto, the better of both on held-out data (default)",
+    "margin": "how far an output may leave its training range in free run, as a share of it; "
+    "0.15 unless given",
+}
 
 
 @dataclass(frozen=True)
@@ -57,35 +66,17 @@ class NARMAX(RecursiveStructure):
     input_step: tuple[float, ...] = ()
 
     name: ClassVar[str] = "narmax"
-    title: ClassVar[str] = "NARMAX: polynomial with selected terms"
-    equation: ClassVar[str] = "y(t) = Σ θ_k Π y(t−·) Π u(t−·) Π e(t−·) + e(t)"
-    when: ClassVar[str] = "smooth nonlinearities; a readable equation"
+    traits: ClassVar[Traits] = Traits(
+        title="NARMAX: polynomial with selected terms",
+        equation="y(t) = Σ θ_k Π y(t−·) Π u(t−·) Π e(t−·) + e(t)",
+        when="smooth nonlinearities; a readable equation",
+        options=OPTIONS,
+        chooses_products=True,
+        order_names=("na", "nb", "nk"),
+        has_noise_model=True,
+    )
     # a polynomial that has left its data by their own width does not come back
     runaway: ClassVar[float] = 1.0
-    chooses_products: ClassVar[bool] = True
-    options: ClassVar[Mapping[str, str]] = {
-        "degree": "largest degree of a product, 1 to 6; the best of 1, 2 and 3 unless given",
-        "terms": "number of terms of each output, or the terms themselves such as "
-        '"y(t-1), u(t-1)*y(t-2)^2" (outputs divided by ;); chosen on the data unless given',
-        "noise_lags": "past errors e(t-1) … in the equation, by extended least squares; 0 unless "
-        "given",
-        "selection": "what chooses the terms: err (one-step error reduction), simulation (free "
-        "run) or auto, the better of both on held-out data (default)",
-        "margin": "how far an output may leave its training range in free run, as a share of it; "
-        "0.15 unless given",
-    }
-
-    @property
-    def counts_from_zero(self) -> bool:
-        """Where the user gave the terms: they are products of the measurements themselves."""
-        return bool(self.terms)
-
-    @property
-    def lacks_constant(self) -> str:
-        """Where the user gave terms and 1 is none of them."""
-        if not self.terms or all(() in row for row in self.terms):
-            return ""
-        return "the terms given hold none; the term constant is one"
 
     # ----------------------------------------------------------------- making one
 
@@ -93,7 +84,7 @@ class NARMAX(RecursiveStructure):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> "NARMAX":
-        refuse_options(cls.name, options, tuple(cls.options))
+        refuse_options(cls.name, options, tuple(cls.traits.options))
         orders = spread(raw, "ab", nu, ny, cls.name)
         given = dict(options or {})
 
@@ -209,12 +200,6 @@ class NARMAX(RecursiveStructure):
 
     # ----------------------------------------------------------------- runs
 
-    def fitter(self) -> "Fitter":
-        """Terms chosen, then their coefficients."""
-        from sysid.structures.narmax.fit import fit_narmax
-
-        return fit_narmax
-
     def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
         """k-step-ahead predictions: free runs of k steps from the measured past, at every sample.
 
@@ -284,6 +269,20 @@ class NARMAX(RecursiveStructure):
                 "polynomial does not extrapolate."
             )
         return properties
+
+
+@counts_from_zero.register
+def _(s: NARMAX) -> bool:
+    """Where the user gave the terms: they are products of the measurements themselves."""
+    return bool(s.terms)
+
+
+@lacks_constant.register
+def _(s: NARMAX) -> str:
+    """Where the user gave terms and 1 is none of them."""
+    if not s.terms or all(() in row for row in s.terms):
+        return ""
+    return "the terms given hold none; the term constant is one"
 
 
 def _unit(top: str, t: Term, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> str:

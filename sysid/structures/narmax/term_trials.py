@@ -47,6 +47,7 @@ class Trial:
     error: float
     how: str
     chunk: int = 0
+    evaluations: int = 1
 
     @property
     def size(self) -> int:

@@ -1,7 +1,7 @@
-"""Options of the NARX structure as users type them, and its design as JSON."""
+"""Options of the NARX structure as users type them, and which designs belong to it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -53,10 +53,6 @@ class NarxOptions:
     seed: int = 0
     margin: float = MARGIN
 
-    def to_json(self) -> dict[str, Any]:
-        """By name."""
-        return asdict(self)
-
     @staticmethod
     def from_json(raw: Mapping[str, Any]) -> "NarxOptions":
         """Undo ``to_json``."""
@@ -107,32 +103,6 @@ def check_regressors(orders: Orders, customs: Sequence[Row]) -> None:
 
 
 # ----------------------------------------------------------------------------- designs
-
-
-def design_to_json(d: RowDesign) -> dict[str, Any]:
-    """A row's design as lists."""
-    return {f.name: _lists(getattr(d, f.name)) for f in fields(d)}
-
-
-def _lists(value: Any) -> Any:
-    return [_lists(v) for v in value] if isinstance(value, tuple) else value
-
-
-def design_from_json(raw: Mapping[str, Any]) -> RowDesign:
-    """Undo ``design_to_json``."""
-    mean, scale, low, high = (
-        tuple(float(v) for v in raw[name]) for name in ("mean", "scale", "low", "high")
-    )
-    return RowDesign(
-        mean,
-        scale,
-        low,
-        high,
-        tuple(tuple(int(k) for k in t) for t in raw["terms"]),
-        tuple(tuple(float(v) for v in row) for row in raw["projection"]),
-        tuple(int(f) for f in raw["flags"]),
-        tuple(tuple(int(k) for k in v) for v in raw.get("views", ())),
-    )
 
 
 def check_designs(rows: Sequence[Row], designs: Sequence[RowDesign]) -> None:

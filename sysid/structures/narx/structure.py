@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-import numpy as np
-
-from sysid.data.record import Array, Channel, Index
+from sysid.data.record import Array, Channel
+from sysid.data.schema import checked
 from sysid.fitting.problem import (
     Parameter,
 )
@@ -28,9 +27,7 @@ from sysid.structures.narx.wavelet_network import (
     RowDesign,
 )
 from sysid.structures.orders import spread
-
-if TYPE_CHECKING:
-    from sysid.structures.outcome import Fitter
+from sysid.structures.traits import Traits
 
 
 @dataclass(frozen=True)
@@ -50,16 +47,16 @@ class NarxWavelet(RecursiveStructure):
     designs: tuple[RowDesign, ...] = ()
 
     name: ClassVar[str] = "narx-wavelet"
-    title: ClassVar[str] = "NARX with a wavelet network"
-    equation: ClassVar[str] = (
-        "y(t) = y₀ + L x(t) + Σ p_k Π x(t) + Σ a_k f(b_k (x(t) Q − c_k)) + e(t)"
+    traits: ClassVar[Traits] = Traits(
+        title="NARX with a wavelet network",
+        equation="y(t) = y₀ + L x(t) + Σ p_k Π x(t) + Σ a_k f(b_k (x(t) Q − c_k)) + e(t)",
+        when="friction, dead zones, saturation: nonlinearities of unknown form",
+        options=narx_options.OPTIONS,
+        order_names=("na", "nb", "nk"),
+        has_noise_model=True,
     )
-    when: ClassVar[str] = "friction, dead zones, saturation: nonlinearities of unknown form"
     # products and units see their regressors clipped: what leaves the data comes back more often
-    takes_method: ClassVar[bool] = False
     runaway: ClassVar[float] = 3.0
-    has_losses: ClassVar[bool] = False  # linear algebra over thousands of units
-    options: ClassVar[Mapping[str, str]] = narx_options.OPTIONS
 
     @property
     def margin(self) -> float:
@@ -76,7 +73,7 @@ class NarxWavelet(RecursiveStructure):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> "NarxWavelet":
-        refuse_options(cls.name, options, tuple(cls.options))
+        refuse_options(cls.name, options, tuple(cls.traits.options))
         orders = spread(raw, "ab", nu, ny, cls.name)
         given = dict(options or {})
         customs = custom(given["regressors"], orders) if "regressors" in given else ()
@@ -101,19 +98,11 @@ class NarxWavelet(RecursiveStructure):
     def settings(self) -> dict[str, Any]:
         """Options, custom regressors, and what the fit read off the data."""
         return {
-            "options": self.options_given.to_json(),
+            "options": self.options_given,
             "regressors": [[written(e) for e in row] for row in self.customs],
-            "designs": [narx_options.design_to_json(d) for d in self.designs],
+            "designs": self.designs,
             **self.range_settings(),
         }
-
-    @classmethod
-    def upgraded(cls, raw: Mapping[str, Any]) -> Mapping[str, Any]:
-        settings = raw["settings"]
-        options = settings["options"]
-        if options["estimator"] == "polynomial":  # of 0.1.0: no units, whatever kind they had been
-            options = {**options, "estimator": "wavelet"}
-        return {**raw, "settings": {**settings, "options": options}}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "NarxWavelet":
@@ -123,7 +112,7 @@ class NarxWavelet(RecursiveStructure):
             spread(raw["orders"], "ab", nu, ny, cls.name),
             options_given=NarxOptions.from_json(known["options"]),
             customs=customs,
-            designs=tuple(narx_options.design_from_json(d) for d in known["designs"]),
+            designs=checked(tuple[RowDesign, ...], known["designs"]),
             **ranges_from(known),
         )
         narx_options.check_designs(structure.rows, structure.designs)
@@ -164,17 +153,6 @@ class NarxWavelet(RecursiveStructure):
         return FreeRuns(self.free_run(), data, length)
 
     # ----------------------------------------------------------------- runs
-
-    def fitter(self) -> "Fitter":
-        """Regressors and units chosen, then everything together."""
-        from sysid.structures.narx.fit import fit_narx
-
-        return fit_narx
-
-    def gradient_index(self, theta: Array, output: int) -> Index:
-        """The output's entries of θ, without shape and place of units that cannot move."""
-        free = [p.fixed is None for p in narx_words.shapes(self.maps[output], self.kind)]
-        return np.compress(free, self.free_run().theta_index[output])
 
     # ----------------------------------------------------------------- words
 

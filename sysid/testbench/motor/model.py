@@ -9,7 +9,8 @@ import numpy as np
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
 from sysid.errors import Termination
-from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.dc_motor.structure import DCMotor, MotorPhysics
+from sysid.structures.grey_box.physics import Sampling
 from sysid.structures.model import Model, Provenance
 from sysid.testbench.motor.characterise import MotorBench
 from sysid.testbench.motor.equations import steady_state, time_constant
@@ -56,11 +57,13 @@ def bench_model(
     usual = log.channels if log else CHANNELS
     inputs = (Channel(channels[0] or usual[0], "V"),)
     outputs = (Channel(channels[1] or usual[1], "rad/s"),)
-    bare = DCMotor(1, 1, input="voltage", friction="coulomb", parametrisation="bench", dt=dt)
-    structure = replace(bare, substeps=max(1, int(np.ceil(10.0 * dt / time_constant(c)))))
+    physics = MotorPhysics(1, 1, input="voltage", friction="coulomb", parametrisation="bench")
+    top = bench.largest_voltage
+    steps = max(1, int(np.ceil(10.0 * dt / time_constant(c))))
+    structure = DCMotor(physics, Sampling(dt, steps, ((-top, top),)))
     values = {name_there: getattr(c, name) for name, name_there in NAMES.items()}
     values |= {"gear": c.gear, "load_inertia": 0.0, "bridge_gain": 1.0, "friction_torque": 0.0}
-    theta = structure.pack(values)
+    theta = physics.pack(values)
     estimated = {NAMES[n]: k for k, n in enumerate(bench.names) if n in NAMES}
     table = structure.parameters(inputs, outputs)
     index = {p.name: k for k, p in enumerate(table)}
@@ -68,11 +71,10 @@ def bench_model(
     for a, i in estimated.items():
         for b, j in estimated.items():
             covariance[index[a], index[b]] = bench.covariance[i, j]
-    top = bench.largest_voltage
     speed = float(steady_state(c, np.array([top]))[0][0])
     noise = [g.noise for g in bench.joint.groups if g.quantity == "speed"]
     return Model(
-        structure=replace(structure, input_range=((-top, top),)),
+        structure=structure,
         theta=theta,
         covariance=covariance,
         parameters=tuple(

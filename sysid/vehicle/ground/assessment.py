@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 from sysid.errors import ModelError
 from sysid.vehicle.ground.drawbar import Traction
-from sysid.vehicle.ground.resistance import lateral_at_radius, lateral_reaction
-from sysid.vehicle.ground.sinkage import sinkage
+from sysid.vehicle.ground.resistance import lateral_at_radius, lateral_reaction, sinkage
 from sysid.vehicle.ground.skid_steer import steady_turn
 from sysid.vehicle.soil import NUMBERS, Soil
 
@@ -73,11 +72,9 @@ class SoilAssessment:
     """What a soil does to a vehicle.
 
     Attributes:
-        traction: soil, vehicle, pressure and slope.
         quantities: thrust, sinkage, resistances, slopes.
         pulls: drawbar pull against slip, on the level.
         turns: turning resistance against radius, on the level.
-        notes: what to beware of, a sentence each.
     """
 
     traction: Traction
@@ -209,7 +206,6 @@ def _empirical(traction: Traction, radius: float) -> float:
 def _spread(
     traction: Traction, values: Callable[[Traction], Mapping[str, float]]
 ) -> dict[str, Quantity]:
-    """Values with their standard deviations, from those of the soil's numbers."""
     nominal = values(traction)
     parts: dict[str, Mapping[str, float]] = {}
     for name, std in traction.soil.std:

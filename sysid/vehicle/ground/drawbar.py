@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
-from sysid.vehicle.ground.sinkage import compaction_resistance
+from sysid.vehicle.ground.resistance import compaction_resistance
 from sysid.vehicle.kinematics import Real
 from sysid.vehicle.pressure import Distribution, Pressure
+from sysid.vehicle.shear import thrust
 from sysid.vehicle.soil import Soil
-from sysid.vehicle.thrust import thrust
 from sysid.vehicle.tracked import TrackedVehicle
 
 _ROUNDS, _TRIED = 6, 33

@@ -142,7 +142,6 @@ def _track(vehicle: Vehicle, wheel: Wheel, load: float) -> _Part:
 
 
 def _wheel(vehicle: Vehicle, wheel: Wheel, load: float) -> _Part:
-    """A wheel on its axle, behind a fork where it is steered."""
     name = quoteattr(wheel.name)
     steered = wheel.kind in ("steerable", "caster")
     straight = wheel.model_copy(update={"heading": 0.0, "angle": 0.0, "at": (0.0, 0.0, 0.0)})

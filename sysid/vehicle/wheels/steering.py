@@ -44,7 +44,6 @@ def within_limits(z: Array, basis: Array, wheels: Sequence[Wheel], scale: Scale)
     Args:
         z: wanted, (3,), in the space.
         basis: of the space, orthonormal, (3, d).
-        wheels: that are steered.
 
     Raises:
         UsageError: more wheels have limits than can be tried.

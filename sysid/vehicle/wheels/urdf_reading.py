@@ -147,7 +147,6 @@ class _Walk:
         self.wheels = kept
 
     def _rigid(self, link: str, pose: Pose) -> Iterator[tuple[str, Pose]]:
-        """A link and what is fixed to it."""
         yield link, pose
         for joint in self.robot.below(link):
             if joint.kind == "fixed":
@@ -244,7 +243,6 @@ def rolls(shape: tuple[Pose, Shape], axle: Array) -> bool:
 
 
 def _body(parts: list[MassProperties], boxes: list[tuple[Pose, Shape]]) -> Body:
-    """The first box, and all masses as one."""
     keys: dict[str, Any] = {}
     if boxes:
         pose, shape = boxes[0]

@@ -4,8 +4,10 @@ Steering angles and rollers, for which a URDF has no place, stand in elements ``
 programs pass over.
 """
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -17,8 +19,10 @@ from sysid.vehicle.wheels.wheel import Wheel
 
 BASE = "base_link"
 
-_NO_LIMIT = 'effort="1000000.0"'
+_NO_LIMIT = 1e6
 """URDF asks for a limit of effort wherever there is another limit; 0 would block the joint."""
+
+_LEVEL = (0.0, 0.0, 0.0)
 
 
 def urdf_text(vehicle: Vehicle) -> str:
@@ -28,20 +32,26 @@ def urdf_text(vehicle: Vehicle) -> str:
     a known mass have no inertia, and a simulator will ask for it.
     """
     whole = vehicle.with_masses()
-    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(vehicle.name)}>"]
-    lines += _base(whole)
+    lines = _base(whole)
     for wheel in whole.wheels:
         lines += _wheel(wheel)
     if vehicle.friction is not None:
+        grip = [f"<mu{k}>{vehicle.friction!r}</mu{k}>" for k in (1, 2)]
         for wheel in whole.wheels:
-            mu = repr(vehicle.friction)
-            lines += [
-                f"  <gazebo reference={quoteattr(_link(wheel))}>",
-                f"    <mu1>{mu}</mu1>",
-                f"    <mu2>{mu}</mu2>",
-                "  </gazebo>",
-            ]
-    return "\n".join([*lines, "</robot>", ""])
+            lines += _element("gazebo", grip, reference=_link(wheel))
+    return "\n".join(['<?xml version="1.0"?>', *_element("robot", lines, name=vehicle.name), ""])
+
+
+def _element(tag: str, inner: Sequence[str] = (), **attributes: Any) -> list[str]:
+    """An element as lines; numbers unrounded, none of them −0."""
+
+    def words(value: Any) -> str:
+        if isinstance(value, Iterable) and not isinstance(value, str):
+            return " ".join(map(words, value))
+        return value if isinstance(value, str) else repr(float(value) + 0.0)
+
+    head = tag + "".join(f" {name}={quoteattr(words(v))}" for name, v in attributes.items())
+    return [f"<{head}>", *(f"  {line}" for line in inner), f"</{tag}>"] if inner else [f"<{head}/>"]
 
 
 def _link(wheel: Wheel) -> str:
@@ -51,58 +61,51 @@ def _link(wheel: Wheel) -> str:
 def _base(vehicle: Vehicle) -> list[str]:
     body, inner = vehicle.body, []
     if body.size is not None:
-        inner = _shape(f'<box size="{_numbers(body.size)}"/>', body.at)
+        inner = _shape(_element("box", size=body.size), body.at)
     properties = vehicle.body_properties()
-    return _element(
-        "link", BASE, [*inner, *(_inertial(properties) if properties is not None else ())]
-    )
+    inner += _inertial(properties) if properties is not None else []
+    return _element("link", inner, name=BASE)
 
 
 def _wheel(wheel: Wheel) -> list[str]:
     """A link and its joint, on a steered wheel behind one more of each."""
-    name, link = wheel.name, _link(wheel)
-    lines, parent, heading = [], BASE, wheel.heading
+    link, parent, lines, heading = _link(wheel), BASE, list[str](), wheel.heading
     place: Sequence[float] = (*wheel.position, wheel.height)
     if wheel.kind in ("steerable", "caster"):
-        parent, lines = f"{name}_steering_link", _steering(wheel)
+        parent, lines = f"{wheel.name}_steering_link", _steering(wheel)
         place, heading = (-wheel.offset, wheel.side, 0.0), 0.0
-    cylinder = f'<cylinder radius="{wheel.r!r}" length="{wheel_width(wheel)!r}"/>'
-    shape = _shape(cylinder, (0.0, 0.0, 0.0), f"{math.pi / 2!r} 0 0")  # its axis along y
+    cylinder = _element("cylinder", radius=wheel.r, length=wheel_width(wheel))
+    shape = _shape(cylinder, (0.0, 0.0, 0.0), (math.pi / 2, 0.0, 0.0))  # its axis along y
     straight = wheel.model_copy(update={"heading": 0.0, "angle": 0.0})
     properties, fork = wheel_properties(straight), FORK if parent != BASE else 0.0
     if properties is not None:
         shape += _inertial(_share(properties, 1.0 - fork, np.zeros(3)))
-    speed = "" if wheel.max_speed is None else f' velocity="{wheel.max_speed!r}"'
     joint = _joint(parent, link, place, heading, "0 1 0")
-    joint += [f"    <limit {_NO_LIMIT}{speed}/>"] if speed else []
-    kept = {}
-    if wheel.kind == "swedish":
-        kept["roller"] = wheel.roller
-    if wheel.angle:
-        kept["angle"] = wheel.angle
-    own_words = "".join(f' {key}="{value!r}"' for key, value in kept.items())
+    if wheel.max_speed is not None:
+        joint += _element("limit", effort=_NO_LIMIT, velocity=wheel.max_speed)
+    kept: dict[str, Any] = {"roller": wheel.roller} if wheel.kind == "swedish" else {}
+    kept |= {"angle": wheel.angle} if wheel.angle else {}
     return [
         *lines,
-        *_element("link", link, shape),
-        *_element("joint", name, joint, ' type="continuous"'),
-        *([f"  <sysid reference={quoteattr(link)}{own_words}/>"] if kept else []),
+        *_element("link", shape, name=link),
+        *_element("joint", joint, name=wheel.name, type="continuous"),
+        *(_element("sysid", reference=link, **kept) if kept else []),
     ]
 
 
 def _steering(wheel: Wheel) -> list[str]:
     link, limits = f"{wheel.name}_steering_link", wheel.angle_limits
     joint = _joint(BASE, link, (*wheel.position, wheel.height), wheel.heading, "0 0 1")
-    kind = "continuous" if limits is None else "revolute"
     if limits is not None:
         low, high = limits
-        free = f'{_NO_LIMIT} velocity="1000000.0"'
-        joint.append(f'    <limit lower="{low!r}" upper="{high!r}" {free}/>')
+        joint += _element("limit", lower=low, upper=high, effort=_NO_LIMIT, velocity=_NO_LIMIT)
     properties = wheel_properties(wheel.model_copy(update={"heading": 0.0, "angle": 0.0}))
     middle = np.array([-wheel.offset, wheel.side, 0.0])
     mass = _inertial(_share(properties, FORK, middle)) if properties is not None else []
+    kind = "continuous" if limits is None else "revolute"
     return [
-        *_element("link", link, mass),
-        *_element("joint", f"{wheel.name}_steering", joint, f' type="{kind}"'),
+        *_element("link", mass, name=link),
+        *_element("joint", joint, name=f"{wheel.name}_steering", type=kind),
     ]
 
 
@@ -113,49 +116,26 @@ def _share(properties: MassProperties, share: float, centre: Array) -> MassPrope
 
 def _joint(parent: str, child: str, place: Sequence[float], heading: float, axis: str) -> list[str]:
     return [
-        f"    <parent link={quoteattr(parent)}/>",
-        f"    <child link={quoteattr(child)}/>",
-        f'    <origin xyz="{_numbers(place)}" rpy="0 0 {heading + 0.0!r}"/>',
-        f'    <axis xyz="{axis}"/>',
+        *_element("parent", link=parent),
+        *_element("child", link=child),
+        *_element("origin", xyz=place, rpy=(0.0, 0.0, heading)),
+        *_element("axis", xyz=axis),
     ]
 
 
-def _element(tag: str, name: str, inner: Sequence[str], more: str = "") -> list[str]:
-    return [f"  <{tag} name={quoteattr(name)}{more}>", *inner, f"  </{tag}>"]
-
-
-def _shape(geometry: str, at: Sequence[float], rpy: str = "0 0 0") -> list[str]:
+def _shape(geometry: list[str], at: Sequence[float], rpy: Sequence[float] = _LEVEL) -> list[str]:
     """The same shape to be seen and to be hit."""
-    lines = []
-    for part in ("visual", "collision"):
-        lines += [
-            f"    <{part}>",
-            f'      <origin xyz="{_numbers(at)}" rpy="{rpy}"/>',
-            f"      <geometry>{geometry}</geometry>",
-            f"    </{part}>",
-        ]
-    return lines
+    inner = [*_element("origin", xyz=at, rpy=rpy), *_element("geometry", geometry)]
+    return [*_element("visual", inner), *_element("collision", inner)]
 
 
 def _inertial(properties: MassProperties) -> list[str]:
-    t = properties.tensor.tolist()
-    entries = {
-        "ixx": t[0][0],
-        "ixy": t[0][1],
-        "ixz": t[0][2],
-        "iyy": t[1][1],
-        "iyz": t[1][2],
-        "izz": t[2][2],
-    }
-    words = " ".join(f'{name}="{value!r}"' for name, value in entries.items())
-    return [
-        "    <inertial>",
-        f'      <origin xyz="{_numbers(properties.centre)}" rpy="0 0 0"/>',
-        f'      <mass value="{properties.mass!r}"/>',
-        f"      <inertia {words}/>",
-        "    </inertial>",
+    pairs = itertools.combinations_with_replacement(range(3), 2)
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    entries: Any = {n: properties.tensor[k] for n, k in zip(names, pairs, strict=True)}
+    inner = [
+        *_element("origin", xyz=properties.centre, rpy=_LEVEL),
+        *_element("mass", value=properties.mass),
+        *_element("inertia", **entries),
     ]
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return " ".join(repr(float(v) + 0.0) for v in values)  # + 0.0: no -0.0
+    return _element("inertial", inner)

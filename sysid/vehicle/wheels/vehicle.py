@@ -56,11 +56,9 @@ class Vehicle:
 
     Attributes:
         wheels: at least one, each with a name of its own.
-        body: what the wheels carry.
         mass: of the whole, wheels included [kg]; None where only the parts' are known, or none.
         yaw_inertia: measured, of the whole about its centre of mass [kg m²].
         friction: coefficient of the wheels on the ground.
-        notes: what reading the file left out or assumed.
 
     Raises:
         ModelError: there is no wheel, two have one name, or masses contradict each other.
@@ -202,7 +200,6 @@ class Vehicle:
         return angles
 
     def _known(self, given: Mapping[str, float] | None) -> None:
-        """Every name is that of a wheel."""
         names = [w.name for w in self.wheels]
         for name in given or {}:
             if name not in names:

@@ -25,6 +25,7 @@ from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model
+from sysid.structures.physics import ground_effects
 from sysid.vehicle.kinematics import Geometry
 
 EFFECTS = ("track-slip", "radius-mismatch", "track-width")
@@ -177,7 +178,7 @@ def slipping() -> Model:
 def test_a_model_keeps_its_ground() -> None:
     model = slipping()
     again = Model.from_json(json.loads(json.dumps(model.to_json())))
-    assert again.structure.ground(again.theta).effects == ("track-slip",)
+    assert ground_effects(again.structure, again.theta).effects == ("track-slip",)
     (row,) = [p for p in again.parameter_table() if p.name == "track-slip.share"]
     assert (row.value, row.std_error) == (0.25, pytest.approx(0.01))
     u = 15000.0 * np.sign(np.sin(np.arange(80)[:, None] / np.array([5.0, 7.0])))
@@ -188,7 +189,7 @@ def test_sides_keep_their_numbers_in_a_model_whose_outputs_come_the_other_way_ro
     odd = ground("radius-mismatch", 0.9, 1.0)
     for tracks, expected in (((0, 1), [0.9, 1.0]), ((1, 0), [1.0, 0.9])):
         model = with_ground(two_tracks(), odd, {}, tracks)
-        held = model.structure.ground(model.theta)
+        held = ground_effects(model.structure, model.theta)
         np.testing.assert_array_equal(held.parameters["radius-mismatch"]["rho"], expected)
         np.testing.assert_array_equal(
             held.ordered(tracks).parameters["radius-mismatch"]["rho"], [0.9, 1.0]

@@ -9,7 +9,6 @@ from sysid.diagnosis.base_model import fit_baseline
 from sysid.diagnosis.search.detectable import detectable
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import Data
-from sysid.diagnosis.search.sensitivities import sensitivities
 from sysid.effects.catalogue import chain_effects, effect
 
 IDS = ("dead-zone", "input-saturation", "cross-coupling", "direction-asymmetry", "rate-limit")
@@ -97,7 +96,7 @@ def test_slopes_have_a_column_for_each_free_number() -> None:
     y = simulate(u / FULL) + noise(np.random.default_rng(1), "white", len(u))
     record = Record(u=u, y=y, dt=DT, **CHANNELS)
     base = fit_baseline([record], [record.rows(0, 300)], (effect("dead-zone"),))
-    found = sensitivities(base.search, base.model, holdout=True)
+    found = base.search.slopes(base.model, holdout=True)
     assert [s.shape for s in found] == [(300, 2, len(base.model.free))]
     gain = base.search.model.index["core", "gain", 0]
     column = found[0][:, 0, base.model.free.index(gain)]

@@ -8,9 +8,9 @@ import pytest
 
 from sysid import diagnose
 from sysid.data.record import Array, Channel, Record
-from sysid.diagnosis.search.batched_search import refined
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import prepare
+from sysid.diagnosis.search.refinement import refined
 from sysid.effects.catalogue import effect
 
 DT, POLE, GAIN = 0.05, 0.85, 30.0

@@ -8,7 +8,7 @@ import pytest
 from sysid.data.record import Record
 from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.full_model import FullModel
-from sysid.diagnosis.search.widening import on_more_tracks
+from sysid.diagnosis.search.moves import on_more_tracks
 from sysid.effects.catalogue import effect
 
 WIDTH = 0.15

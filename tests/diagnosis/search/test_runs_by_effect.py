@@ -8,9 +8,15 @@ import pytest
 
 from sysid.data.record import Record
 from sysid.diagnosis.search.batched_search import best_tracks
-from sysid.diagnosis.search.full_model import FullModel
+from sysid.diagnosis.search.full_model import (
+    BATCH_SIZE,
+    GROUP_PARAMETERS,
+    FullModel,
+    at_once,
+    groups,
+    stages,
+)
 from sysid.diagnosis.search.prepared import prepare
-from sysid.diagnosis.search.runs import BATCH_SIZE, GROUP_PARAMETERS, at_once, groups, stages
 from sysid.effects.base import Effect
 from sysid.effects.catalogue import chain_effects, effect
 
@@ -43,7 +49,7 @@ def test_each_lane_runs_as_with_all_effects_at_once(record: Record) -> None:
         for key, value in values.items():
             row[model.index[key]] = value
     filled = np.concatenate([q, np.repeat(q[-1:], BATCH_SIZE - len(q), axis=0)])
-    at_once = model.runs.simulation(model.effects)
+    at_once = model.simulation(model.effects)
     expected = np.asarray(at_once(filled, data.arrays))[: len(q)]
     assert np.ptp(expected, axis=0).max() > 1.0
     # the same operations, fused in another order
@@ -53,9 +59,9 @@ def test_each_lane_runs_as_with_all_effects_at_once(record: Record) -> None:
 def test_machines_of_one_kind_share_what_is_compiled() -> None:
     some = tuple(effect(id) for id in ("dead-zone", "load-bias"))
     slow, fast = (FullModel(some, 1, 2, np.full(2, v), 0.05) for v in (2.0, 40.0))
-    assert slow.runs.simulation(some[:1]) is fast.runs.simulation(some[:1])
+    assert slow.simulation(some[:1]) is fast.simulation(some[:1])
     other = FullModel(some, 1, 2, np.full(2, 2.0), 0.02)
-    assert other.runs.simulation(some[:1]) is not slow.runs.simulation(some[:1])
+    assert other.simulation(some[:1]) is not slow.simulation(some[:1])
 
 
 def test_more_lanes_than_a_call_holds_come_back_in_their_order(record: Record) -> None:
@@ -85,13 +91,13 @@ def test_what_looks_at_one_sample_of_the_command_is_compiled_for_no_other_simula
     some = stages(chain_effects())[0]
     model = FullModel(some, 1, 2, np.ones(2), record.dt)
     held: list[set[str]] = []
-    whole = model.runs.simulation
+    whole = model.simulation
 
     def noted(acting: Sequence[Effect]) -> Callable[..., Any]:
         held.append({e.id for e in acting})
         return whole(acting)
 
-    monkeypatch.setattr(model.runs, "simulation", noted)
+    monkeypatch.setattr(model, "simulation", noted)
     q = np.repeat(model.null[None], 3, axis=0)
     q[1, model.index["dead-zone", "plus", 0]] = 0.2
     q[2, model.index["input-delay", "delay", 0]] = 0.1

@@ -12,16 +12,16 @@ from sysid.diagnosis.search.forward_selection import (
     ForwardSelection,
     SmallGain,
     explains_most_of_remainder,
-    is_nested_in,
     small_gain,
 )
+from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.selection import (
     CandidateModel,
     ScoredCandidate,
     SelectedEffect,
     Selection,
 )
-from sysid.diagnosis.session import DiagnosisSession, LeastLeft, least_damping
+from sysid.diagnosis.session import DiagnosisSession, least_damping, stand_in
 from sysid.diagnosis.validation.noise import NoiseFloor
 from sysid.fitting.holdout import Errors
 
@@ -147,34 +147,6 @@ def test_what_no_other_effect_comes_near_is_no_stand_in(rival: float, alone: boo
 
 
 @pytest.mark.parametrize(
-    ("ratio", "case"), [(0.184, True), (0.4, False)], ids=["nearly-all", "less"]
-)
-def test_friction_is_a_case_of_play_with_friction(ratio: float, case: bool) -> None:
-    play = judged("backlash", 3658.0, 0.172)
-    assert is_nested_in(judged("coulomb-friction", 3512.0, ratio), play) is case
-    assert not is_nested_in(judged("dead-zone", 3512.0, ratio), play)
-
-
-@pytest.mark.parametrize(
-    ("id", "left", "stands"),
-    [
-        ("coast-asymmetry", 1.0, True),
-        ("coast-asymmetry", 4.0, False),  # says what is seen and no mechanism
-        ("freewheel", 4.0, True),
-        ("freewheel", 4.6, False),  # 15 % of the gap
-    ],
-)
-def test_what_is_alone_closes_a_quarter_and_a_description_nearly_all(
-    id: str, left: float, stands: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
-    naming = selection(node(5.0), node(left, id), selected(id, node(5.0)))
-    gone = session(model=node(5.0)).too_small_a_share(naming)
-    assert (gone is None) is stands
-    assert gone is None or "other physics" in gone.reason
-
-
-@pytest.mark.parametrize(
     ("id", "output", "damping", "closed", "doubted"),
     [
         ("dead-zone", "level_cm", 1.0, 70.0, True),
@@ -200,101 +172,19 @@ def test_what_explains_a_process_or_a_spring_in_part_may_stand_for_other_physics
     monkeypatch.setattr(DiagnosisSession, "gap", lambda *_: SimpleNamespace(closed_percent=closed))
     record = SimpleNamespace(outputs=(Channel(output),))
     study = session(parts=SimpleNamespace(estimation=(record,)))
-    assert study.stand_in(selection(node(10.0), node(5.0, id), selected(id, node(10.0)))) is doubted
+    named = selection(node(10.0), node(5.0, id), selected(id, node(10.0)))
+    assert (stand_in(study, named) is not None) is doubted
 
 
 @pytest.mark.parametrize("damping", [0.05, 0.3, 1.5])
 def test_the_damping_of_a_base_is_that_of_its_swing(damping: float) -> None:
     poles = np.roots([1.0, 2.0 * damping * 8.0, 64.0])  # s² + 2 ζ ω s + ω²
     f = np.poly(np.exp(poles * 0.05))[1:]
-    model = SimpleNamespace(tracks=1, order=2, index={("core", "f1", 0): 0, ("core", "f2", 0): 1})
-    base: Any = SimpleNamespace(search=SimpleNamespace(model=model), model=SimpleNamespace(q=f))
+    model = FullModel((), 2, 1, np.ones(1), 0.05)
+    q = model.null
+    model.set_core(q, 0, 1.0, f)
+    base: Any = SimpleNamespace(search=SimpleNamespace(model=model), model=SimpleNamespace(q=q))
     assert least_damping(base) == pytest.approx(min(damping, 1.0))
-
-
-def test_a_tie_stays_one_beside_numbers_that_were_fitted_beside_one_of_the_two() -> None:
-    """An edge fitted without a load is another one; a load and a zero point are no less alike."""
-    slots = {"load-bias": (0,), "sensor-bias": (1,), "dead-zone": (2,)}
-    noise = np.random.default_rng(1).normal(size=(100, 1))
-
-    def model(id: str, edge: float) -> CandidateModel:
-        q = np.array([0.0, 0.0, edge])
-        q[list(slots[id])] = -1.0
-        errors = ((1.0 + abs(edge - 0.25)) * noise,)
-        free = (2, *slots[id])
-        return CandidateModel(
-            ("dead-zone", id), q, free, Errors(errors, errors), np.ones(1, dtype=bool)
-        )
-
-    class Search(ForwardSelection):
-        def __init__(self) -> None:
-            self.model, self.logs = SimpleNamespace(of=slots.__getitem__), None  # type: ignore
-            self.origin = np.zeros(3)
-
-        def polished(self, node: CandidateModel) -> CandidateModel:
-            assert node.free == tuple(sorted(node.free))
-            return model(node.effects[-1], float(node.q[2]))
-
-        def best_of(self, base: CandidateModel, nodes: Any) -> CandidateModel:
-            return min(nodes, key=lambda n: n.holdout_rmse)
-
-    search = Search()
-    mine = ScoredCandidate(model("sensor-bias", 0.25), EVIDENCE, 950.0)
-    anew = [ScoredCandidate(model(id, 0.5), EVIDENCE, 900.0) for id in ("sensor-bias", "load-bias")]
-    assert not search.tied(mine.model, anew[1].model)
-    own, rival = search._as_far(mine, anew)
-    assert own is anew[0]
-    assert search.tied(mine.model, rival.model)
-    assert rival.model.q.tolist() == [-1.0, 0.0, 0.25]
-
-
-@pytest.mark.parametrize(
-    ("closed", "stays"), [(4.0, True), (-11.6, False)], ids=["some", "less-than-none"]
-)
-def test_what_closes_nothing_has_no_rivals_to_be_ahead_of(
-    closed: float, stays: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ids, shares = ("current-limit", "sensor-lag"), {"current-limit": 90.0, "sensor-lag": closed}
-    search: Any = SimpleNamespace(
-        unrivalled=lambda *_: True, model=SimpleNamespace(effects=()), needed=0.9
-    )
-    study = session(search=search, model=node(5.0))
-    monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
-    monkeypatch.setattr(DiagnosisSession, "explained_by", lambda _, naming, n: (shares[n.id], 20.0))
-    # what each leaves on its only output is near what both do: none carries it
-    named = [selected(id, node(2.1 if id == ids[1] else 4.0)) for id in ids]
-    least = study._absorber(selection(node(5.0), node(2.0, *ids), *named), {})
-    assert (least is None) is stays
-
-
-def test_what_a_dropped_effect_had_taken_speaks_against_no_other(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A ripple takes 12 %; beside a third effect, which goes, 7 % stay open, without it 18 %."""
-    ids = ("viscous-asymmetry", "speed-ripple", "inertial-coupling")
-    closed = dict(zip(ids, (60.0, 12.0, 4.0), strict=True))
-    search: Any = SimpleNamespace(
-        unrivalled=lambda *_: False, model=SimpleNamespace(effects=()), needed=0.9
-    )
-    study = session(search=search, model=node(5.0))
-    monkeypatch.setattr(DiagnosisSession, "unexplained", lambda *_: True)
-    monkeypatch.setattr(
-        DiagnosisSession,
-        "explained_by",
-        lambda _, naming, n: (closed[n.id], 7.0 if len(naming.selected) == 3 else 18.0),
-    )
-
-    def naming(*kept: str) -> Selection:
-        return selection(node(5.0), node(2.0, *kept), *(selected(id, node(2.1)) for id in kept))
-
-    least_left: LeastLeft = {}
-    least = study._absorber(naming(*ids), least_left)
-    assert least is not None
-    assert least.id == "inertial-coupling"
-    assert study._absorber(naming(*ids[:2]), least_left) is None
-    alone = study._absorber(naming(*ids[:2]), {})
-    assert alone is not None
-    assert alone.id == "speed-ripple"
 
 
 @pytest.mark.parametrize(

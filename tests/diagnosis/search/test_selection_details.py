@@ -12,9 +12,9 @@ from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.gap import measure_gap
-from sysid.diagnosis.search.batched_search import refined
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import prepare
+from sysid.diagnosis.search.refinement import refined
 from sysid.diagnosis.search.starts import clip_level, free_indices, starts_of
 from sysid.effects.catalogue import about, chain_effects, effect
 from sysid.structures.augmented.chain import drive_before

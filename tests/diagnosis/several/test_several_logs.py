@@ -6,18 +6,26 @@ import numpy as np
 import pytest
 from pose_cases import driven, ground, wandering
 
+from sysid.data.documents import plain
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.pose.diagnosis import diagnose_pose
 from sysid.diagnosis.search.admission import tied
-from sysid.diagnosis.search.logs import logs_of
+from sysid.diagnosis.search.prepared import logs_of
 from sysid.diagnosis.search.selection import CandidateModel
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.several.constancy import several_logs
 from sysid.diagnosis.several.ground import with_ground
-from sysid.diagnosis.several.words import sentences, table_of_logs
-from sysid.diagnosis.several_logs import ABSENT, INCONCLUSIVE, SIGNIFICANT, LogView, SeveralLogs
+from sysid.diagnosis.several.results import (
+    ABSENT,
+    INCONCLUSIVE,
+    SIGNIFICANT,
+    LogView,
+    SeveralLogs,
+    sentences,
+    table_of_logs,
+)
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import DataError
 from sysid.fitting.holdout import Errors
@@ -58,7 +66,7 @@ def charged() -> SeveralLogs:
 def test_what_is_the_same_is_told_from_what_differs(charged: SeveralLogs) -> None:
     (battery,) = charged.differences
     assert battery.id == "gain-by-log"
-    ((own,), (other,)) = (battery.parameters[k] for k in ("full.csv", "empty.csv"))
+    ((own,), (other,)) = (battery.logs[k] for k in ("full.csv", "empty.csv"))
     assert own.value == 1.0
     assert other.value == pytest.approx(17.0 / 20.0, abs=0.01)  # noise of 0.3 % of the speed
     assert [v.effects[0].state for v in charged.logs] == [SIGNIFICANT, SIGNIFICANT]
@@ -69,7 +77,7 @@ def test_what_is_the_same_is_told_from_what_differs(charged: SeveralLogs) -> Non
 
 
 def test_the_document_and_the_table_say_the_same(charged: SeveralLogs) -> None:
-    first = charged.to_json()["logs"][0]
+    first = plain(charged)["logs"][0]
     assert first["name"] == "full.csv"
     assert first["effects"]["dead-zone"]["state"] == "significant"
     heads, rows = table_of_logs(charged)
@@ -100,7 +108,7 @@ def test_a_log_of_one_speed_cannot_tell() -> None:
 def test_a_log_that_judges_may_have_a_battery_of_its_own() -> None:
     logs = [log("full.csv", 1), log("empty.csv", 2, gain=17.0)]
     said = found(logs, [log("half.csv", 3, gain=18.5)])
-    ((judge,),) = (said.differences[0].parameters["half.csv"],)
+    ((judge,),) = (said.differences[0].logs["half.csv"],)
     assert judge.value == pytest.approx(18.5 / 20.0, abs=0.01)
     assert [v.validation for v in said.logs] == [False, False, True]
 

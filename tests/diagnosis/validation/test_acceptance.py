@@ -2,8 +2,6 @@
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,20 +9,15 @@ import pytest
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.base_model import Base, fit_baseline, full_drive
 from sysid.diagnosis.findings import sentence_of
-from sysid.diagnosis.gap import carries_an_output, share_closed
 from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.policies import RULE, VERDICT
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.selection import Interval, Selection
 from sysid.diagnosis.session import DiagnosisSession, noise_of
-from sysid.diagnosis.validation import acceptance
 from sysid.diagnosis.validation.acceptance import (
     ParameterEstimate,
     _acting_alone,
     against,
-    drifts,
-    least_beside,
     uncertain_parameters,
 )
 from sysid.diagnosis.verdict import Remaining, verdict_of
@@ -67,44 +60,6 @@ def test_a_gain_beyond_chance_stands_although_few_blocks_hold_it() -> None:
     assert "may be chance" in against(replace(seldom, t=1.5), [AWAY])
 
 
-def test_a_random_walk_is_no_constant_level_and_a_constant_beside_noise_is() -> None:
-    rng = np.random.default_rng(4)
-    walks = [np.cumsum(0.01 * rng.standard_normal((2000, 1)), axis=0) for _ in range(200)]
-    said = [not drifts([w[:1200], w[1200:]])[0] for w in walks]
-    assert np.mean(said) < 0.25  # one whose end is far from its start is off zero on the whole
-    noise = 0.5 * rng.standard_normal((2000, 40)) + 0.25  # of six spreads of its blocks' means
-    noise[::7] = np.nan
-    assert not drifts([noise[:1200], noise[1200:]]).any()
-
-
-def test_a_constant_in_the_model_is_judged_by_what_wanders_beside_it() -> None:
-    """Errors of the model without it, whose other numbers make up for it, wander with the drive."""
-    rng = np.random.default_rng(5)
-    walk = np.cumsum(0.01 * rng.standard_normal((2000, 1)), axis=0)
-    walk -= walk.mean()
-    size = float(np.std(walk))
-    assert drifts([walk[:1200], walk[1200:]], np.array([0.5 * size]))[0]
-    assert not drifts([walk[:1200], walk[1200:]], np.array([8.0 * size]))[0]
-
-
-@pytest.mark.parametrize(("error", "dropped"), [(0.015, True), (0.002, False), (None, False)])
-def test_a_wave_that_may_come_any_number_of_times_is_what_wanders(
-    monkeypatch: pytest.MonkeyPatch, error: float | None, dropped: bool
-) -> None:
-    """A random walk beside a multisine had been a weight with 0.030 ± 0.015 waves a rad."""
-    model = FullModel((about("gravity-load"),), 1, 1, np.array([10.0]), 0.05)
-    rate = model.index["gravity-load", "per_turn", 0]
-    q = model.null.copy()
-    q[rate] = 0.03
-    monkeypatch.setattr(acceptance, "std_errors", lambda base, node: {rate: error} if error else {})
-    named = SimpleNamespace(id="gravity-load", touched=np.array([True]))
-    naming: Any = SimpleNamespace(final=SimpleNamespace(q=q), selected=[named])
-    base: Any = SimpleNamespace(search=SimpleNamespace(model=model))
-    found = acceptance.unknown_wave(base, naming)
-    assert (found is not None) == dropped
-    assert found is None or "0.03 ± 0.01" in found.reason
-
-
 def test_one_number_away_from_its_null_is_enough_and_a_limit_needs_its_upper_end() -> None:
     assert against(CLEAR, [ParameterEstimate(0.01, 0.0, 0.1), AWAY]) == ""
     assert ParameterEstimate(0.9, 1e6, 0.0, Interval(0.8, 0.95)).away
@@ -115,22 +70,6 @@ def test_one_alone_must_do_what_a_first_effect_must() -> None:
     left_alone = replace(CLEAR, ratio=0.93)
     assert against(left_alone, [AWAY]) == ""
     assert "the held-out error by -7 %" in against(left_alone, [AWAY], RULE.held_out)
-
-
-def test_what_takes_less_than_all_leave_is_a_share_of_a_misfit() -> None:
-    gone = least_beside([("freewheel", 97.0, 2.8), ("dead-time", 2.0, 2.8)])
-    assert gone is not None
-    assert gone.id == "dead-time"
-    assert "closes 2.0 % of the gap of its outputs, less than the 2.8 %" in gone.reason
-    assert least_beside([("input-delay", 96.0, 0.2), ("battery-discharge", 4.4, 0.2)]) is None
-
-
-def test_shares_of_a_gap_are_what_an_effect_closes_and_what_stays_open() -> None:
-    rng = np.random.default_rng(0)
-    e = rng.standard_normal((2000, 1))
-    e /= np.sqrt(np.mean(e**2))
-    shares = share_closed([10.0 * e], [6.0 * e], [2.0 * e], np.array([1.0]), np.array([True]))
-    assert shares == pytest.approx((100.0 * 32.0 / 99.0, 100.0 * 3.0 / 99.0))
 
 
 def lagging(samples: int = 600) -> tuple[Array, Array]:
@@ -262,16 +201,3 @@ def test_an_entry_gives_the_error_without_it(
     entry = NamedEffect("x", "motor", (), (), delta_bic, 0.0, gain, (), "", remains)
     assert entry.fit_words.startswith(words)
     assert bool(entry.fit_words) == bool(words)
-
-
-def test_what_remains_on_one_output_speaks_not_against_what_carries_another() -> None:
-    e, floor, both = (
-        np.random.default_rng(3).standard_normal((4000, 2)),
-        np.ones(2),
-        np.full(2, True),
-    )
-    before, without, after = [e * [4.0, 7.0]], [e * [4.0, 3.0]], [e * [3.5, 1.5]]
-    closed, left = share_closed(before, without, after, floor, both)
-    assert closed < left
-    assert carries_an_output(before, without, after, floor, both)
-    assert not carries_an_output(before, without, [e * [3.5, 2.8]], floor, both)

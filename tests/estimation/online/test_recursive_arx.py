@@ -11,8 +11,7 @@ from sysid.errors import UsageError
 from sysid.estimation import pem
 from sysid.estimation.online.arx import RecursiveARX, regressors
 from sysid.estimation.online.change import FALSE_ALARMS
-from sysid.structures.linear.arx import ARX
-from sysid.structures.linear.closed_form import lagged_terms, signs
+from sysid.structures.linear.families import ARX
 
 CASES: dict[str, tuple[dict[str, Any], int, int, list[float]]] = {
     "first order": ({"na": 1, "nb": 1, "nk": 1}, 1, 1, [-0.8, 0.5]),
@@ -46,8 +45,8 @@ def run_of(
         for i in range(structure.ny):
             lay = structure.layout(i)
             rows = np.column_stack([y[t - start : t + 1], u[t - start : t + 1]])
-            phi = regressors(rows, i, lagged_terms(lay), start)[0, :-1]
-            y[t, i] = phi @ (signs(lay) * theta[structure.row_index(i)]) + e[t, i]
+            phi = regressors(rows, i, lay.terms, start)[0, :-1]
+            y[t, i] = phi @ (lay.signs * theta[structure.row_index(i)]) + e[t, i]
     return u, y
 
 
@@ -99,7 +98,7 @@ def test_forgetting_weighs_rows_by_their_age() -> None:
     u, y = run_of(FIRST, np.array([-0.8, 0.5]), 960, 6)
     live = RecursiveARX(FIRST, 0.98, watch=False)
     live.update(u, y)
-    rows = regressors(np.column_stack([y, u]), 0, lagged_terms(FIRST.layout(0)), 1)
+    rows = regressors(np.column_stack([y, u]), 0, FIRST.layout(0).terms, 1)
     weights = np.sqrt(0.98 ** np.arange(len(rows) - 1.0, -1.0, -1.0))[:, None]
     weighted = np.linalg.lstsq((rows * weights)[:, :-1], (rows * weights)[:, -1], rcond=None)[0]
     found = live.estimate()

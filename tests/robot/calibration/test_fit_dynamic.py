@@ -10,18 +10,18 @@ from sysid_datasets.multibody import Machine, columns, drive, random_schedule, s
 
 from sysid.data.record import Channel, Record
 from sysid.errors import DataError, ModelError, UsageError
-from sysid.robot.calibration.dynamic_motion import Weighed, fit_weighed
+from sysid.robot.calibration.dynamic_estimate import DynamicFit
+from sysid.robot.calibration.dynamic_fit import fit_dynamics
+from sysid.robot.calibration.dynamic_motion import fit_weighed
 from sysid.robot.calibration.dynamic_motors import (
     motors_of_bench,
     motors_of_model,
     read_motors,
     torque_only,
 )
-from sysid.robot.calibration.dynamic_numbers import numbers_of
 from sysid.robot.calibration.judged import whole
 from sysid.robot.calibration.numbers import VehicleNumber
-from sysid.robot.calibration.slip_fit import Part
-from sysid.robot.calibration.trajectory import Trajectories, trajectories_of
+from sysid.robot.calibration.trajectory import Part, Trajectories, trajectories_of
 from sysid.robot.calibration.vehicle_fit import fit_vehicle
 from sysid.vehicle.kinematics import Geometry
 from sysid.vehicle.motors import Bench
@@ -59,7 +59,7 @@ def trajectories() -> Trajectories:
 
 
 @pytest.fixture(scope="module")
-def weighed(trajectories: Trajectories) -> Weighed:
+def weighed(trajectories: Trajectories) -> DynamicFit:
     """One fit for all tests here: it is compiled for some seconds."""
     motors = motors_of_bench(Bench(), {"inertia": 1e-9})
     return fit_weighed(
@@ -72,7 +72,7 @@ def named(numbers: tuple[VehicleNumber, ...]) -> dict[str, VehicleNumber]:
 
 
 @pytest.mark.slow
-def test_it_weighs_the_vehicle_of_another_engine(weighed: Weighed) -> None:
+def test_it_weighs_the_vehicle_of_another_engine(weighed: DynamicFit) -> None:
     numbers = named(weighed.numbers())
     moment, _ = MACHINE.scrub
     truth = {
@@ -91,7 +91,7 @@ def test_it_weighs_the_vehicle_of_another_engine(weighed: Weighed) -> None:
 
 
 @pytest.mark.slow
-def test_errors_of_the_bench_are_errors_of_the_mass(weighed: Weighed) -> None:
+def test_errors_of_the_bench_are_errors_of_the_mass(weighed: DynamicFit) -> None:
     """A hundredth of the rotors' 2J/r² is a twentieth of this mass, whatever the log says."""
     rotors = 2.0 * MACHINE.motor.inertia / MACHINE.r**2
     assert named(weighed.numbers())["mass"].std_error > 0.9 * 0.01 * rotors
@@ -99,11 +99,12 @@ def test_errors_of_the_bench_are_errors_of_the_mass(weighed: Weighed) -> None:
 
 @pytest.mark.slow
 def test_straight_runs_do_not_tell_what_turns_would(
-    weighed: Weighed, trajectories: Trajectories
+    weighed: DynamicFit, trajectories: Trajectories
 ) -> None:
     windows = trajectories.each[0].windows()
     ahead = windows[trajectories.each[0].at[windows[:, 1]] <= STRAIGHT]
-    numbers = named(weighed.refitted([Part(trajectories.each[0], ahead)]).numbers())
+    part = Part(trajectories.each[0], ahead)
+    numbers = named(fit_dynamics([part], weighed.geometry, weighed.powered).numbers())
     assert numbers["mass"].identifiable
     for name, manoeuvre in (
         ("yaw_inertia", "quick turns on the spot"),
@@ -115,12 +116,12 @@ def test_straight_runs_do_not_tell_what_turns_would(
 
 
 @pytest.mark.slow
-def test_without_a_torque_only_ratios_are_told(weighed: Weighed) -> None:
-    powered = replace(weighed.fit.powered, torque_known=False)
-    numbers = named(numbers_of(replace(weighed.fit, powered=powered)))
+def test_without_a_torque_only_ratios_are_told(weighed: DynamicFit) -> None:
+    powered = replace(weighed.powered, torque_known=False)
+    numbers = named(replace(weighed, powered=powered).numbers())
     assert not numbers["mass"].identifiable
     assert "`motors`" in numbers["mass"].sentence
-    assert numbers["mass"].to_json()["in_model"] is False
+    assert numbers["mass"].in_model is False
     m = MACHINE.motor
     lag = (m.inertia + 0.5 * MACHINE.mass * MACHINE.r**2) / m.damping
     assert numbers["straight_lag"].value == pytest.approx(lag, rel=0.03)
@@ -128,7 +129,7 @@ def test_without_a_torque_only_ratios_are_told(weighed: Weighed) -> None:
 
 @pytest.mark.slow
 def test_paths_are_foretold_better_than_by_rolling_wheels(
-    weighed: Weighed, trajectories: Trajectories
+    weighed: DynamicFit, trajectories: Trajectories
 ) -> None:
     parts = whole(trajectories.each)
     after = weighed.errors(parts)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from mission_cases import goal
 
+from studies.filter_truth import own_run
 from sysid.robot.mission.contracts import Scene
-from sysid.robot.mission.navigation.consistency import Consistency, consistency, own_run
+from sysid.robot.mission.navigation.consistency import Consistency, consistency
 from sysid.robot.mission.navigation.ekf import ExtendedKalman
 from sysid.robot.mission.registry import law_class
 

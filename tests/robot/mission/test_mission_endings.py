@@ -14,7 +14,7 @@ from sysid.robot.mission.contracts import ROBOT_INPUTS, Body, NavigationInputs, 
 from sysid.robot.mission.ending import sentence
 from sysid.robot.mission.loop import COLUMNS
 from sysid.robot.mission.monte_carlo.runs import simulate_runs
-from sysid.robot.mission.navigation.odometry import Odometry
+from sysid.robot.mission.navigation.dead_reckoning import Odometry
 from sysid.robot.mission.result import MissionResult, Outcome, write_log
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission

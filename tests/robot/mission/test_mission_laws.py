@@ -27,7 +27,7 @@ from sysid.robot.mission.contracts import (
 from sysid.robot.mission.control.pi_p import SpeedPIYawP
 from sysid.robot.mission.guidance.field import PotentialField
 from sysid.robot.mission.loop import Loop, Tick, ticks
-from sysid.robot.mission.navigation.odometry import Odometry
+from sysid.robot.mission.navigation.dead_reckoning import Odometry
 from sysid.robot.mission.registry import ROLES, kinds, law_class
 from sysid.robot.mission.settings import ControlSettings
 from sysid.robot.mission.simulator import simulate

@@ -15,6 +15,7 @@ from sysid.data.record import Array
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.structures.plant import Plant
+from sysid.structures.special_runs import rest
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def turns_of(run: Callable[[], object], most: float, rounds: int = 100) -> float
 @pytest.mark.parametrize("name", FLOAT_TURNS)
 def test_a_step_costs_what_plain_numbers_cost(name: str) -> None:
     case = case_of(name)
-    step, x = case.structure.step(case.theta), case.structure.rest(case.theta)
+    step, x = case.structure.step(case.theta), rest(case.structure, case.theta)
     samples = []
     for u in case.inputs(150, 4):
         samples.append((x, u))

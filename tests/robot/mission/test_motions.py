@@ -1,6 +1,5 @@
 """Motions that slip and that have mass, in the loop of a mission."""
 
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -8,23 +7,23 @@ import numpy as np
 import pytest
 from mission_cases import Robot, goal
 
+from benchmarks.agreement import TOLERANCE, agreement
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
 from sysid.errors import DataError, ModelError
+from sysid.robot.mission.batch.sampler import run_seeds
+from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import Body, MotionInputs, Pose, SensorInputs
-from sysid.robot.mission.monte_carlo.agreement import TOLERANCE, agreement
-from sysid.robot.mission.monte_carlo.chunks import Runner, chunks
-from sysid.robot.mission.monte_carlo.sampler import run_seeds
-from sysid.robot.mission.monte_carlo.setup import Setup
+from sysid.robot.mission.monte_carlo.runs import Runner, chunks
 from sysid.robot.mission.motion.slip import Slip
-from sysid.robot.mission.sensors.accelerometer import Accelerometer
+from sysid.robot.mission.sensors.inertial import Accelerometer
 from sysid.robot.mission.simulator import scene_of, simulate
 from sysid.robot.mission.spec import load_mission
 from sysid.robot.mission.tracks.mapping import as_robot
-from sysid.robot.mission.tracks.on_ground import on_ground
-from sysid.robot.mission.tracks.torque import motors_of
+from sysid.robot.mission.tracks.torque import motors_of, on_ground
 from sysid.runners import floats
-from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.dc_motor.structure import DCMotor, MotorPhysics
+from sysid.structures.grey_box.physics import Sampling
 from sysid.structures.plant import Plant
 from sysid.vehicle.dynamics import VehicleState, step
 from sysid.vehicle.floor import Circle, Floor, HalfPlane, Polygon
@@ -37,11 +36,13 @@ SPEED = Channel("omega", "rad/s")
 def motor(ny: int = 1, options: dict[str, str] | None = None, **values: float) -> Plant:
     """A dc-motor of the bench's constants, 7.5 V at full drive."""
     given = {"input": "voltage", "friction": "coulomb", "parameters": "bench"} | (options or {})
-    m = replace(DCMotor.from_orders({}, ny, ny, given), dt=0.1, substeps=20)
+    m = DCMotor(MotorPhysics.from_options(given, ny, ny), Sampling(0.1, 20))
     volts, tags = "voltage", [""] if ny == 1 else ["_l", "_r"]
     return Plant.of_structure(
         m,
-        m.pack({"motor_friction": 2.9658e-5, "friction_torque": 0.0, "load_inertia": 0.0} | values),
+        m.physics.pack(
+            {"motor_friction": 2.9658e-5, "friction_torque": 0.0, "load_inertia": 0.0} | values
+        ),
         0.1,
         tuple(Channel(volts + t, "V") for t in tags),
         tuple(Channel("omega" + t, "rad/s") for t in tags),

@@ -7,7 +7,7 @@ import pytest
 from mission_cases import Robot
 
 from sysid.robot.mission.tuning.axes import Axis, AxisAnswer, answer
-from sysid.robot.mission.tuning.margins import SampledLoop
+from sysid.robot.mission.tuning.linear_loops import SampledLoop
 from sysid.robot.mission.tuning.rules import Gains, LagModel, from_edge, from_lag, lag_model
 from sysid.vehicle.kinematics import Geometry
 

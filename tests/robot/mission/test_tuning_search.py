@@ -16,18 +16,18 @@ import sysid
 from sysid.errors import ModelError, UsageError
 from sysid.estimation.pem import fit
 from sysid.export.package import write_package
+from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import ControlInputs
 from sysid.robot.mission.control.axes import AxisController
 from sysid.robot.mission.control.linear import PD, P
 from sysid.robot.mission.control.pi_p import SpeedPIYawP
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.setup import Setup
 from sysid.robot.mission.result import write_log
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import load_mission
-from sysid.robot.mission.tuning.batch_runner import BatchRunner, Runs
 from sysid.robot.mission.tuning.criteria import Criteria, Driven, StepTest, criteria
 from sysid.robot.mission.tuning.front import front, non_dominated
+from sysid.robot.mission.tuning.gain_runs import GainRuns, Runs
 from sysid.robot.mission.tuning.gain_space import GainSpace
 from sysid.robot.mission.tuning.search import SearchOptions, tune
 from sysid.robot.mission.tuning.tuned import Tuning
@@ -105,7 +105,7 @@ def test_runs_side_by_side_are_runs_one_by_one() -> None:
     sensors = {"encoders": None}
     mission = goal(0.4, 0.1, obstacles=[(0.2, 0.5)], sensors=sensors, control={"period": 0.04})
     setup = Setup.of(mission, [Robot()], ["parameters"])
-    runner = BatchRunner(setup, GainSpace.of(mission.control).names, 4, recorded=True)
+    runner = GainRuns(setup, 0, 4, GainSpace.of(mission.control).names, recorded=True)
     gains = np.array([[2.0, 1.85, 0.4], [0.5, 0.0, 1.5], [9.0, 9.0, 0.1]])
     runs = Runs(gains, np.zeros((3, 0)), (0, 7, 7))
     together, alone = runner.together(runs), runner.one_by_one(runs)

@@ -7,13 +7,14 @@ import pytest
 
 from sysid.vehicle.ground.presets import soil_preset
 from sysid.vehicle.ground.resistance import (
+    compaction_resistance,
     lateral_at_radius,
     lateral_force,
     lateral_reaction,
     rolling_resistance,
+    sinkage,
     turning_moment,
 )
-from sysid.vehicle.ground.sinkage import compaction_resistance, sinkage
 from sysid.vehicle.pressure import Distribution, Pressure
 from sysid.vehicle.soil import Soil
 

@@ -20,8 +20,7 @@ from sysid.robot.mission.contracts import (
     References,
     Scene,
 )
-from sysid.robot.mission.loop import Loop
-from sysid.robot.mission.rolling import on_ground
+from sysid.robot.mission.loop import Loop, on_ground
 from sysid.robot.mission.tracks.compensation import Compensation
 from sysid.vehicle.kinematics import Geometry
 

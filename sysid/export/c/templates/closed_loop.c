@@ -1,4 +1,4 @@
-$robot
+@{ robot }@
 /* Drive the mission; the largest error, and by how many samples it ends elsewhere. */
 static double drive_mission(int *later)
 {
@@ -29,14 +29,14 @@ static double drive_mission(int *later)
     motion_init(&motion, &motion_p);
     robot_init(&robot);
     decided.arrived = 0.0;
-    believed.x = $start_x;
-    believed.y = $start_y;
-    believed.psi = $start_psi;
+    believed.x = @{ start_x }@;
+    believed.y = @{ start_y }@;
+    believed.psi = @{ start_psi }@;
     believed.speed = 0.0;
     believed.yaw_rate = 0.0;
     for (k = 0; k <= LOOP_ROWS; k++) {
         const double t = (double)k * PLANT_SAMPLE_TIME;
-        const double slack = $slack * (CONTROLLER_PERIOD + t);
+        const double slack = @{ slack | number }@ * (CONTROLLER_PERIOD + t);
         const double dt = k > 0 ? PLANT_SAMPLE_TIME : 0.0;
         int pass;
 
@@ -48,7 +48,7 @@ static double drive_mission(int *later)
             /* first what is decided before this sample, then, with its reading, at it */
             const double until = pass == 0 ? t - slack : t + slack;
             if (pass == 1) {
-$navigation
+@{ navigation }@
                 navigation_step(&navigation, &navigation_p, &read, &believed);
             }
             while ((double)instant * CONTROLLER_PERIOD < until) {
@@ -65,7 +65,7 @@ $navigation
             }
         }
         robot_step(&robot, pwm, omega);
-$motion
+@{ motion }@
         motion_step(&motion, &motion_p, &rolled, &body);
         if (k < LOOP_ROWS) {
             const double row[LOOP_COLUMNS] = {pwm[0], pwm[1], omega[0], omega[1], body.x, body.y, body.psi};

@@ -42,7 +42,6 @@ class Estimated(NamedTuple):
         a, b, c: departure of μ⁺ = a μ + b d + c from the nominal numbers.
         variance: of these, the upper half row by row: aa, ab, ac, bb, bc, cc.
         motion: μ of the instant before.
-        begun: whether there was one.
     """
 
     a: Real
@@ -72,17 +71,10 @@ class Adaptive(AxisSettings):
     memory: Annotated[float, Field(ge=0.1, le=1e4)] = 10.0
 
     @property
-    def outer(self) -> float:
-        """K_ψ: motion asked for per error [1/s]; none along the speed, which is a motion itself."""
-        return 0.0
-
-    @property
     def uses_plant(self) -> bool:
-        """Adaptation starts from the identified plant."""
         return True
 
     def start(self, scene: Any, xp: Any) -> Followed | Estimated:
-        """The nominal gains."""
         if self.method == "model-reference":
             return Followed(0.0, 0.0, 0.0, 0.0)
         return Estimated(0.0, 0.0, 0.0, (UNSURE, 0.0, 0.0, UNSURE, 0.0, UNSURE), 0.0, 0.0)
@@ -90,8 +82,7 @@ class Adaptive(AxisSettings):
     def step(
         self, state: Any, inputs: AxisInputs, dt: Real, xp: Any
     ) -> tuple[Followed | Estimated, Real]:
-        """The command, and the gains a period later."""
-        reachable = target(inputs, self.outer, xp).motion / inputs.plant.gain
+        reachable = target(self, inputs, xp).motion / inputs.plant.gain
         asked = xp.clip(reachable, inputs.low, inputs.high)
         motion = inputs.motion / inputs.plant.gain
         by = self._followed if self.method == "model-reference" else self._scheduled
@@ -167,11 +158,6 @@ class YawAdaptive(Adaptive):
     """
 
     angle_gain: Annotated[AngleGain, Search(0.5, 5.0)] = 1.5
-
-    @property
-    def outer(self) -> float:
-        """K_ψ."""
-        return self.angle_gain
 
 
 def _near(departure: Real, xp: Any) -> Real:

@@ -19,10 +19,8 @@ class AxesState(NamedTuple):
     """What both axes remember.
 
     Attributes:
-        speed, yaw: states of the laws.
         moved: forward speed at the last instant [m/s].
         asked: V_ref [m/s] and ψ_ref [rad] of the last instant.
-        begun: whether there was an instant before.
     """
 
     speed: State
@@ -90,14 +88,12 @@ class AxisController(ControlSettings):
         return self.model_copy(update=changed)
 
     def start(self, scene: Scene, xp: Any) -> AxesState:
-        """Both laws at their start."""
         begun = self.speed.start(scene, xp), self.yaw.start(scene, xp)
         return AxesState(*begun, 0.0, (0.0, scene.start.psi), 0.0)
 
     def step(
         self, state: AxesState, inputs: ControlInputs, dt: Real, xp: Any
     ) -> tuple[AxesState, Command]:
-        """Both commands."""
         wanted, seen, nominal = inputs.references, inputs.estimate, inputs.scene.nominal
         per_time = state.begun / dt
         before, heading = state.asked

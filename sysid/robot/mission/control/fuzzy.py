@@ -60,7 +60,6 @@ class Fuzzy(AxisSettings):
     rate_scale: Annotated[Scale, Search(0.2, 10.0)] = 2.0
 
     def start(self, scene: Any, xp: Any) -> FuzzyState:
-        """Nothing yet."""
         return FuzzyState(0.0, 0.0)
 
     def step(

@@ -67,7 +67,6 @@ def pid_step(
     (d_acted − d_asked) T/T_t to the integral, d_acted as far as it is known of the instant before.
 
     Args:
-        inputs: what is asked and believed.
         dt: T, time since then [s].
     """
     integral = state.integral
@@ -119,11 +118,9 @@ class P(AxisSettings):
         return self.feed_forward > 0.0
 
     def start(self, scene: Any, xp: Any) -> PIDState:
-        """Nothing yet."""
         return PIDState(0.0, 0.0, 0.0)
 
     def step(self, state: PIDState, inputs: AxisInputs, dt: Real, xp: Any) -> tuple[PIDState, Real]:
-        """The command, by the gains that the kind has."""
         keys = type(self).model_fields
         terms = PIDTerms(**{n: getattr(self, n) for n in PIDTerms._fields if n in keys})
         return pid_step(state, inputs, dt, terms, xp)

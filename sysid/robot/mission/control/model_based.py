@@ -30,14 +30,13 @@ class Target(NamedTuple):
     rate: Real
 
 
-def target(inputs: AxisInputs, angle_gain: Real, xp: Any) -> Target:
-    """r = v_ref + K_ψ e and ṙ = v̇_ref + K_ψ (v_ref − v), with K_ψ = 0 for the speed.
+def target(law: AxisSettings, inputs: AxisInputs, xp: Any) -> Target:
+    """r = v_ref + K_ψ e and ṙ = v̇_ref + K_ψ (v_ref − v).
 
-    What a jump of the reference asks for is cut at what the plant can do at its limits.
-
-    Args:
-        angle_gain: K_ψ [1/s].
+    K_ψ [1/s] is the law's ``angle_gain``: 0 for the speed, which is a motion itself. What a jump of
+    the reference asks for is cut at what the plant can do at its limits.
     """
+    angle_gain = getattr(law, "angle_gain", 0.0)
     gain = inputs.plant.gain
     wanted = xp.clip(inputs.wanted, gain * inputs.low, gain * inputs.high)
     rate = inputs.wanted_rate + angle_gain * (wanted - inputs.motion)
@@ -53,16 +52,10 @@ class ModelBased(AxisSettings):
     """Base: the state is the integral of r − v, which stands while the command is on a limit."""
 
     @property
-    def outer(self) -> float:
-        """K_ψ: motion asked for per error [1/s]; none along the speed, which is a motion itself."""
-        return 0.0
-
-    @property
     def uses_plant(self) -> bool:
         return True
 
     def start(self, scene: Any, xp: Any) -> Real:
-        """No integral yet."""
         return 0.0
 
     @abstractmethod
@@ -70,8 +63,7 @@ class ModelBased(AxisSettings):
         """The command before its limits [drive]."""
 
     def step(self, state: Real, inputs: AxisInputs, dt: Real, xp: Any) -> tuple[Real, Real]:
-        """The command within its limits."""
-        asked = target(inputs, self.outer, xp)
+        asked = target(self, inputs, xp)
         grown = state + (asked.motion - inputs.motion) * dt
         command = self.command(asked, grown, inputs, dt, xp)
         kept = conditional(grown, state, command, (inputs.low, inputs.high), xp)
@@ -94,7 +86,6 @@ class ComputedTorque(ModelBased):
     ki: Annotated[Gain, Search(0.0, 10.0)] = 1.0
 
     def command(self, asked: Target, integral: Real, inputs: AxisInputs, dt: Real, xp: Any) -> Real:
-        """What the plant needs to accelerate as wanted."""
         wanted = asked.rate + self.bandwidth * (asked.motion - inputs.motion) + self.ki * integral
         lag = sampled_lag(inputs.plant.lag, dt, xp)
         return (inputs.motion + lag * wanted) / inputs.plant.gain
@@ -138,11 +129,6 @@ class YawComputedTorque(ComputedTorque):
     angle_gain: Annotated[AngleGain, Search(0.5, 5.0)] = 2.0
     bandwidth: Annotated[Rate, Search(0.5, 10.0)] = 4.0
 
-    @property
-    def outer(self) -> float:
-        """K_ψ."""
-        return self.angle_gain
-
 
 class YawSlidingMode(SlidingMode):
     """Sliding mode of the yaw.
@@ -154,8 +140,3 @@ class YawSlidingMode(SlidingMode):
     angle_gain: Annotated[AngleGain, Search(0.5, 5.0)] = 2.0
     reach: Annotated[Gain, Search(0.02, 0.5)] = 0.15
     boundary: Annotated[Rate, Search(0.1, 5.0)] = 1.0
-
-    @property
-    def outer(self) -> float:
-        """K_ψ."""
-        return self.angle_gain

@@ -70,11 +70,9 @@ class Neural(AxisSettings):
 
     @property
     def uses_plant(self) -> bool:
-        """Everything is heard in shares of what the plant can do."""
         return True
 
     def start(self, scene: Any, xp: Any) -> Real:
-        """No integral yet."""
         return 0.0
 
     def step(self, state: Real, inputs: AxisInputs, dt: Real, xp: Any) -> tuple[Real, Real]:

@@ -39,7 +39,6 @@ class SpeedPIYawP(ControlSettings):
         return 0.0
 
     def step(self, state: Real, inputs: ControlInputs, dt: Real, xp: Any) -> tuple[Real, Command]:
-        """Both commands, and the new integral."""
         references, estimate = inputs.references, inputs.estimate
         v_cmd, integral = speed_command(references.speed - estimate.speed, state, dt, self, xp)
         return integral, Command(v_cmd, yaw_command(references.psi, estimate.pose.psi, self, xp))

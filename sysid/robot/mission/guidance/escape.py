@@ -3,10 +3,11 @@
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from sysid.robot.mission.clearance import nearest_point
 from sysid.robot.mission.contracts import Disc, GuidanceInputs, Pose, References, Scene, State, Wall
+from sysid.robot.mission.guidance.around_law import AroundLaw
 from sysid.robot.mission.guidance.field import (
     InitialTurn,
     PotentialField,
@@ -15,9 +16,9 @@ from sysid.robot.mission.guidance.field import (
     is_pushed,
     speed_reference,
 )
-from sysid.robot.mission.guidance.states import chosen
 from sysid.robot.mission.guidance.traps import TRAP, Watch
-from sysid.robot.mission.traits import GuidanceAdvice, GuidanceTraits, Hold
+from sysid.robot.mission.traits import Hold
+from sysid.runners.trees import chosen
 from sysid.vehicle.kinematics import Real, wrap_angle
 
 FAR = 1e6
@@ -64,79 +65,45 @@ class EscapeState(NamedTuple):
     out: State
 
 
-class WayOut(Protocol):
-    """A way out of traps, with a state of its own."""
-
-    def start(self, xp: Any) -> Any: ...
-
-    def step(
-        self, out: Any, trapped: Any, watch: Watch, inputs: GuidanceInputs, dt: Real, xp: Any
-    ) -> tuple[Any, Scene]:
-        """Its next state, and the scene that the field is to see."""
-        ...
-
-    def lead(self, out: Any, references: References, inputs: GuidanceInputs, xp: Any) -> References:
-        """The field's references as this way out changes them."""
-        ...
-
-
 @dataclass(frozen=True)
-class Escaping:
+class Escaping(AroundLaw):
     """A potential field that notices that it holds the robot, and leads it out.
 
     Attributes:
-        field: the field.
-        out: the way out.
+        out: the way out, which says what the field is to see and changes its references.
     """
 
-    field: PotentialField
-    out: WayOut
-
-    @property
-    def reach(self) -> float:
-        """The field's."""
-        return self.field.reach
-
-    @property
-    def advice(self) -> GuidanceAdvice:
-        """The field's."""
-        return self.field.advice
-
-    @property
-    def traits(self) -> GuidanceTraits:
-        """The field's."""
-        return self.field.traits
+    law: PotentialField
+    out: "VirtualObstacles | AlongWall"
 
     def start(self, scene: Scene, xp: Any) -> EscapeState:
         """Nothing has happened yet."""
         watch = Watch(scene.to_goal(scene.start, xp), scene.start.x, scene.start.y)
-        return EscapeState(
-            self.field.start(scene, xp), watch, int(Hold.NOTHING), self.out.start(xp)
-        )
+        turn = self.law.start(scene, xp)
+        return EscapeState(turn, watch, int(Hold.NOTHING), self.out.start(xp))
 
     def step(
         self, state: EscapeState, inputs: GuidanceInputs, dt: Real, xp: Any
     ) -> tuple[EscapeState, References]:
-        """The field's references, or those of the way out."""
         pose, t = inputs.estimate.pose, inputs.t
         turning = state.turn.remaining(pose.psi, xp) > 0.0
-        pushed = is_pushed(pose, inputs.scene, t, self.field, xp)
+        pushed = is_pushed(pose, inputs.scene, t, self.law, xp)
         trapped = state.watch.trapped & pushed & xp.logical_not(turning)
-        named = hold_at(*state.watch.middle(xp), inputs.scene, t, self.field, xp)
+        named = hold_at(*state.watch.middle(xp), inputs.scene, t, self.law, xp)
         hold = xp.where(trapped, named, state.hold)
-        out, seen = self.out.step(state.out, trapped, state.watch, inputs, dt, xp)
-        turn, references = self.field.step(state.turn, inputs._replace(scene=seen), dt, xp)
-        references = self.out.lead(out, references, inputs, xp)
+        way: Any = self.out
+        out, seen = way.step(state.out, trapped, state.watch, inputs, dt, xp)
+        turn, references = self.law.step(state.turn, inputs._replace(scene=seen), dt, xp)
+        references = way.lead(out, references, inputs, xp)
         watch = chosen(trapped | turning, state.watch.restarted(pose, xp), state.watch, xp)
-        watch = watch.after(pose, seen.to_goal(pose, xp), dt, self.field.rho0, xp)
+        watch = watch.after(pose, seen.to_goal(pose, xp), dt, self.law.rho0, xp)
         busy = references.detour | references.gives_up
         said = xp.where(references.hold != 0, references.hold, hold)
         references = references._replace(hold=xp.where(busy, said, int(Hold.NOTHING)))
         return EscapeState(turn, watch, hold, out), references
 
     def to_go(self, state: EscapeState, pose: Pose, scene: Scene, xp: Any) -> Real:
-        """The field's."""
-        return self.field.to_go(state.turn, pose, scene, xp)
+        return self.law.to_go(state.turn, pose, scene, xp)
 
 
 # A virtual obstacle -------------------------------------------------------------------------------
@@ -147,7 +114,6 @@ class VirtualState(NamedTuple):
 
     Attributes:
         places: of each [m]; far away where there is none.
-        used: how many there have been.
         rho: distance to the goal where the first of these was put [m].
         way: driven since then [m].
         active: whether the robot has not yet come nearer than that.
@@ -182,7 +148,6 @@ class VirtualObstacles:
         self, out: VirtualState, trapped: Any, watch: Watch, inputs: GuidanceInputs, dt: Real,
         xp: Any,
     ) -> tuple[VirtualState, Scene]:  # fmt: skip
-        """One more where the robot is trapped."""
         scene = inputs.scene
         rho = scene.to_goal(inputs.estimate.pose, xp)
         free = xp.logical_not(is_pushed(inputs.estimate.pose, scene, inputs.t, self.field, xp))
@@ -232,7 +197,6 @@ class WallState(NamedTuple):
     """Where and how a surface is followed.
 
     Attributes:
-        following: whether it is.
         side: 1 with the surface on the left, −1 on the right.
         rho: distance to the goal where it began [m].
         way: driven since then [m].

@@ -5,7 +5,7 @@ Equations are the thesis's.
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -25,16 +25,6 @@ CANCELS = 0.5
 """A force below this share of the attraction, in the middle of where a robot goes to and fro, means
 a local minimum: at the minimum itself it is nothing, and half is reached only at the edge of the
 orbits of a robot that cannot stand still."""
-
-
-class Point(Protocol):
-    """Anything with a place [m]: an obstacle acts from its point."""
-
-    @property
-    def x(self) -> Real: ...
-
-    @property
-    def y(self) -> Real: ...
 
 
 class InitialTurn(NamedTuple):
@@ -130,7 +120,6 @@ class PotentialField(GuidanceSettings):
         return GuidanceTraits(top_speed=self.v_max)
 
     def start(self, scene: Scene, xp: Any) -> InitialTurn:
-        """The initial turn."""
         return InitialTurn.plan(scene.start, scene.goal, xp)
 
     def step(
@@ -222,7 +211,7 @@ def attractive_force(
 
 
 def repulsive_force(
-    x: Real, y: Real, obstacle: Point, gains: PotentialField, xp: Any = np
+    x: Real, y: Real, obstacle: Disc, gains: PotentialField, xp: Any = np
 ) -> tuple[Real, Real]:
     """Return F_rep = η(1/ρ − 1/ρ₀)(1/ρ²)∇ρ for ρ ≤ ρ₀, 0 for ρ > ρ₀ (4.22–4.25); in X and Y.
 
@@ -240,7 +229,7 @@ def total_force(
     x: Real,
     y: Real,
     goal: tuple[Real, Real],
-    obstacles: Sequence[Point],
+    obstacles: Sequence[Disc],
     gains: PotentialField,
     xp: Any = np,
 ) -> tuple[Real, Real]:
@@ -256,7 +245,7 @@ def speed_reference(
     x: Real,
     y: Real,
     goal: tuple[Real, Real],
-    obstacles: Sequence[Point],
+    obstacles: Sequence[Disc],
     gains: PotentialField,
     xp: Any = np,
 ) -> Real:

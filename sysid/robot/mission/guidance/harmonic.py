@@ -8,7 +8,7 @@ from sysid.errors import ModelError
 from sysid.robot.mission.contracts import GuidanceInputs, Pose, References, Scene
 from sysid.robot.mission.guidance.harmonic_grid import HarmonicGrid, solved
 from sysid.robot.mission.guidance.moving import moves, moving_force
-from sysid.robot.mission.guidance.pace import paced
+from sysid.robot.mission.guidance.pure_pursuit import paced
 from sysid.robot.mission.settings import Gain, GuidanceSettings, Positive
 from sysid.robot.mission.traits import GuidanceAdvice, GuidanceTraits, Hold
 from sysid.vehicle.kinematics import Real
@@ -65,7 +65,6 @@ class Harmonic(GuidanceSettings):
     def step(
         self, state: Real, inputs: GuidanceInputs, dt: Real, xp: Any
     ) -> tuple[Real, References]:
-        """References up the potential of this leg."""
         scene, body = inputs.scene, inputs.estimate
         pose, grid = body.pose, self._grid(scene)
         gx, gy, goal_x, goal_y = grid.direction(state, pose.x, pose.y, xp)
@@ -96,7 +95,6 @@ class Harmonic(GuidanceSettings):
         return self._grid(scene).height(0, x, y, xp)
 
     def _grid(self, scene: Scene) -> HarmonicGrid:
-        """The grid of a scene, which is solved once."""
         still = tuple(o for o in scene.obstacles if not moves(o))
         try:
             return solved(

@@ -98,12 +98,10 @@ class HarmonicGrid:
         return (x < self.x0) | (x > right) | (y < self.y0) | (y > top)
 
     def _at(self, values: Any, leg: Real, x: Real, y: Real, xp: Any) -> Any:
-        """The value at the nearest corner."""
         i, j = self._corner(x + 0.5 * self.cell, y + 0.5 * self.cell, 1, xp)
         return xp.asarray(values)[leg, j, i]
 
     def _between(self, values: Array, leg: Real, x: Real, y: Real, xp: Any) -> Real:
-        """Bilinear interpolation between the four corners of a cell."""
         i, j = self._corner(x, y, 2, xp)
         u = xp.clip((x - self.x0) / self.cell - i, 0.0, 1.0)
         v = xp.clip((y - self.y0) / self.cell - j, 0.0, 1.0)

@@ -1,13 +1,13 @@
 """Pure pursuit: following a polyline by driving at a point ahead on it."""
 
+import math
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 from sysid.robot.mission.contracts import GuidanceInputs, Point, Pose, References, Scene
-from sysid.robot.mission.guidance.pace import paced
 from sysid.robot.mission.settings import GuidanceSettings, Positive
 from sysid.robot.mission.traits import GuidanceAdvice, GuidanceTraits
-from sysid.vehicle.kinematics import Real
+from sysid.vehicle.kinematics import Real, wrap_angle
 
 
 class OnCourse(NamedTuple):
@@ -50,17 +50,14 @@ class PurePursuit(GuidanceSettings):
 
     @property
     def traits(self) -> GuidanceTraits:
-        """It follows paths, within what the plant can do."""
         return GuidanceTraits(follows_path=True, feasible=True, top_speed=self.v_max)
 
     def start(self, scene: Scene, xp: Any) -> OnCourse:
-        """At the beginning."""
         return OnCourse(0.0, scene.start.x, scene.start.y)
 
     def step(
         self, state: OnCourse, inputs: GuidanceInputs, dt: Real, xp: Any
     ) -> tuple[OnCourse, References]:
-        """References towards the point ahead."""
         scene, pose = inputs.scene, inputs.estimate.pose
         course = _course(state, scene)
         done, _ = _nearest(course, pose, state.done, state.done + 2.0 * self.lookahead, xp)
@@ -124,3 +121,22 @@ def _point(course: tuple[Point, ...], at: Real, xp: Any) -> Point:
         x, y = xp.where(on, a[0] + share * dx, x), xp.where(on, a[1] + share * dy, y)
         begin = begin + length
     return x, y
+
+
+LEAST = 0.25
+"""Share of its speed that a robot keeps up to its goal: at less it would hardly get there."""
+
+
+def paced(v_max: float, slow_within: float, psi: Real, psi_ref: Real, to_go: Real, xp: Any) -> Real:
+    """V_ref = V_max · max(0, cos(ψ_ref − ψ)) · clip(way to go/slow_within, ¼, 1) [m/s].
+
+    A robot that looks the other way turns on the spot.
+
+    Args:
+        v_max: largest speed [m/s].
+        slow_within: distance before the goal within which it slows down [m].
+        psi, psi_ref: heading and the one wanted [rad].
+        to_go: way still to go [m].
+    """
+    ahead = xp.maximum(0.0, xp.sin(wrap_angle(psi_ref - psi) + 0.5 * math.pi))
+    return v_max * ahead * xp.clip(to_go / slow_within, LEAST, 1.0)

@@ -45,7 +45,6 @@ class Steps(GuidanceSettings):
 
     @property
     def traits(self) -> GuidanceTraits:
-        """It ends after a time, wherever the robot is."""
         return GuidanceTraits(ends_at_goal=False)
 
     def start(self, scene: Scene, xp: Any) -> Real:
@@ -55,7 +54,6 @@ class Steps(GuidanceSettings):
     def step(
         self, state: Real, inputs: GuidanceInputs, dt: Real, xp: Any
     ) -> tuple[Real, References]:
-        """The references of this instant."""
         t = inputs.t
         speed, psi = self.speed[0][1], wrap_angle(self.yaw[0][1])
         for begin, value in self.speed[1:]:

@@ -54,7 +54,6 @@ class MeasuredDrive:
         t: instants since its first row [s], (N,); rows without a pose are left out.
         pose: x, y [m], ψ [rad] at these, (N, 3).
         noise: standard deviation of a measurement, (3,).
-        clock: when it set off.
         start: the pose in which it stood before, (3,).
         start_error: standard error of that, (3,).
     """
@@ -158,7 +157,6 @@ def nominal_command_begins(nominal: MissionResult) -> float:
 
 
 def _first_command(record: Record, moves: float) -> tuple[float, str]:
-    """When the drive begins, and by what that is seen."""
     if not record.nu or not np.isfinite(record.u).all():
         return moves, "motion"
     t, u = record.t - record.t0, record.u

@@ -9,14 +9,27 @@ prediction; Lei, G'Sell, Rinaldo, Tibshirani and Wasserman 2018).
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.data.record import Array, Index
+from sysid.data.record import Array, Index, Record
 from sysid.errors import UsageError
-from sysid.robot.mission.measured.drive import FINEST, Clock, MeasuredDrive, sets_off
-from sysid.robot.mission.monte_carlo.paths import RunPaths
+from sysid.robot.mission.batch.setup import Setup
+from sysid.robot.mission.contracts import SteppablePlant
+from sysid.robot.mission.measured.drive import (
+    FINEST,
+    Clock,
+    MeasuredDrive,
+    nominal_command_begins,
+    sets_off,
+)
+from sysid.robot.mission.monte_carlo.paths import RunPaths, run_paths
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.variation import Spread, StartSpread
+from sysid.structures.model import Model
 from sysid.vehicle.kinematics import wrap_angle
 
 QUANTITIES = ("x", "y", "psi", "speed")
@@ -79,7 +92,6 @@ class Comparison:
         inside_share: of the instants; those while a quantity is outside for long do not count.
         offset_s: time of the log at which t is 0 [s].
         ended_s: when the last run had ended [s].
-        notes: what was done to compare, in sentences.
     """
 
     name: str
@@ -107,7 +119,6 @@ class Comparison:
 
     @property
     def sentence(self) -> str:
-        """Whether and where it leaves, in words."""
         fan, until = self.fan, float(self.fan.t[-1])
         short = until < self.ended_s - SPEED_OVER
         end = f" up to its end at {until:.1f} s, before the last run has ended" if short else ""
@@ -127,7 +138,6 @@ class Comparison:
         )
 
     def summary(self) -> dict[str, object]:
-        """{leaves_at_s, quantity, where, inside_share, offset_s, sentence} as plain values."""
         where = self.where
         return {
             "log": self.name,
@@ -145,7 +155,6 @@ def compared(drive: MeasuredDrive, paths: RunPaths, begins: float, seed: int = 0
     """Lay a measured drive over the runs that were predicted for it.
 
     Args:
-        paths: of the runs, which start where it does.
         begins: when the first command of the runs comes [s].
         seed: of the noise that the runs are read with: that of the log's measurements.
 
@@ -254,3 +263,45 @@ def _lasting(t: Array, z: Array) -> Array:
     rows = min(max(MIN_ROWS_OUTSIDE, round(LASTS / step)), z.shape[-2])
     windows = np.lib.stride_tricks.sliding_window_view(z, rows, axis=-2)
     return np.asarray(windows.min(axis=-1))
+
+
+RUNS = 400
+"""Default number of runs of a fan: 200 say how wide it is, to 5 %, and 10 of the other 200
+lie beyond the limit of the whole path."""
+
+
+def against_runs(
+    record: Record,
+    mission: Mission,
+    plants: Sequence[Model | SteppablePlant],
+    runs: int = RUNS,
+    seed: int = 0,
+    vary: Sequence[str] | None = None,
+) -> Comparison:
+    """Drive a mission many times from where a measured drive of it began, and lay that over them.
+
+    The start is measured, so it varies no more than its measurement is uncertain.
+
+    Args:
+        mission: what it drove; its ``vary`` says what else varies.
+        plants: as of :func:`sysid.robot.mission.monte_carlo.runs.simulate_runs`.
+        vary: names of what varies instead.
+
+    Raises:
+        DataError: the log holds no path.
+        UsageError: a name or a number makes no sense.
+        ModelError: the plant is none that could drive.
+    """
+    drive = MeasuredDrive.of(record)
+    x, y, psi = drive.start.tolist()
+    begins_there = mission.model_copy(update={"start": (x, y, float(wrap_angle(psi)))})
+    setup = Setup.of(begins_there, plants, vary)
+    spread = (Spread(sigma=float(e)) for e in drive.start_error)
+    start = StartSpread(**dict(zip(("x", "y", "psi"), spread, strict=True)))
+    setup = replace(setup, variation=setup.variation.model_copy(update={"start": start}))
+    nominal = simulate(begins_there, setup.plant_variants[0].robot)
+    comparison = compared(
+        drive, run_paths(setup, runs, seed), nominal_command_begins(nominal), seed
+    )
+    notes = (*drive.notes(mission.start), *setup.notes(0, 0, runs))
+    return replace(comparison, notes=notes)

@@ -6,11 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.data.record import Array, Index
+from sysid.robot.mission.batch.runner import FAILED
 from sysid.robot.mission.loop import Verdict
 from sysid.robot.mission.result import MissionResult
-
-FAILED = 6
-"""The verdict, beside those of the loop, of a run whose plant or law gives no numbers."""
 
 OUTCOMES = ("arrived", "missed", "collision", "stuck", "timeout", "failed")
 """In the order of the report."""

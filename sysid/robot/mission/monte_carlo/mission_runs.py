@@ -3,17 +3,17 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.robot.mission.batch.runner import FAILED
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.figures import FAILED, OUTCOMES, Figures
+from sysid.robot.mission.monte_carlo.figures import OUTCOMES, Figures
 from sysid.robot.mission.monte_carlo.variance_shares import Shares
-
-CONFIDENT = 1.959963984540054
-"""Standard deviations to either side of a 95 % interval."""
+from sysid.robot.mission.result import write_columns
 
 WORST = 5
 """Runs that are named as the worst."""
@@ -27,8 +27,6 @@ class OutcomeShare:
     """How many runs ended in one way.
 
     Attributes:
-        count: runs.
-        share: of all.
         interval: 95 % interval of the probability, Wilson's.
     """
 
@@ -51,13 +49,11 @@ class MissionRuns:
     """What many runs of a mission came to.
 
     Attributes:
-        seconds: wall time, compilation included.
         goal: of the mission [m].
         figures: of the runs, in the order of ``seeds``.
         redrawn: draws that were not feasible and were made again.
         time_drivers, error_drivers: what the variance of the time of runs that arrived, and of the
             final error, comes from; None for too few runs.
-        notes: sentences about what was assumed.
     """
 
     seed: int
@@ -122,7 +118,6 @@ class MissionRuns:
 
     @property
     def sentence(self) -> str:
-        """How surely it arrives, in one sentence."""
         arrived, time = self.outcomes["arrived"], self.time_s
         runs = f"{self.n:,}".replace(",", " ") + " runs" if self.n != 1 else "1 run"
         if not arrived.count:
@@ -189,17 +184,37 @@ class MissionRuns:
         }
 
 
+COLUMNS = (
+    "seed", "outcome", "time_s", "x", "y", "psi", "path_length_m", "min_clearance_m",
+    "max_deviation_m",
+)  # fmt: skip
+
+
+def write_runs(batch: MissionRuns, path: Path) -> Path:
+    """Write a CSV with the figures of every run, numbers unrounded; empty where there is none.
+
+    Args:
+        path: the file; it appears complete or not at all.
+
+    Raises:
+        DataError: the file cannot be written there.
+    """
+    outcomes = [batch.figures.outcome(k) for k in range(batch.n)]
+    numbers = (np.where(np.isfinite(column), column, np.nan) for column in batch.figures[1:])
+    columns = (np.array(batch.seeds), np.array(outcomes), *numbers)
+    return write_columns(dict(zip(COLUMNS, columns, strict=True)), path)
+
+
 def wilson(count: int, n: int) -> tuple[float, float]:
     """95 % interval of a probability from ``count`` of ``n`` (Wilson 1927).
 
     (p + z²/2n ± z √(p(1 − p)/n + z²/4n²)) / (1 + z²/n): inside 0 … 1, and of some width even where
     all runs or none ended so.
     """
-    z2, p = CONFIDENT * CONFIDENT, count / n
-    middle = p + z2 / (2 * n)
-    half = CONFIDENT * math.sqrt(p * (1 - p) / n + z2 / (4 * n * n))
-    low, high = (middle - half) / (1 + z2 / n), (middle + half) / (1 + z2 / n)
-    return (0.0 if count == 0 else low, 1.0 if count == n else high)
+    from scipy.stats import binomtest
+
+    low, high = binomtest(count, n).proportion_ci(method="wilson")
+    return float(low), float(high)
 
 
 def quantiles(values: Array) -> dict[str, float] | None:

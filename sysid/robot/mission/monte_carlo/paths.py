@@ -2,60 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError
-from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.chunks import BATCH_SIZE, chunks
-from sysid.robot.mission.monte_carlo.compiled import CompiledRuns
-from sysid.robot.mission.monte_carlo.figures import FAILED
-from sysid.robot.mission.monte_carlo.sampler import run_seeds
-from sysid.robot.mission.monte_carlo.setup import Setup
-from sysid.robot.mission.monte_carlo.workers import why_not_at_once
-
-
-def paths_of(setup: Setup, seeds: Sequence[int]) -> list[Array]:
-    """X, Y of runs from their starts to their ends, (n, 2) each [m].
-
-    Side by side where they can be compiled; a run alone that fails has none.
-    """
-    if why_not_at_once(setup):
-        return [path for seed in seeds for path in _alone(setup, seed)]
-    choices = np.array([setup.choice(s) for s in seeds])
-    paths: dict[int, Array] = {}
-    for which, variant in enumerate(setup.plant_variants):
-        runs = np.flatnonzero(choices == which).tolist()
-        if not runs:
-            continue
-        seen: list[tuple[Array, Array]] = []
-
-        def keep(verdict: Array, positions: Array, seen: list[tuple[Array, Array]] = seen) -> None:
-            seen.append((verdict, positions))
-
-        samples = variant.sampler.draw([seeds[k] for k in runs])
-        # as many columns as the runs themselves had: what was compiled for them serves again
-        CompiledRuns(setup, which, max(BATCH_SIZE, len(runs))).figures(samples, keep)
-        verdict = np.concatenate([v for v, _ in seen])
-        positions = np.concatenate([p for _, p in seen])
-        for column, k in enumerate(runs):
-            last = int(np.argmax(verdict[:, column] != Verdict.GOES_ON))
-            paths[k] = positions[: last + 1, :2, column]
-    return [paths[k] for k in sorted(paths)]
-
-
-def _alone(setup: Setup, seed: int) -> list[Array]:
-    try:
-        log = setup.simulated(seed).log
-    except ModelError:
-        return []
-    return [np.column_stack([log["x"], log["y"]])]
+from sysid.robot.mission.batch.clock import Block
+from sysid.robot.mission.batch.runner import BATCH_SIZE, FAILED
+from sysid.robot.mission.batch.sampler import run_seeds
+from sysid.robot.mission.batch.setup import Setup
+from sysid.robot.mission.monte_carlo.runs import chunks
+from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns, why_not_at_once
 
 
 @dataclass(frozen=True, eq=False)
 class RunPaths:
-    """Where runs were at the same instants; those that failed are left out.
+    """Where runs were at the same instants.
 
     Attributes:
         t: instants [s], (N,).
@@ -69,54 +32,56 @@ class RunPaths:
 
 
 def run_paths(setup: Setup, runs: int, seed: int = 0) -> RunPaths:
-    """Drive so many runs and keep their paths, 24 bytes a sample of each.
-
-    Args:
-        setup: mission, plants and what varies.
+    """Drive so many runs and keep the paths of those that do not fail, 24 bytes a sample of each.
 
     Raises:
         ModelError: the plant is none that could drive, or cannot be drawn.
     """
-    seeds = run_seeds(seed, runs)
-    parts = _single_paths(setup, seeds) if why_not_at_once(setup) else _all_paths(setup, seeds)
-    t = max((t for t, _, _ in parts), key=len)
-    poses = [np.pad(p, ((0, 0), (0, len(t) - p.shape[1]), (0, 0)), "edge") for _, p, _ in parts]
-    return RunPaths(t, np.concatenate(poses), max(ended for _, _, ended in parts))
-
-
-_Part = tuple[Array, Array, float]
-"""Instants, poses and the last end of some runs."""
-
-
-def _all_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
-    """Side by side."""
-    batch_size = min(BATCH_SIZE, len(seeds))
-    compiled = [CompiledRuns(setup, k, batch_size) for k in range(len(setup.plants))]
-    parts = []
-    for chunk in chunks(setup, seeds, batch_size):
-        compiled_runs, poses = compiled[chunk.which], list[Array]()
-
-        def keep(_: Array, positions: Array, poses: list[Array] = poses) -> None:
-            poses.append(positions)
-
-        figures = compiled_runs.figures(compiled_runs.variant.sampler.draw(chunk.seeds), keep)
-        kept = np.flatnonzero(figures.verdict != FAILED)
-        t = np.concatenate([compiled_runs.clock.block(k).t for k in range(len(poses))])
-        pose = np.moveaxis(np.concatenate(poses)[..., kept], -1, 0)
-        parts.append((t, pose, float(figures.time_s[kept].max(initial=0.0))))
-    return parts
-
-
-def _single_paths(setup: Setup, seeds: Sequence[int]) -> list[_Part]:
-    """One after the other."""
-    parts = []
-    for seed in seeds:
-        try:
-            log = setup.simulated(seed).log
-        except ModelError:
-            continue
-        pose = np.column_stack([log["x"], log["y"], log["psi"]])
-        parts.append((log["t"], pose[None], float(log["t"][-1])))
-    if not parts:
+    paths = _driven(setup, run_seeds(seed, runs), min(BATCH_SIZE, runs), failed=False)
+    if not paths:
         raise ModelError("every run of the mission fails, because the plant or a law diverges")
-    return parts
+    t = max((t for t, _ in paths), key=len)
+    poses = [np.pad(pose, ((0, len(t) - len(pose)), (0, 0)), "edge") for _, pose in paths]
+    return RunPaths(t, np.array(poses), max(float(t[-1]) for t, _ in paths))
+
+
+def paths_of(setup: Setup, seeds: Sequence[int]) -> list[Array]:
+    """X, Y of runs from their starts to their ends, (n, 2) each [m].
+
+    Side by side where they can be compiled; a run alone that fails has none.
+    """
+    # as many columns as the runs themselves had: what was compiled for them serves again
+    return [pose[:, :2] for _, pose in _driven(setup, seeds, BATCH_SIZE, failed=True)]
+
+
+Path = tuple[Array, Array]
+"""Instants of a run [s], (n,), and its poses x, y [m], ψ [rad], (n, 3)."""
+
+
+def _driven(setup: Setup, seeds: Sequence[int], batch_size: int, failed: bool) -> list[Path]:
+    """The paths of runs in their order; those that fail side by side where asked for."""
+    if why_not_at_once(setup):
+        return [path for seed in seeds for path in _alone(setup, seed)]
+    compiled = [VariedRuns(setup, k, batch_size) for k in range(len(setup.plants))]
+    paths: dict[int, Path] = {}
+    for chunk in chunks(setup, seeds, batch_size):
+        runner, blocks = compiled[chunk.which], list[tuple[Array, Array]]()
+
+        def keep(block: Block, shown: Any, blocks: list[tuple[Array, Array]] = blocks) -> None:
+            blocks.append((block.t, shown[1]))
+
+        figures = runner.of(runner.variant.sampler.draw(chunk.seeds), keep)
+        t, positions = (np.concatenate(column) for column in zip(*blocks, strict=True))
+        for column, k in enumerate(chunk.runs):
+            if failed or figures.verdict[column] != FAILED:
+                count = int(np.searchsorted(t, figures.time_s[column])) + 1
+                paths[k] = t[:count], positions[:count, :, column]
+    return [paths[k] for k in sorted(paths)]
+
+
+def _alone(setup: Setup, seed: int) -> list[Path]:
+    try:
+        log = setup.simulated(seed).log
+    except ModelError:
+        return []
+    return [(log["t"], np.column_stack([log["x"], log["y"], log["psi"]]))]

@@ -1,22 +1,109 @@
 """Many runs of a mission: chunks to workers, their results joined."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
+from sysid.data.record import Array
 from sysid.errors import UsageError
+from sysid.robot.mission.batch.pool import PROCESSES, Job
+from sysid.robot.mission.batch.runner import BATCH_SIZE, FAILED
+from sysid.robot.mission.batch.sampler import run_seeds
+from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.clearance import has_surfaces
 from sysid.robot.mission.contracts import SteppablePlant
-from sysid.robot.mission.monte_carlo.chunks import Chunk, ChunkResult
-from sysid.robot.mission.monte_carlo.figures import Figures, joined
+from sysid.robot.mission.loop import Verdict
+from sysid.robot.mission.monte_carlo.figures import Figures, joined, stacked
 from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
-from sysid.robot.mission.monte_carlo.sampler import run_seeds
-from sysid.robot.mission.monte_carlo.setup import Setup
-from sysid.robot.mission.monte_carlo.variance_shares import added, shares
-from sysid.robot.mission.monte_carlo.workers import results, why_not_at_once
+from sysid.robot.mission.monte_carlo.variance_shares import Moments, added, moments, shares
+from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns, figures_alone, why_not_at_once
 from sysid.robot.mission.spec import Mission
 from sysid.structures.model import Model
+
+BATCH_SIZE_ALONE = 16
+"""Runs of a chunk where they go one after the other: little is lost with a worker."""
+
+
+class Chunk(NamedTuple):
+    """Some runs of one plant."""
+
+    which: int
+    runs: tuple[int, ...]
+    seeds: tuple[int, ...]
+
+
+class ChunkResult(NamedTuple):
+    """What became of a chunk.
+
+    Attributes:
+        redrawn: draws that were not feasible.
+        pulled: runs whose plant was drawn less far than its errors say.
+        time, error: sums about the time of runs that arrived and the final error of all.
+    """
+
+    figures: Figures
+    redrawn: int
+    pulled: int
+    time: Moments
+    error: Moments
+
+
+def chunks(setup: Setup, seeds: Sequence[int], size: int) -> list[Chunk]:
+    """All runs, plant by plant, in chunks of one size but for the last of each plant."""
+    choices = np.array([setup.choice(s) for s in seeds])
+    parts = []
+    for which in range(len(setup.plants)):
+        indices = np.flatnonzero(choices == which).tolist()
+        for at in range(0, len(indices), size):
+            runs = indices[at : at + size]
+            parts.append(Chunk(which, tuple(runs), tuple(seeds[k] for k in runs)))
+    return parts
+
+
+@dataclass(frozen=True, eq=False)
+class Runner:
+    """Runs chunks of a setup, all runs of one at once, or one after the other in NumPy.
+
+    Attributes:
+        compiled: for each plant, its runs side by side; empty: one after the other.
+    """
+
+    setup: Setup
+    compiled: tuple[VariedRuns, ...]
+
+    @staticmethod
+    def of(setup: Setup, at_once: bool = True) -> "Runner":
+        """A runner of compiled runs, or of single ones."""
+        plants = range(len(setup.plants)) if at_once else ()
+        return Runner(setup, tuple(VariedRuns(setup, k, BATCH_SIZE) for k in plants))
+
+    def run(self, chunk: Chunk) -> ChunkResult:
+        """The runs of a chunk, to their ends."""
+        sampler = self.setup.plant_variants[chunk.which].sampler
+        samples, varying = sampler.draw(chunk.seeds), sampler.varying
+        if self.compiled:
+            figures = self.compiled[chunk.which].of(samples)
+        else:
+            figures = stacked([figures_alone(self.setup, s) for s in chunk.seeds])
+        error = figures.final_error_m(self.setup.mission.goal)
+        arrived: Array = figures.verdict == Verdict.ARRIVED
+        ended: Array = figures.verdict != FAILED
+        return ChunkResult(
+            figures,
+            int(samples.redrawn.sum()),
+            int(samples.pulled.sum()),
+            moments(samples.inputs, varying, figures.time_s, arrived),
+            moments(samples.inputs, varying, error, ended),
+        )
+
+
+def runner_of(given: tuple[Setup, bool]) -> Callable[[Chunk], ChunkResult]:
+    """What runs the chunks of a setup, side by side or not, on a worker."""
+    return Runner.of(*given).run
+
 
 MOST_RUNS = 10_000_000
 """A batch of more runs would not end while somebody waits, and adds nothing."""
@@ -49,7 +136,6 @@ def simulate_runs(
         vary: names of what varies, in the sizes of the mission; None for what the mission says.
         scheduler: who runs the chunks: None for threads of this process, ``processes``, or the
             address of a Dask scheduler.
-        progress: called when runs are done.
 
     Returns:
         Outcomes with intervals, quantiles, what matters, and the worst runs.
@@ -64,8 +150,10 @@ def simulate_runs(
     setup = Setup.of(mission, plants, vary)
     seeds = run_seeds(seed, runs)
     alone = why_not_at_once(setup)
-    parts, coming = results(setup, seeds, scheduler, alone)
+    parts = chunks(setup, seeds, BATCH_SIZE_ALONE if alone else BATCH_SIZE)
     chunk_results: list[ChunkResult] = []
+    job = Job(runner_of, (setup, not alone))
+    coming = job.results(parts, PROCESSES if alone and scheduler is None else scheduler)
     for chunk, result in zip(parts, coming, strict=True):
         chunk_results.append(result)
         if progress is not None:
@@ -93,6 +181,5 @@ def simulate_runs(
 
 
 def _in_order(parts: Sequence[Chunk], results: Sequence[ChunkResult]) -> Figures:
-    """Figures of all runs by their numbers."""
     order = np.argsort([k for chunk in parts for k in chunk.runs])
     return joined([r.figures for r in results], order)

@@ -125,7 +125,6 @@ def _columns(varying: Varying) -> list[tuple[str, Index]]:
 
 
 def _residual(A: Array, b: Array, total: float, kept: Index) -> float:
-    """Residual sum of squares of a regression on some columns."""
     if not len(kept):
         return total
     beta = np.linalg.lstsq(A[np.ix_(kept, kept)], b[kept], rcond=1e-12)[0]

@@ -23,7 +23,6 @@ class Dynamic(Physics):
 
     @property
     def wanted(self) -> tuple[str, ...]:
-        """Which numbers of the vehicle it takes."""
         return ("soil", "mass", "yaw_inertia", "L", "track_width")
 
     @property
@@ -32,11 +31,9 @@ class Dynamic(Physics):
         return ("v_y", "thrust_l", "thrust_r")
 
     def report(self, state: VehicleState, xp: Any) -> tuple[Real, ...]:
-        """Their values."""
         return (state.vy, *state.forces.thrust)
 
     def start(self, scene: Scene, xp: Any) -> VehicleState:
-        """At rest in the start pose."""
         return VehicleState(*scene.start)
 
     def step(

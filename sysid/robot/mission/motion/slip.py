@@ -45,7 +45,6 @@ class Slip(Physics):
 
     @model_validator(mode="after")
     def _one_law(self) -> "Slip":
-        """Shares and a soil are two ways to say one thing."""
         if self._by_shares and (self.soil is not None or self.patches is not None):
             raise ValueError(
                 "motion of kind slip has both slip shares and a soil; keep slip and turning, or "
@@ -59,11 +58,9 @@ class Slip(Physics):
 
     @property
     def wanted(self) -> tuple[str, ...]:
-        """Which numbers of the vehicle it takes."""
         return () if self._by_shares else ("soil", "mass", "L", "track_width")
 
     def start(self, scene: Scene, xp: Any) -> Body:
-        """At rest in the start pose."""
         return Body(scene.start, 0.0, 0.0)
 
     def step(self, state: Body, inputs: MotionInputs, dt: Real, xp: Any) -> tuple[Body, Body]:

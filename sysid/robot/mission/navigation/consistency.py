@@ -6,17 +6,12 @@ Where model and noise are right, the normalised error eᵀP⁻¹e (NEES) and the
 less too cautious.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.robot.mission.contracts import NavigationInputs, Scene
-from sysid.robot.mission.navigation.fusion import Filter
-from sysid.robot.mission.navigation.measurements import VO, Group, Setting
 from sysid.robot.mission.navigation.process import PSI
 from sysid.vehicle.kinematics import wrap_angle
 
@@ -60,7 +55,6 @@ class Consistency:
 
     @property
     def sentence(self) -> str:
-        """What it means and what to do."""
         verdicts = {m.verdict for m in (self.nis, self.nees) if m is not None}
         if "over-confident" in verdicts:
             return (
@@ -90,18 +84,19 @@ def consistency(runs: Sequence[Mapping[str, Array]], probability: float = 0.99) 
     nis = None
     if read > 0:
         total = sum(float(np.nansum(run["nis"])) for run in runs)
-        nis = Mean(total / read, _bounds(read, probability))
-    series = [
-        errors_of_run
-        for run in runs
-        if (errors_of_run := nees(run)) is not None and len(errors_of_run)
-    ]
+        nis = _mean(total / read, read, probability)
+    series = [errors for run in runs if (errors := nees(run)) is not None and len(errors)]
     if not series:
         return Consistency(nis, None, len(runs))
-    independent = sum(len(s) for s in series) / _samples_in_one(series)
+    independent = sum(len(s) for s in series) / samples_in_one(series)
     mean = float(np.concatenate(series).mean()) / POSE
-    bounds = _bounds(POSE * max(independent, len(series)), probability)
-    return Consistency(nis, Mean(mean, bounds), len(runs))
+    dof = POSE * max(independent, len(series))
+    return Consistency(nis, _mean(mean, dof, probability), len(runs))
+
+
+def _mean(mean: float, dof: float, probability: float) -> Mean:
+    low, high = chi2_bounds(dof, probability)
+    return Mean(mean, (low / dof, high / dof))
 
 
 def nees(run: Mapping[str, Array]) -> Array | None:
@@ -119,115 +114,26 @@ def nees(run: Mapping[str, Array]) -> Array | None:
     return squared
 
 
-def _bounds(dof: float, probability: float) -> tuple[float, float]:
-    """Quantiles of χ² over its degrees of freedom."""
+def chi2_bounds(dof: float, probability: float) -> tuple[float, float]:
+    """Quantiles of χ² that hold it with a probability."""
     from scipy.special import gammaincinv
 
     outside = 0.5 * (1.0 - probability)
     low, high = (2.0 * float(gammaincinv(0.5 * dof, p)) for p in (outside, 1.0 - outside))
-    return low / dof, high / dof
+    return low, high
 
 
-def _samples_in_one(series: Sequence[Array]) -> float:
-    """Samples worth one independent sample: 1 + 2Σρ, summed while ρ is above 0."""
+def samples_in_one(series: Sequence[Array]) -> float:
+    """Samples worth one independent sample: 1 + 2Σρ, summed while ρ is above 0 (Bartlett)."""
     mean = float(np.concatenate(series).mean())
     off = [s - mean for s in series]
     power = sum(float(o @ o) for o in off)
-    total, longest = 1.0, max(map(len, off))
-    for lag in range(1, longest):
+    if power == 0.0:
+        return float(max(map(len, off)))
+    total = 1.0
+    for lag in range(1, max(map(len, off)) // 2):
         rho = sum(float(o[lag:] @ o[:-lag]) for o in off if len(o) > lag) / power
-        if rho <= 0:
+        if rho <= 0:  # beyond the first zero there is noise alone
             break
         total += 2.0 * rho
     return total
-
-
-# Runs whose truth is the filter's own model -------------------------------------------------------
-
-
-def own_run(
-    law: Filter, scene: Scene, samples: int, seed: int, of: Filter | None = None
-) -> dict[str, Array]:
-    """Run a filter on a truth drawn from a model, where theory says how large its errors are.
-
-    Args:
-        scene: with the sensors; only where it starts, its vehicle and its sample time matter.
-        seed: of the truth and of the measurements.
-        of: whose model the truth is drawn from; the filter's own unless given.
-
-    Returns:
-        Columns of a log: ``x, y, psi`` and what the filter reports.
-    """
-    world = _World(of or law, scene, np.random.default_rng(seed))
-    state, rows = law.start(scene, np), []
-    for k in range(samples):
-        measurements = world.moved(scene.dt if k else 0.0)
-        given = NavigationInputs(k * scene.dt, measurements, scene)
-        state, _ = law.step(state, given, scene.dt if k else 0.0, np)
-        rows.append((*world.x[:POSE], *law.report(state, np)))
-    table = np.array(rows)
-    table[:, PSI] = wrap_angle(table[:, PSI])
-    return {name: table[:, i] for i, name in enumerate(("x", "y", "psi", *law.columns))}
-
-
-class _World:
-    """A truth that moves and is read as a filter's model says."""
-
-    def __init__(self, law: Filter, scene: Scene, rng: np.random.Generator) -> None:
-        self.plan, self.geometry, self.linear = law.plan(scene), scene.geometry, law.linear
-        self.rng = rng
-        first = law.moments(law.start(scene, np).belief.of, np)
-        self.x = first.x + self._drawn(first.P)
-        groups = self.plan.groups
-        self.elapsed = [math.inf] * len(groups)
-        self.raw = [np.array([*scene.start]) if g.names == VO else np.zeros(0) for g in groups]
-        self.late: list[list[dict[str, float]]] = [[{}] * g.delay for g in groups]
-
-    def _drawn(self, P: Array) -> Array:
-        """Gaussian numbers of a covariance that may be singular."""
-        values, vectors = np.linalg.eigh(P)
-        numbers: Array = vectors @ (
-            np.sqrt(np.maximum(values, 0.0)) * self.rng.standard_normal(len(P))
-        )
-        return numbers
-
-    def _named(self) -> dict[str, Any]:
-        return {name: self.x[i] for i, name in enumerate(self.plan.process.names)}
-
-    def moved(self, dt: float) -> dict[str, float]:
-        """Move on; the measurements that come then."""
-        process, s = self.plan.process, self._named()
-        after = process.advanced(s, dt, 0.0, self.geometry, np)
-        Q = process.slopes(s, dt, 0.0, self.geometry, np)[1]
-        self.x = np.array([after[name] for name in process.names]) + self._drawn(Q)
-        measurements: dict[str, float] = {"omega_l": math.nan, "omega_r": math.nan}
-        for k, group in enumerate(self.plan.groups):
-            self.elapsed[k] += dt
-            due = self.elapsed[k] > group.interval * (1.0 - 1e-9)
-            self.late[k].append(self._read(k, group) if due else {})
-            measurements |= self.late[k].pop(0)
-        return measurements
-
-    def _read(self, k: int, group: Group) -> dict[str, float]:
-        """What one sensor reads now."""
-        first = not math.isfinite(self.elapsed[k])
-        elapsed = 0.0 if first else self.elapsed[k]
-        setting = Setting(self.geometry, elapsed=elapsed, known_heading=self.linear)
-        expected = group.expected(self._named(), setting, np)
-        noise = self.rng.standard_normal(len(expected)) * np.sqrt(group.spread(elapsed, np))
-        values = np.array([one.value for one in expected]) + noise
-        self.elapsed[k] = 0.0
-        T = self.plan.since[k]
-        self.x = self.x if T is None else T @ self.x
-        if group.names == VO and group.adds_up:
-            x, y, psi = self.raw[k]
-            c, s = math.cos(psi), math.sin(psi)
-            forward, left, turned = (0.0, 0.0, 0.0) if first else values
-            values = np.array(
-                [x + c * forward - s * left, y + s * forward + c * left, psi + turned]
-            )
-            self.raw[k] = values
-        if group.names == ("heading",):
-            angle = values[0] - group.compass.north
-            return {"mag_x": math.cos(angle), "mag_y": -math.sin(angle)}
-        return dict(zip(group.names, values.tolist(), strict=True))

@@ -9,7 +9,8 @@ comes; between them nothing is repeated. The memory is bounded by the longest de
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from sysid.robot.mission.navigation.flow import compiled, mapped, repeated
+from sysid.robot.mission.navigation.flow import compiled, repeated
+from sysid.runners.trees import mapped
 from sysid.vehicle.kinematics import Real
 
 
@@ -34,7 +35,6 @@ class History(NamedTuple):
     """The last samples, the newest last; leaves have them along axis 0.
 
     Attributes:
-        samples: what was given.
         beliefs: what the filter believed after each.
     """
 

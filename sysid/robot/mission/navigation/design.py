@@ -59,7 +59,6 @@ class Design:
     """A filter laid out for one set of sensors.
 
     Attributes:
-        process: its states and how they move.
         groups: its measurements, in the order in which those of one instant are used.
         start: variances at t = 0, (n,).
         since: of each group, what its measurement does to the state (n, n) for the next one of its
@@ -92,9 +91,7 @@ def design(
     """Lay a filter out.
 
     Args:
-        sensors: of the mission, by kind.
         dt: time between two samples [s].
-        noises: what the filter's keys say.
         linear: leave out whatever is not linear in the state: slip, and acceleration to the left.
     """
     listed = tuple(sensors.items())
@@ -134,7 +131,6 @@ _remembered = lru_cache(maxsize=64)(_design)
 
 
 def _used(read: dict[str, Figures], compass: Compass, linear: bool) -> dict[str, Figures]:
-    """The measurements of one sensor that a filter takes."""
     if not linear:
         return read
     if {"mag_x", "mag_y"} <= read.keys():  # an angle: σ_ψ = σ/H

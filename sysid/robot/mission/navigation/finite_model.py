@@ -179,7 +179,6 @@ def mixture(bank: Bank, names: tuple[str, ...], xp: Any) -> Gaussian:
     """Mean and covariance over all hypotheses.
 
     Args:
-        bank: what each believes, with its probability.
         names: of the states, in front; those behind them are no headings.
     """
     n = bank.x.shape[-1]

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+from sysid.runners.trees import mapped
+
 
 def compiled(xp: Any) -> bool:
     """Whether numbers are traced, by JAX or to become C: they decide nothing about what is done."""
@@ -14,15 +16,6 @@ def recorded(xp: Any) -> bool:
     return getattr(xp, "__name__", "") == "recorded as C"
 
 
-def mapped(f: Callable[..., Any], *trees: Any) -> Any:
-    """``f`` of every number or array in tuples and named tuples of one structure."""
-    first = trees[0]
-    if not isinstance(first, tuple):
-        return f(*trees)
-    parts = [mapped(f, *branches) for branches in zip(*trees, strict=True)]
-    return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
-
-
 def repeated(
     xp: Any, step: Callable[[Any, Any], tuple[Any, Any]], first: Any, rows: Any, begin: int
 ) -> tuple[Any, Any]:
@@ -31,9 +24,7 @@ def repeated(
     Args:
         xp: array namespace; on ``jax.numpy`` it is one compiled loop.
         step: pure.
-        first: the carry before the first row.
         rows: a tree whose leaves have the rows along axis 0.
-        begin: row to begin with.
 
     Returns:
         The last carry, and the outputs, row after row along axis 0.

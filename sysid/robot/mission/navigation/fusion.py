@@ -67,10 +67,8 @@ class Sight(NamedTuple):
     """One group of measurements at one sample, ready to be used.
 
     Attributes:
-        group: what they are.
         z: the numbers, (m,); NaN where nothing was read.
         variance: of each, (m,).
-        setting: what their expected values are computed with.
         quantiles: the gate, by the number of measurements that came.
     """
 
@@ -129,11 +127,9 @@ class Filter(Settings):
         """What is believed after one group of measurements, some of them present."""
 
     def first(self, one: Gaussian, xp: Any) -> Any:
-        """What is believed at first, made of mean and covariance."""
         return one
 
     def moments(self, of: Any, xp: Any) -> Gaussian:
-        """Mean and covariance of all that is believed."""
         one: Gaussian = of
         return one
 
@@ -161,7 +157,6 @@ class Filter(Settings):
 
     @property
     def densities(self) -> Mapping[str, float]:
-        """What is known of the densities q."""
         return self.q
 
     def layout(self, sensors: Mapping[str, Sensor], dt: float) -> Design:
@@ -177,7 +172,6 @@ class Filter(Settings):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """What is added to the log."""
         return COLUMNS
 
     def start(self, scene: Scene, xp: Any) -> FilterState:
@@ -223,7 +217,6 @@ class Filter(Settings):
         return FilterState(belief, history, shown), Body(Pose(*shown[:3]), *shown[3:5])
 
     def report(self, state: FilterState, xp: Any) -> tuple[Real, ...]:
-        """The values of the columns."""
         return state.shown
 
     def fused(

@@ -99,7 +99,6 @@ def corrected(
     of Joseph, which keeps P positive definite).
 
     Args:
-        belief: before the measurement.
         nu: z − h(x), (m,); NaN where nothing was read.
         H: slopes of h, (m, n).
         variance: of the measurements, diagonal of R, (m,).
@@ -189,7 +188,6 @@ def transformed(
     Args:
         f: from points (p, n) to points (p, m).
         angles: which of its m values are angles, (m,) of truth values.
-        of: the spread.
 
     Returns:
         The mean (m,), and the deviations of the points before (p, n) and after (p, m).

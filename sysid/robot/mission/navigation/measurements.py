@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from sysid.robot.mission.navigation.compass import compass_heading
+from sysid.robot.mission.navigation.dead_reckoning import compass_heading
 from sysid.robot.mission.navigation.process import States, is_angle, matrix, over_ground
 from sysid.vehicle.kinematics import Geometry, Real, wrap_angle
 
@@ -66,7 +66,6 @@ def _wheel(side: float, way: str, turn: str) -> Expectation:
 
 
 def _state(name: str) -> Expectation:
-    """A measurement of a state itself."""
     return lambda s, c, compass, xp: Expected(s[name], {name: 1.0})
 
 
@@ -246,7 +245,6 @@ class Group:
         Args:
             z: the numbers, (m,); NaN where nothing was read.
             x: states, (n,), those of ``names`` in front.
-            setting: what expected values are computed with.
         """
         at = {name: i for i, name in enumerate(names)}
         expected = self.expected({name: x[i] for name, i in at.items()}, setting, xp)

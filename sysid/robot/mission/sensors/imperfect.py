@@ -38,7 +38,6 @@ class Remembered(NamedTuple):
     """What a sensor remembers.
 
     Attributes:
-        memory: what its kind needs besides.
         bias: of each measured quantity, now.
         taken: the last instant at which it measured [s].
         late: measurements on their way, the next to come first.
@@ -115,7 +114,6 @@ class ImperfectSensor(Settings):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What it reads."""
         return self.measured
 
     @property
@@ -171,7 +169,6 @@ class ImperfectSensor(Settings):
         """What it would measure without errors, asked at every sample of the plant.
 
         Args:
-            inputs: what it is exposed to.
             since: time since it measured last [s]; 0 at first.
             dt: time since the sample before [s]; 0 at first.
 
@@ -255,7 +252,6 @@ class ImperfectSensor(Settings):
         return tuple(b + xp.where(dt > 0, walk * root, std) * z for b, std, walk, z in figures)
 
     def _rounded(self, measurements: Reals, xp: Any) -> Reals:
-        """The measurements in steps of the resolution."""
         if not any(self.resolution):
             return measurements
         steps = (*each(self.resolution, len(self.measured)), *(0.0,) * len(measurements))

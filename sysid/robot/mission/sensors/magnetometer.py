@@ -45,7 +45,6 @@ class Magnetometer(ImperfectSensor):
     @field_validator("iron", mode="before")
     @classmethod
     def _places(cls, value: Any) -> Any:
-        """Accept lists, as a file has them."""
         places = () if value is None else value
         if not isinstance(places, list | tuple) or not all(
             isinstance(place, list | tuple) and len(place) == 3 for place in places

@@ -9,7 +9,7 @@ from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import ModelError
 from sysid.robot.mission.axis import FirstOrder, Nominal
 from sysid.robot.mission.contracts import Command, Limits, SteppablePlant
-from sysid.robot.mission.tracks.settling import RULE, Ending, settle
+from sysid.robot.mission.tracks.settling import Ending, settle
 from sysid.vehicle.kinematics import Geometry, body_velocity
 
 AMID = Command(0.5, 0.3)
@@ -49,15 +49,10 @@ def _answer(
 ) -> FirstOrder:
     """The step response to one command as a first-order lag."""
     axis, size = (0, command.v_cmd) if command.v_cmd else (1, command.psi_cmd)
-    u = np.array(mixer(command))
-
-    def motion(y: Array) -> float:
-        return float(body_velocity(y[0], y[1], geometry)[axis])
-
     state = plant.initial_state()
-    settled = settle(plant, state, u)
-    first = motion(plant.step(state, np.zeros(2))[1])
-    rise = motion(settled.y) - first
+    settled = settle(plant, state, np.array(mixer(command)))
+    first = _motion(plant.step(state, np.zeros(2))[1], geometry, axis)
+    rise = float(_motion(settled.y, geometry, axis) - first)
     if settled.ending is not Ending.RESTS or not rise > 0.0:
         why = "rises" if settled.ending is Ending.RESTS else "comes to rest"
         what = ("forward speed", "yaw rate")[axis]
@@ -66,15 +61,16 @@ def _answer(
             "controllers cannot be used; choose control of kind p, pi, pd or pid without "
             "feed_forward"
         )
-    area = 0.0
-    for _ in range(RULE.most_steps):
-        state, y = plant.step(state, u)
-        remaining = 1.0 - (motion(y) - first) / rise
-        area += remaining
-        if abs(remaining) < SETTLED:
-            break
+    remaining = 1.0 - (_motion(settled.response, geometry, axis) - first) / rise
+    count = int(np.argmax(np.append(np.abs(remaining) < SETTLED, True))) + 1
     # The first sample counts half: the response is read at the ends of its steps.
-    return FirstOrder(rise / size, max(area - 0.5, 0.5) * plant.dt)
+    area = float(remaining[:count].sum()) - 0.5
+    return FirstOrder(rise / size, max(area, 0.5) * plant.dt)
+
+
+def _motion(y: Array, geometry: Geometry, axis: int) -> Array:
+    """Forward speed [m/s] or yaw rate [rad/s] of wheel speeds (…, 2)."""
+    return np.asarray(body_velocity(y[..., 0], y[..., 1], geometry)[axis])
 
 
 RISEN = 1.0 - math.exp(-1.0)
@@ -97,13 +93,10 @@ def limits_of(plant: SteppablePlant, geometry: Geometry) -> Limits:
 
 def _top(plant: SteppablePlant, geometry: Geometry, u: Array, axis: int) -> tuple[float, float]:
     """The final motion along one axis after a step of the drive, and how fast it gets there."""
-    state = plant.initial_state()
-    settled = settle(plant, state, u)
-    top = abs(float(body_velocity(settled.y[0], settled.y[1], geometry)[axis]))
+    settled = settle(plant, plant.initial_state(), u)
+    top = abs(float(_motion(settled.y, geometry, axis)))
     if settled.ending is not Ending.RESTS or top == 0.0:
         return math.inf, math.inf
-    for k in range(1, RULE.most_steps):
-        state, y = plant.step(state, u)
-        if abs(float(body_velocity(y[0], y[1], geometry)[axis])) >= RISEN * top:
-            return top, top / (k * plant.dt)
-    return top, math.inf
+    risen = np.abs(_motion(settled.response, geometry, axis)) >= RISEN * top
+    k = int(np.argmax(risen)) + 1
+    return (top, top / (k * plant.dt)) if risen.any() else (top, math.inf)

@@ -94,7 +94,6 @@ class RobotPlant(TrackChannels):
         return known.on(self.driven) if applies else Identified()
 
     def initial_state(self) -> Array:
-        """Return the state at rest at zero drive."""
         return self.rest.copy()
 
     @cached_property
@@ -106,7 +105,6 @@ class RobotPlant(TrackChannels):
 
     @cached_property
     def _tracks(self) -> Array:
-        """Left and right output, as indices."""
         return np.array(self.read)
 
     @cached_property

@@ -54,17 +54,19 @@ class Settling:
     """What became of a plant whose inputs were held.
 
     Attributes:
-        ending: whether it rests.
-        y: the outputs it rests at, shape (ny,); the last ones where it does not rest.
-        swing: the largest excursion of each output from its first value, shape (ny,).
-        steps: samples that it took.
+        y: the outputs it rests at, (ny,); the last ones where it does not rest.
+        response: the outputs at every sample until then, (N, ny).
     """
 
     ending: Ending
     state: Array
     y: Array
-    swing: Array
-    steps: int = 0
+    response: Array
+
+    @property
+    def swing(self) -> Array:
+        """The largest excursion of each output from its first value, (ny,)."""
+        return np.asarray(np.max(np.abs(self.response - self.response[0]), axis=0))
 
 
 def settle(plant: SteppablePlant, state: Array, u: Array) -> Settling:
@@ -78,10 +80,12 @@ def settle(plant: SteppablePlant, state: Array, u: Array) -> Settling:
         plant: the plant; simulation serves nonlinear ones as well as linear ones.
         u: the inputs to hold, shape (nu,).
     """
-    first: Array | None = None
-    swing = np.zeros(len(plant.outputs))
     previous: Array | None = None
-    steps, block = 0, RULE.first_block
+    block, blocks = RULE.first_block, list[Array]()
+
+    def ended(ending: Ending, y: Array) -> Settling:
+        return Settling(ending, state, y, np.concatenate(blocks))
+
     while True:
         values = np.empty((block, len(plant.outputs)))
         with np.errstate(over="ignore", invalid="ignore"):
@@ -92,19 +96,17 @@ def settle(plant: SteppablePlant, state: Array, u: Array) -> Settling:
                     break
                 state = after
         last = values[-1].copy()
-        steps += block
+        blocks.append(values)
         if not np.all(np.abs(values) < RULE.runaway):
-            return Settling(Ending.RUNS_AWAY, state, last, swing, steps)
-        first = values[0] if first is None else first
-        swing = np.maximum(swing, np.max(np.abs(values - first), axis=0))
-        half = values[block // 2 :]
+            return ended(Ending.RUNS_AWAY, last)
+        half, swing = values[block // 2 :], ended(Ending.KEEPS_MOVING, last).swing
         mean = half.mean(axis=0)
         floor = 1e-12 * np.max(np.abs(values), axis=0)
         if np.all(np.ptp(half, axis=0) <= RULE.still * swing + floor):
-            return Settling(Ending.RESTS, state, last, swing, steps)
-        if steps + 2 * block > RULE.most_steps and previous is not None:
-            if np.all(np.abs(mean - previous) <= RULE.agree * np.abs(mean - first) + floor):
-                return Settling(Ending.RESTS, state, mean, swing, steps)
-            return Settling(Ending.KEEPS_MOVING, state, last, swing, steps)
+            return ended(Ending.RESTS, last)
+        if sum(map(len, blocks)) + 2 * block > RULE.most_steps and previous is not None:
+            change = np.abs(mean - blocks[0][0])
+            rings = bool(np.all(np.abs(mean - previous) <= RULE.agree * change + floor))
+            return ended(Ending.RESTS, mean) if rings else ended(Ending.KEEPS_MOVING, last)
         previous = mean
         block *= 2

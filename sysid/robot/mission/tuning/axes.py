@@ -29,7 +29,6 @@ class WorkingPoint:
         change: size of the step of either command [drive]: small beside the working point, far
             above rounding.
         settled: the answer counts as over when it stays within this share of its final value.
-        longest: samples of an answer at most.
     """
 
     drive: float = 0.5
@@ -96,7 +95,6 @@ def answer(plant: SteppablePlant, geometry: Geometry, axis: Axis) -> AxisAnswer:
 
 
 def _run(plant: SteppablePlant, state: Array, u: Array) -> Array:
-    """The wheel speeds from a state on, until they rest."""
     rows: list[Array] = []
     block = 256
     while True:

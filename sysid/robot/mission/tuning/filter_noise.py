@@ -55,9 +55,7 @@ class FilterTuning:
         r: variances of measurements, by name.
         gate: the filter's, opened (1) where it would reject much with this noise.
         log_likelihood: of the measurements before and after.
-        before, after: what the filter makes of the whole log.
         at_bound: keys whose value went as far as it may.
-        notes: what was assumed.
     """
 
     q: Mapping[str, float]
@@ -71,7 +69,6 @@ class FilterTuning:
 
     @property
     def sentence(self) -> str:
-        """What was gained."""
         gained = self.log_likelihood[1] - self.log_likelihood[0]
         text = f"The log likelihood of the measurements rose by {gained:.4g}"
         figures = self.after.consistency
@@ -85,7 +82,6 @@ class FilterTuning:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for a JSON document."""
         return {
             "q": dict(self.q),
             "r": dict(self.r),
@@ -119,7 +115,6 @@ def tuned_filter(
     Args:
         mission: whose navigation is a filter with q and r.
         columns: reading → column, where the names differ.
-        options: how to read the log.
 
     Raises:
         DataError: the navigation has no noise to tune, or the log cannot serve.
@@ -203,7 +198,6 @@ def _knobs(law: Filter, scene: Any) -> tuple[Knob, ...]:
 
 
 def _cut(log: SensorLog, most: int) -> SensorLog:
-    """The rows that the search uses."""
     rows = slice(0, most)
     measurements = {name: values[rows] for name, values in log.measurements.items()}
     pose = None if log.pose is None else log.pose[rows]

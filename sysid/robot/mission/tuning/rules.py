@@ -146,7 +146,6 @@ def from_lag(axis: Axis, model: LagModel) -> dict[str, dict[str, Gains]]:
 
     Args:
         axis: of the yaw it is the integral that is controlled.
-        model: lag with dead time of the axis.
     """
     if axis is Axis.YAW:
         return _integrating(model)

@@ -10,17 +10,18 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.errors import ModelError, UsageError
+from sysid.robot.mission.batch.runner import BATCH_SIZE
+from sysid.robot.mission.batch.sampler import run_seeds
+from sysid.robot.mission.batch.setup import PlantVariant, Setup
 from sysid.robot.mission.clearance import has_surfaces
 from sysid.robot.mission.contracts import SteppablePlant
-from sysid.robot.mission.monte_carlo.sampler import run_seeds
-from sysid.robot.mission.monte_carlo.setup import PlantVariant, Setup
-from sysid.robot.mission.monte_carlo.workers import why_not_at_once
+from sysid.robot.mission.monte_carlo.varied_runs import why_not_at_once
 from sysid.robot.mission.settings import TunedSettings
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission
-from sysid.robot.mission.tuning.batch_runner import BATCH_SIZE, BatchRunner, Runs
 from sysid.robot.mission.tuning.criteria import Criteria, Resolution, StepTest, criteria
 from sysid.robot.mission.tuning.front import Front, front
+from sysid.robot.mission.tuning.gain_runs import GainRuns, Runs
 from sysid.robot.mission.tuning.gain_space import GainSpace
 from sysid.robot.mission.tuning.linear_loops import LinearLoops, RuleGains
 from sysid.robot.mission.tuning.tuned import SAFE, GainSet, Tuning
@@ -83,14 +84,10 @@ class Judge:
     """Drives sets of gains with several plants, through the steps and through the mission.
 
     Args:
-        mission: what to do.
         plant: a fitted model, or a plant that is the same in every run.
-        options: how much.
 
     Attributes:
-        variant: mission and estimated plant.
         plants: parameters of the plants, (M, n).
-        notes: sentences about what was assumed.
     """
 
     def __init__(
@@ -113,8 +110,8 @@ class Judge:
         if alone:
             self.notes.append(f"The runs went one after the other, in processes: {alone}.")
         self._runners = (
-            BatchRunner(stepping, space.names, batch_size, recorded=True, alone=bool(alone)),
-            BatchRunner(setup, space.names, batch_size, recorded=False, alone=bool(alone)),
+            GainRuns(stepping, 0, batch_size, space.names, recorded=True, alone=bool(alone)),
+            GainRuns(setup, 0, batch_size, space.names, recorded=False, alone=bool(alone)),
         )
 
     def __call__(self, gains: Array) -> Criteria:
@@ -148,7 +145,6 @@ def tune(
     Args:
         mission: what to do; its controller's gains are where the search is compared with.
         plant: a fitted model, or a plant that is the same in every run.
-        progress: called when sets were driven.
 
     Raises:
         UsageError: the controller has no gains to be tuned.

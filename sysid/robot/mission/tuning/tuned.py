@@ -7,7 +7,7 @@ from typing import Any
 
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tuning.criteria import StepTest
-from sysid.robot.mission.tuning.margins import Margins
+from sysid.robot.mission.tuning.linear_loops import Margins
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,6 @@ class GainSet:
         name: empty for a set of the front; else ``present`` or the rule it is from.
         criteria: the worst over the plants; None where there is none.
         margins: of speed and yaw with the estimated plant, where the law is linear.
-        arrives: whether the mission arrives with every plant.
         axes: whose gains a rule gives.
     """
 
@@ -55,7 +54,6 @@ class GainSet:
     axes: tuple[str, ...] = ()
 
     def summary(self) -> dict[str, Any]:
-        """As plain values."""
         facts: dict[str, Any] = {
             "gains": dict(self.gains),
             "criteria": dict(self.criteria),
@@ -71,13 +69,9 @@ class Tuning:
 
     Attributes:
         front: sets of which none beats another in everything, the quickest to rise first.
-        proposed: which of them is proposed.
-        present: the mission's own gains.
         rules: gains from the plant alone, by rule.
-        test: the steps that were asked.
         tried: criteria of every set that was driven and brought the robot to the goal.
         plants: each with so many plants, the estimated one among them.
-        notes: sentences about what was assumed.
     """
 
     mission: Mission
@@ -120,7 +114,6 @@ class Tuning:
 
     @property
     def sentence(self) -> str:
-        """What is proposed and why, in words."""
         named = ", ".join(f"{name} {value:g}" for name, value in self.best.gains.items())
         why = "nearest to the best of every criterion"
         if self.best.margins and SAFE.kept(self.best.margins):

@@ -26,7 +26,6 @@ def write_mission(source: Path, target: Path, mission: Mission, role: str = "con
     Comments and order of the file stay; what stood in the section of the law goes.
 
     Args:
-        source: the file that the mission is from.
         role: the section, ``control`` or ``navigation``.
 
     Raises:
@@ -64,7 +63,6 @@ def write_vehicle(source: Path, target: Path, sections: Sections) -> Path:
     that is no rolling is left as it is.
 
     Args:
-        source: the file of the mission.
         sections: ``vehicle``, and ``motion`` where it slips.
 
     Raises:
@@ -131,7 +129,6 @@ def section(role: str, control: Any) -> dict[str, Any]:
 
 
 def _keys(law: Any) -> dict[str, Any]:
-    """Keys of a law that are gains, or no defaults."""
     gains = {name.partition(".")[0] for name in law.gains} if isinstance(law, TunedSettings) else {}
     said = law.model_dump()
     return {
@@ -167,7 +164,6 @@ def _last_line(node: yaml.Node, line: int) -> int:
 
 
 def _block(role: str, law: dict[str, Any]) -> str:
-    """A section, each axis and key on a line of its own."""
     lines = []
     for key, value in law.items():
         shown = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=1000)

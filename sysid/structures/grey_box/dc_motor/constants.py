@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data.record import PWM_FULL_SCALE, Array
-from sysid.structures.grey_box.constants import Constant, Signal
+from sysid.structures.grey_box.physics import Constant, Signal
 
 if TYPE_CHECKING:
-    from sysid.structures.grey_box.dc_motor.structure import DCMotor
+    from sysid.structures.grey_box.dc_motor.structure import MotorPhysics
 
 NO_LIMIT = 1e9
 """A command no log contains: the limit of a drive that has none."""
@@ -18,7 +18,7 @@ OPTIONAL_EACH = ("breakaway", "stribeck", "limit", "time_constant", "offset", "d
 """Constants that two tracks may share."""
 
 
-def lumped(m: "DCMotor") -> tuple[Constant, ...]:
+def lumped(m: "MotorPhysics") -> tuple[Constant, ...]:
     """Gain, time constant, coupling and sliding friction: what commands and speeds determine."""
     two = m.ny == 2
     return (
@@ -65,7 +65,7 @@ def lumped(m: "DCMotor") -> tuple[Constant, ...]:
     )
 
 
-def shape(m: "DCMotor") -> tuple[Constant, ...]:
+def shape(m: "MotorPhysics") -> tuple[Constant, ...]:
     """What friction does beside sliding evenly, the limit of the drive and a constant load."""
     pwm = m.input == "pwm"
     each = {n: n not in m.shared for n in OPTIONAL_EACH}
@@ -128,7 +128,7 @@ def shape(m: "DCMotor") -> tuple[Constant, ...]:
     )
 
 
-def _backward(m: "DCMotor") -> tuple[Constant, ...]:
+def _backward(m: "MotorPhysics") -> tuple[Constant, ...]:
     """Friction of the way back over that of the way forth."""
     return (
         Constant(
@@ -156,7 +156,7 @@ def _backward(m: "DCMotor") -> tuple[Constant, ...]:
     )
 
 
-def bench(m: "DCMotor") -> tuple[Constant, ...]:
+def bench(m: "MotorPhysics") -> tuple[Constant, ...]:
     """Constants of the bench (thesis §5.2) and of the Devastator; m: on the motor side."""
     fixed: dict[str, Any] = {"free": False, "lower": 0.0}
     body: tuple[Constant, ...] = (
@@ -204,27 +204,38 @@ def bench(m: "DCMotor") -> tuple[Constant, ...]:
     )
 
 
-def from_bench(m: "DCMotor", xp: Any, p: Mapping[str, Signal]) -> dict[str, Signal]:
-    """Lumped motion that follows from bench constants (2.53–2.61, L di/dt neglected)."""
+def from_bench(m: "MotorPhysics", xp: Any, p: Mapping[str, Signal]) -> dict[str, Signal]:
+    """Lumped motion that follows from bench constants (2.53–2.61, L di/dt neglected).
+
+    Beside it the torque per unit of input, damping, inertia of a motor without the body, and
+    friction at the sprocket.
+    """
     n = p["gear"]
     per_volt = n * p["torque_constant"] / p["resistance"]
     damping = n * n * (p["torque_constant"] * p["back_emf"] / p["resistance"] + p["motor_viscous"])
     volts = p["supply"] / PWM_FULL_SCALE if m.input != "voltage" else 1.0
     rotor = n * n * p["motor_inertia"]
+    own, cross = rotor, 0.0
     if m.ny == 2:
         forward = p["mass"] * p["sprocket_radius"] ** 2 / 4.0
         turning = p["yaw_inertia"] * (p["sprocket_radius"] / p["track_distance"]) ** 2
         inertia, cross = rotor + forward + turning, (forward - turning) / damping
     else:
-        inertia, cross = rotor + p["load_inertia"], 0.0
+        inertia = own = rotor + p["load_inertia"]
+    torque = per_volt * volts * p["bridge_gain"]
+    friction = p["friction_torque"] + n * p["motor_friction"]
     return {
-        "gain": per_volt * volts * p["bridge_gain"] / damping,
+        "gain": torque / damping,
         "inertia": (xp.zeros((m.ny, 1)) + inertia / damping, cross),
-        "coulomb": (p["friction_torque"] + n * p["motor_friction"]) / damping,
+        "coulomb": friction / damping,
+        "torque": torque,
+        "damping": damping,
+        "own_inertia": own,
+        "sprocket_friction": friction,
     }
 
 
-def bench_guess(m: "DCMotor", gain: Array, level: Array) -> dict[str, Any]:
+def bench_guess(m: "MotorPhysics", gain: Array, level: Array) -> dict[str, Any]:
     """Bridge gains and friction torques that give the lumped gain and Coulomb level."""
     plain = m.unpack(np, m.pack({}))
     q = from_bench(m, np, plain)

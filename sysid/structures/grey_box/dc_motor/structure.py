@@ -10,7 +10,6 @@ import numpy as np
 from sysid.data.checks.integral import is_position
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError, argument
-from sysid.structures.grey_box.constants import Constant, Rung, Signal
 from sysid.structures.grey_box.dc_motor.constants import (
     OPTIONAL_EACH,
     bench,
@@ -22,8 +21,11 @@ from sysid.structures.grey_box.dc_motor.constants import (
 from sysid.structures.grey_box.dc_motor.motion import STEPS, friction_constants, of_motors
 from sysid.structures.grey_box.dc_motor.start import central_guesses
 from sysid.structures.grey_box.dc_motor.torque import torque_source
+from sysid.structures.grey_box.dc_motor.words import sentences
+from sysid.structures.grey_box.physics import Constant, Physics, Rung, Signal
 from sysid.structures.grey_box.single_runs import together
-from sysid.structures.grey_box.structure import GreyBox
+from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
+from sysid.structures.traits import Traits
 from sysid.vehicle.dry_friction import decay
 from sysid.vehicle.motors import TorqueSource
 
@@ -46,8 +48,26 @@ _CHOICES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 _SHARED = ("breakaway", "stribeck", "limit")
 
 
+OPTIONS: Mapping[str, str] = {
+    "input": "pwm (µs, limited at full drive), voltage, or auto (default): pwm for columns "
+    "called pwm…",
+    "output": "measured output: speed, position, or auto (default): by the output's "
+    "unit, or by whether it integrates the input",
+    "friction": "none, coulomb, stribeck, full (with offset, asymmetry and drag), or auto "
+    "(default): each mechanism only where held-out data pay for it",
+    "parameters": "lumped (default: gain, time constant, Coulomb level …) or bench (R, "
+    "Kem, Kc, gear, inertia fixed at the bench's values; masses and friction estimated)",
+    "shared": "constants with one value for both tracks, divided by commas; "
+    "breakaway,stribeck,limit unless given, or none",
+    "torque_constant": "stall torque or force per unit of input, if known: the equations "
+    "then name inertia and friction in physical units",
+    "integrator": "exact (default: matrix exponential, friction implicit), rk4, or "
+    "implicit (cheaper: a track stops at the end of a step)",
+}
+
+
 @dataclass(frozen=True)
-class DCMotor(GreyBox):
+class MotorPhysics(Physics):
     """Geared DC motors with dry friction that really sticks (thesis 2.53–2.61).
 
     In units of speed, for each track (one motor: no coupling; r: reverse over forward)
@@ -82,35 +102,10 @@ class DCMotor(GreyBox):
     torque_per_input: float = 0.0
 
     takes_floats: ClassVar[bool] = True
-    name: ClassVar[str] = "dc-motor"
-    title: ClassVar[str] = "DC motor: a grey box with friction, one motor or two tracks on a body"
-    equation: ClassVar[str] = "T dω/dt = K (sat(u) - o) - ω - f(ω), f: Coulomb and Stribeck, sticks"
-    when: ClassVar[str] = (
-        "motors driven by PWM or voltage whose speed or position is measured; physical parameters"
-    )
-    options: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {
-            "input": "pwm (µs, limited at full drive), voltage, or auto (default): pwm for columns "
-            "called pwm…",
-            "output": "measured output: speed, position, or auto (default): by the output's "
-            "unit, or by whether it integrates the input",
-            "friction": "none, coulomb, stribeck, full (with offset, asymmetry and drag), or auto "
-            "(default): each mechanism only where held-out data pay for it",
-            "parameters": "lumped (default: gain, time constant, Coulomb level …) or bench (R, "
-            "Kem, Kc, gear, inertia fixed at the bench's values; masses and friction estimated)",
-            "shared": "constants with one value for both tracks, divided by commas; "
-            "breakaway,stribeck,limit unless given, or none",
-            "torque_constant": "stall torque or force per unit of input, if known: the equations "
-            "then name inertia and friction in physical units",
-            "integrator": "exact (default: matrix exponential, friction implicit), rk4, or "
-            "implicit (cheaper: a track stops at the end of a step)",
-            **GreyBox.options,
-        }
-    )
 
     @classmethod
-    def read_options(cls, given: Mapping[str, str], nu: int, ny: int) -> dict[str, Any]:
-        """Fields from options; a motor for each input, one or two of them."""
+    def from_options(cls, given: Mapping[str, str], nu: int, ny: int) -> Self:
+        """A motor for each input, one or two of them."""
         if nu != ny or nu not in (1, 2):
             raise UsageError(
                 f"dc-motor needs one motor (1 input, 1 output) or two tracks (2 and 2), got {nu} "
@@ -134,7 +129,7 @@ class DCMotor(GreyBox):
                     )
             settings["shared"] = names
         settings["torque_per_input"] = _positive(given.get("torque_constant", "0"))
-        return settings
+        return cls(nu, ny, **settings)
 
     # ----------------------------------------------------------------- constants and states
 
@@ -216,9 +211,9 @@ class DCMotor(GreyBox):
             "friction": friction_constants(xp, q, self.ny),
         }
 
-    def timeless(self) -> Self:
-        """The equations alone, whatever is estimated and written out."""
-        return replace(super().timeless(), friction="auto", torque_per_input=0.0)
+    def bare(self) -> Self:
+        """The equation alone, whatever is estimated and written out."""
+        return replace(self, friction="auto", torque_per_input=0.0)
 
     def rough(self) -> Self:
         """With implicit steps, a quarter of the work and of the compilation."""
@@ -236,20 +231,12 @@ class DCMotor(GreyBox):
             q["coulomb"] = q["gain"] * p["coulomb"]
         return q
 
-    def time_constants_s(self, theta: Array) -> Array:
+    def time_constants(self, theta: Array) -> Array:
         """Those of the coupled motion; a position keeps what its first speed was wrong by."""
         inertia, cross = self.motion(np, self.unpack(np, theta))["inertia"]
         matrix = np.diag(inertia[:, 0]) + (np.fliplr(np.eye(2)) * cross if self.ny == 2 else 0.0)
         speeds = np.linalg.eigvalsh(matrix)
         return np.append(speeds, np.inf) if self.output == "position" else np.asarray(speeds)
-
-    def torque(self, theta: Array) -> TorqueSource | None:
-        """The motors, where their torques are known: of the bench, or by ``torque_constant``."""
-        return torque_source(self, theta)
-
-    def friction_entries(self) -> tuple[int, ...]:
-        """Sliding friction; that at standstill counts in parts of it."""
-        return tuple(self.entries("coulomb") or self.entries("friction_torque"))
 
     def stable(self, theta: Array) -> bool:
         """Whether speeds stay bounded: T positive definite; friction only dissipates.
@@ -298,32 +285,29 @@ class DCMotor(GreyBox):
         extra = Rung("extra friction at standstill", ("breakaway", "stribeck"))
         return tuple((w, t) for w, g in guesses for t in self.rung_starts(g, extra, records))
 
-    def state_guess(self, theta: Array, u: Array, y: Array) -> Array:
+    def state_guess(self, theta: Array, u: Array, y: Array, dt: float) -> Array:
         """First outputs; of positions also their slope over the head."""
         if self.output != "position":
             return np.array(y[0], dtype=np.float64)
         n = max(len(y) - 1, 1)
         t = np.arange(len(y)) - n / 2.0
-        slope = t @ y / max(float(t @ t), 1.0) / max(self.dt, 1e-300)
+        slope = t @ y / max(float(t @ t), 1.0) / max(dt, 1e-300)
         return np.concatenate([slope, y[0]])
 
     # ----------------------------------------------------------------- words
 
-    def equations(
+    def sentences(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[str, ...]:
         """The motion of each track with its numbers, and what follows for physical constants."""
-        from sysid.structures.grey_box.dc_motor.words import sentences
+        return sentences(self, theta, inputs, outputs)
 
-        return sentences(self, np.asarray(theta), inputs, outputs)
-
-    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
-        """Constants, lumped values, the command at which each track starts to move."""
-        q = self.motion(np, self.unpack(np, np.asarray(theta)))
+    def properties(self, theta: Array) -> dict[str, Any]:
+        """Lumped values, and the command at which each track starts to move."""
+        q = self.motion(np, self.unpack(np, theta))
         inertia, cross = q["inertia"]
         level = np.ravel(q["coulomb"] / q["gain"])
-        properties = super().properties(theta, dt)
-        return properties | {
+        return {
             "gain": np.ravel(q["gain"]).tolist(),
             "time_constant": np.ravel(inertia).tolist(),
             "coupling_time": float(np.sum(cross)),
@@ -331,6 +315,28 @@ class DCMotor(GreyBox):
             "breakaway_command": np.ravel(level[:, None] * q["breakaway"]).tolist(),
             "position": self.output == "position",
         }
+
+    def torque_source(self, theta: Any) -> TorqueSource | None:
+        """The motors, where their torques are known: of the bench, or by ``torque_constant``."""
+        return torque_source(self, theta)
+
+    def friction_entries(self) -> tuple[int, ...]:
+        """Sliding friction; that at standstill counts in parts of it."""
+        return tuple(self.entries("coulomb") or self.entries("friction_torque"))
+
+
+class DCMotor(GreyBox[MotorPhysics]):
+    """One geared motor, or two tracks on a body, as a structure."""
+
+    name: ClassVar[str] = "dc-motor"
+    traits: ClassVar[Traits] = grey_box_traits(
+        title="DC motor: a grey box with friction, one motor or two tracks on a body",
+        equation="T dω/dt = K (sat(u) - o) - ω - f(ω), f: Coulomb and Stribeck, sticks",
+        when="motors driven by PWM or voltage whose speed or position is measured; physical "
+        "parameters",
+        options=OPTIONS,
+    )
+    physics_class: ClassVar[type[Physics]] = MotorPhysics
 
 
 def _stribeck_scale(records: Sequence[Record], position: bool) -> float:

@@ -1,19 +1,17 @@
 """The DC motor as a torque source for vehicles."""
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.data.record import PWM_FULL_SCALE
 from sysid.vehicle.kinematics import Real
 from sysid.vehicle.motors import Motor, TorqueSource, lumped_motor
 
 if TYPE_CHECKING:
-    from sysid.structures.grey_box.dc_motor.structure import DCMotor
+    from sysid.structures.grey_box.dc_motor.structure import MotorPhysics
 
 
-def torque_source(m: "DCMotor", theta: Any) -> TorqueSource | None:
+def torque_source(m: "MotorPhysics", theta: Any) -> TorqueSource | None:
     """The motors of the model, their drive in its own unit of input.
 
     With constants of the bench the rotors are known apart from the body; of lumped constants the
@@ -23,47 +21,37 @@ def torque_source(m: "DCMotor", theta: Any) -> TorqueSource | None:
         return None
     xp: Any = theta.__array_namespace__()
     p = m.unpack(xp, theta)
-
-    def one(name: str, track: int) -> Real:
-        value = p[name]
-        return _plain(value[track, 0] if value.ndim == 2 else value)
-
+    q = m.motion(xp, p)
     motors = []
     for track in range(m.ny):
-        known = {name: one(name, track) for name in p}
-        base = _bench(m, known) if m.parametrisation == "bench" else _lumped(m, known)
+        of = {name: _plain(v[track, 0] if np.ndim(v) == 2 else v) for name, v in p.items()}
+        if m.parametrisation == "bench":
+            base = Motor(
+                torque=_plain(q["torque"][track, 0]),
+                damping=_plain(q["damping"]),
+                inertia=_plain(q["own_inertia"]),
+                friction=abs(_plain(q["sprocket_friction"][track, 0])),
+            )
+        else:
+            base = lumped_motor(
+                m.torque_per_input, of["gain"], of["time_constant"], abs(of["coulomb"])
+            )
         motors.append(
             base._replace(
-                breakaway=known["breakaway"],
-                stribeck=known["stribeck"],
-                limit=known["limit"],
-                offset=known["offset"],
-                friction_back=known["coulomb_back"],
-                damping_back=known["viscous_back"],
-                drag=known["drag"] * base.damping,
+                breakaway=of["breakaway"],
+                stribeck=of["stribeck"],
+                limit=of["limit"],
+                offset=of["offset"],
+                friction_back=of["coulomb_back"],
+                damping_back=of["viscous_back"],
+                drag=of["drag"] * base.damping,
             )
         )
-    inertia, cross = m.motion(xp, p)["inertia"]
+    inertia, cross = q["inertia"]
     shared = xp.sum(cross) / xp.sqrt(inertia[0, 0] * inertia[-1, 0]) if m.ny == 2 else 0.0
     body = m.parametrisation == "bench" and m.ny == 2
     carried = 1.0 - motors[0].inertia / (inertia[0, 0] * motors[0].damping) if body else 0.0
     return TorqueSource(tuple(motors), _plain(abs(shared) + abs(carried)))
-
-
-def _bench(m: "DCMotor", p: Mapping[str, Real]) -> Motor:
-    n = p["gear"]
-    per_volt = n * p["torque_constant"] / p["resistance"]
-    volts = p["supply"] / PWM_FULL_SCALE if m.input != "voltage" else 1.0
-    return Motor(
-        torque=per_volt * volts * p["bridge_gain"],
-        damping=n * (per_volt * p["back_emf"] + n * p["motor_viscous"]),
-        inertia=n * n * p["motor_inertia"] + (p["load_inertia"] if m.ny == 1 else 0.0),
-        friction=abs(p["friction_torque"] + n * p["motor_friction"]),
-    )
-
-
-def _lumped(m: "DCMotor", p: Mapping[str, Real]) -> Motor:
-    return lumped_motor(m.torque_per_input, p["gain"], p["time_constant"], abs(p["coulomb"]))
 
 
 def _plain(value: Any) -> Real:

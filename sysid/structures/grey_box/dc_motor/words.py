@@ -8,11 +8,11 @@ import numpy as np
 from sysid.data.record import Array, Channel
 
 if TYPE_CHECKING:
-    from sysid.structures.grey_box.dc_motor.structure import DCMotor
+    from sysid.structures.grey_box.dc_motor.structure import MotorPhysics
 
 
 def sentences(
-    m: "DCMotor", theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    m: "MotorPhysics", theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
 ) -> tuple[str, ...]:
     """One line a track, one on friction, one on the coupling, one on physical constants."""
     p = m.unpack(np, theta)
@@ -72,7 +72,12 @@ def _friction(w: str, u: Channel, i: int, e: dict[str, Any], level: Array) -> li
 
 
 def _physical(
-    m: "DCMotor", p: Any, e: dict[str, Any], inertia: Array, cross: float, inputs: Sequence[Channel]
+    m: "MotorPhysics",
+    p: Any,
+    e: dict[str, Any],
+    inertia: Array,
+    cross: float,
+    inputs: Sequence[Channel],
 ) -> list[str]:
     if m.parametrisation == "bench":
         names = [

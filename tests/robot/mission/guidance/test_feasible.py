@@ -11,7 +11,7 @@ from mission_cases import Robot, check_law, goal
 
 from sysid.errors import DataError
 from sysid.robot.mission.contracts import Limits
-from sysid.robot.mission.guidance.feasible import Feasible, limited_rate
+from sysid.robot.mission.guidance.around_law import Feasible, limited_rate
 from sysid.robot.mission.guidance.field import PotentialField
 from sysid.robot.mission.result import Outcome
 from sysid.robot.mission.simulator import scene_of, simulate

@@ -15,7 +15,6 @@ from sysid.errors import DataError
 from sysid.robot.mission.clearance import (
     distance_between_segments,
     distance_to_segment,
-    inside,
     nearest_point,
     step_clearance,
 )
@@ -24,6 +23,7 @@ from sysid.robot.mission.result import Outcome
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import load_mission
 from sysid.runners import floats
+from sysid.vehicle.floor import Polygon
 
 BLIND = {"eta": 0, "Ki": 0}
 """A field that obstacles do not act on: it drives straight at the goal."""
@@ -135,9 +135,10 @@ def test_the_nearest_point_of_a_wall_lies_on_it_at_its_distance(
 
 def test_a_corner_belongs_inside_of_a_dented_area() -> None:
     dented = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (2.0, 1.0), (0.0, 4.0))
-    assert inside(dented, (1.0, 1.0))
-    assert not inside(dented, (2.0, 2.0))
-    assert not inside(dented, (5.0, 1.0))
+    area = Polygon(dented)
+    assert area.contains(1.0, 1.0, np)
+    assert not area.contains(2.0, 2.0, np)
+    assert not area.contains(5.0, 1.0, np)
 
 
 def test_an_obstacle_that_moves_is_met_between_two_samples() -> None:

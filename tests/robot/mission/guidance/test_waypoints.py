@@ -8,8 +8,8 @@ import pytest
 from mission_cases import Robot, check_law, goal
 
 from sysid.errors import DataError
+from sysid.robot.mission.guidance.around_law import PassingWaypoints
 from sysid.robot.mission.guidance.field import PotentialField
-from sysid.robot.mission.guidance.waypoints import PassingWaypoints
 from sysid.robot.mission.result import MissionResult, Outcome
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import load_mission

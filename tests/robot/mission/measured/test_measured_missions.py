@@ -17,12 +17,11 @@ from sysid.effects.ground import Ground
 from sysid.errors import DataError, UsageError
 from sysid.estimation.pem import fit
 from sysid.export.package import write_package
+from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
-from sysid.robot.mission.measured.against import against_runs
 from sysid.robot.mission.measured.drive import MeasuredDrive
-from sysid.robot.mission.measured.fan import Comparison, compared
+from sysid.robot.mission.measured.fan import Comparison, against_runs, compared
 from sysid.robot.mission.monte_carlo.paths import RunPaths, run_paths
-from sysid.robot.mission.monte_carlo.setup import Setup
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.variation import Variation

@@ -10,24 +10,25 @@ from mission_cases import Robot, goal
 from plant_models import robot_record
 from pose_cases import two_tracks
 
+from benchmarks.agreement import TOLERANCE, agreement
 from sysid.diagnosis.pose.ground_model import with_ground
 from sysid.effects.ground import Ground
 from sysid.errors import DataError, ModelError, UsageError
 from sysid.estimation.pem import fit
 from sysid.export.package import write_package
-from sysid.robot.mission.monte_carlo.agreement import TOLERANCE, agreement
-from sysid.robot.mission.monte_carlo.compiled import CompiledRuns
+from sysid.robot.mission.batch.sampler import Sampler, run_seeds
+from sysid.robot.mission.batch.setup import Setup
+from sysid.robot.mission.batch.varied_plant import ModelPlant
 from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns, wilson
 from sysid.robot.mission.monte_carlo.paths import paths_of
 from sysid.robot.mission.monte_carlo.runs import simulate_runs
-from sysid.robot.mission.monte_carlo.sampler import Sampler, run_seeds
-from sysid.robot.mission.monte_carlo.setup import Setup
 from sysid.robot.mission.monte_carlo.variance_shares import added, moments, shares
-from sysid.robot.mission.monte_carlo.varied_plant import ModelPlant
+from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns
 from sysid.robot.mission.spec import load_mission
 from sysid.robot.mission.variation import Spread, Variation
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
+from sysid.structures.special_runs import stable_parts
 
 SHORT = goal(1.2, 0.5, obstacles=[(0.7, 0.0)])
 
@@ -57,7 +58,7 @@ def test_runs_at_once_are_runs_alone() -> None:
     assert setup.varied == ("parameters", "noise", "start", "obstacles", "friction")
     seeds = run_seeds(1, 12)
     samples = setup.plant_variants[0].sampler.draw(seeds)
-    figures = CompiledRuns(setup, 0, 16).figures(samples)
+    figures = VariedRuns(setup, 0, 16).of(samples)
     agreed = agreement(setup, seeds, figures)
     assert agreed.apart == ()
     assert agreed.largest < TOLERANCE
@@ -72,7 +73,7 @@ def test_a_plant_that_is_no_model_runs_at_once_too(kind: str) -> None:
     noise = ("noise",) if kind == "compass" else ()
     assert setup.varied == (*noise, "start", "friction")
     seeds = run_seeds(0, 4)
-    figures = CompiledRuns(setup, 0, 4).figures(setup.plant_variants[0].sampler.draw(seeds))
+    figures = VariedRuns(setup, 0, 4).of(setup.plant_variants[0].sampler.draw(seeds))
     assert agreement(setup, seeds, figures).apart == ()
 
 
@@ -85,7 +86,7 @@ def test_a_ground_that_remembers_and_slides_is_the_same_in_a_batch() -> None:
     ground = Ground(tuple(numbers), numbers)
     setup = Setup.of(SHORT, [with_ground(two_tracks(), ground, {})])
     seeds = run_seeds(1, 3)
-    figures = CompiledRuns(setup, 0, 4).figures(setup.plant_variants[0].sampler.draw(seeds))
+    figures = VariedRuns(setup, 0, 4).of(setup.plant_variants[0].sampler.draw(seeds))
     assert agreement(setup, seeds, figures).apart == ()
 
 
@@ -158,7 +159,7 @@ def test_a_path_that_would_be_unstable_stays_as_estimated() -> None:
     assert unstable.mean() > 0.1
     assert plant.feasible(settled).all()
     np.testing.assert_array_equal(settled[~unstable], drawn[~unstable])
-    for part in plant.model.structure.stable_parts():
+    for part in stable_parts(plant.model.structure):
         kept = (settled[:, part] == drawn[:, part]).all(axis=1)
         assert (kept | (settled[:, part] == plant.theta[part]).all(axis=1)).all()
     samples = Sampler(SHORT, plant, SHORT.vary).draw(run_seeds(0, 200))

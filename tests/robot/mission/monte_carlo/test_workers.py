@@ -2,23 +2,29 @@
 
 import os
 import signal
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from mission_cases import Robot, goal
 
-from sysid.errors import UsageError
+from benchmarks.agreement import agreement
+from sysid.errors import ModelError, UsageError
+from sysid.robot.mission.batch.pool import PROCESSES, Job
+from sysid.robot.mission.batch.sampler import run_seeds
+from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import Command, ControlInputs, Scene
-from sysid.robot.mission.monte_carlo.agreement import agreement
-from sysid.robot.mission.monte_carlo.chunks import ChunkResult, Runner, chunks
-from sysid.robot.mission.monte_carlo.cluster import on_cluster
-from sysid.robot.mission.monte_carlo.processes import Processes
-from sysid.robot.mission.monte_carlo.runs import simulate_runs
-from sysid.robot.mission.monte_carlo.sampler import run_seeds
-from sysid.robot.mission.monte_carlo.setup import Setup
-from sysid.robot.mission.monte_carlo.workers import why_not_at_once
+from sysid.robot.mission.monte_carlo.runs import (
+    ChunkResult,
+    Runner,
+    chunks,
+    runner_of,
+    simulate_runs,
+)
+from sysid.robot.mission.monte_carlo.varied_runs import why_not_at_once
 from sysid.robot.mission.settings import ControlSettings
 
 MISSION = goal(0.3, 0.1)
@@ -32,29 +38,42 @@ def same(one: list[ChunkResult], other: list[ChunkResult]) -> None:
             np.testing.assert_array_equal(x, y)
 
 
-@dataclass(eq=False)
-class Interrupted(Processes):
-    """Processes of which one is killed while it has a chunk."""
+@dataclass(frozen=True)
+class Deadly:
+    """Work that kills its own process the first time that it meets one part."""
 
-    killed: list[int] = field(default_factory=list)
+    folder: Path
 
-    def _heard(self) -> list[Any]:
-        if not self.killed:
-            busy = next(w for w in self.workers if w.busy is not None)
-            self.killed.append(busy.process.pid)
-            os.kill(busy.process.pid, signal.SIGKILL)
-        return super()._heard()
+    def __call__(self, part: int) -> int:
+        mark = self.folder / "killed"
+        if part == 2 and not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return part * part
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_costs_no_run() -> None:
+def test_a_process_that_is_killed_costs_no_run(tmp_path: Path) -> None:
+    assert list(Job(Deadly, tmp_path).results(range(6), PROCESSES)) == [0, 1, 4, 9, 16, 25]
+    assert (tmp_path / "killed").exists()
+
+
+def always_killed(_: None) -> Callable[[int], None]:
+    return lambda part: os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.slow
+def test_a_part_that_kills_every_process_is_given_up() -> None:
+    with pytest.raises(ModelError, match="3 processes died over one chunk of runs"):
+        list(Job(always_killed, None).results(range(2), PROCESSES))
+
+
+@pytest.mark.slow
+def test_processes_give_the_same() -> None:
     setup = Setup.of(MISSION, [Robot()])
     parts = chunks(setup, run_seeds(2, 12), 3)
     here = [Runner.of(setup).run(chunk) for chunk in parts]
-    pool = Interrupted(setup, True, 2)
-    same(list(pool.results(parts)), here)
-    assert len(pool.killed) == 1
-    assert pool.workers == []
+    same(list(Job(runner_of, (setup, True)).results(parts, PROCESSES)), here)
 
 
 def test_a_cluster_gives_the_same() -> None:
@@ -64,7 +83,8 @@ def test_a_cluster_gives_the_same() -> None:
     here = [Runner.of(setup, at_once=False).run(chunk) for chunk in parts]
     quiet = {"dashboard_address": None, "silence_logs": 50}
     with distributed.LocalCluster(1, processes=False, threads_per_worker=1, **quiet) as cluster:
-        same(list(on_cluster(cluster.scheduler_address, setup, False, parts)), here)
+        job = Job(runner_of, (setup, False))
+        same(list(job.results(parts, cluster.scheduler_address)), here)
 
 
 class Stubborn(ControlSettings):

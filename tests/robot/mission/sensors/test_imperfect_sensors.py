@@ -9,8 +9,7 @@ import pytest
 from sensor_cases import SCENE, measurements
 
 from sysid.errors import ModelError
-from sysid.robot.mission.sensors.accelerometer import Accelerometer
-from sysid.robot.mission.sensors.gyroscope import Gyroscope
+from sysid.robot.mission.sensors.inertial import Accelerometer, Gyroscope
 from sysid.runners import floats
 
 

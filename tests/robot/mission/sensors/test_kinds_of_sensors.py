@@ -13,7 +13,7 @@ from sensor_cases import SCENE, measurements, way
 
 from sysid.data.record import Array
 from sysid.robot.mission.contracts import Body, Pose, SensorInputs
-from sysid.robot.mission.noise import block, generator
+from sysid.robot.mission.noise import generator
 from sysid.robot.mission.registry import kinds, law_class
 from sysid.robot.mission.sensors.imperfect import ImperfectSensor
 from sysid.robot.mission.sensors.magnetometer import Magnetometer
@@ -141,7 +141,9 @@ def test_a_batch_reads_what_single_runs_read(kind: str) -> None:
     keys = {"rate": 7.0, "bias_std": 0.1, "bias_walk": 0.1, "dropout": 0.2, "latency": 0.25}
     several: Any = law_class("sensors", kind).model_validate(keys | {"noise": 0.02})
     samples, truth = 60, way(60)
-    draws = np.stack([block(generator(seed, kind), several.draws, samples) for seed in range(3)])
+    draws = np.stack(
+        [generator(k, kind).standard_normal((samples, several.draws)) for k in range(3)]
+    )
     times = np.array([(t, 0.1 if t else 0.0) for t, *_ in truth])
     numbers = np.array([(*b.pose, b.speed, b.yaw_rate, left, right) for _, b, left, right in truth])
 

@@ -17,7 +17,7 @@ from sysid.data.record import Array
 from sysid.errors import UsageError
 from sysid.robot.mission.registry import kinds
 from sysid.robot.mission.sensors.encoders import Encoders
-from sysid.robot.mission.sensors.gyroscope import Gyroscope
+from sysid.robot.mission.sensors.inertial import Gyroscope
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import load_mission
 

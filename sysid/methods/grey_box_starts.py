@@ -1,0 +1,321 @@
+"""Initial guesses of grey boxes: many at once, the best refined."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array, Record, shortened
+from sysid.errors import ModelError, Termination
+from sysid.fitting.marquardt import loss
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Initial, Parameter
+from sysid.fitting.searchable import StartReport
+from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt, many_starts
+from sysid.structures.grey_box.physics import Physics
+from sysid.structures.grey_box.runs import GreyErrors, Masks, scan
+from sysid.structures.grey_box.structure import GreyBox
+
+STARTS = 12
+"""Starts of the search: the guesses read off the data, then variations of them."""
+
+POLISHED = 3
+"""Starts that are polished, the best ones."""
+
+RIVAL = 4.0
+"""Of these only those whose cost is below this multiple of the best one's."""
+
+COARSE = 1e-4
+"""Relative tolerance of descents that only decide between starts or mechanisms: their errors
+differ by per cents."""
+
+SAME = 1e-3
+"""Starts that ended within this share of each other's cost have found the same minimum."""
+
+START_SAMPLES = 1500
+"""Samples, all records together, that the many starts see; the polish sees all."""
+
+START_ROUNDS = 15
+
+PADDED = 512
+"""Lengths of what the many starts see are rounded up to multiples of this."""
+
+DIFFERENCE = 1e-6
+"""Step in z of the many starts' slopes."""
+
+LARGE = 1e6
+"""Errors of the many starts are clipped to this."""
+
+SAMPLES_IN_TIME_CONSTANT = 5.0
+"""Samples of a time constant that are left where starts are compared on thinned data."""
+
+EVALUATIONS = 40
+"""Limit of a descent on part of the data."""
+
+DIVERGED = 1e99
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What every descent of one fit shares."""
+
+    structure: GreyBox[Any]
+    records: tuple[Record, ...]
+    parameters: tuple[Parameter, ...]
+    options: FitOptions
+    user_fixed: tuple[bool, ...]
+
+    @property
+    def lower(self) -> Array:
+        return np.array([p.lower for p in self.parameters])
+
+    @property
+    def upper(self) -> Array:
+        return np.array([p.upper for p in self.parameters])
+
+    def problem(self, kept: Masks | None, free: NDArray[np.bool_] | None = None) -> GreyErrors:
+        """Free-run errors on the samples ``kept``, outliers left out; slopes by ``free`` of θ."""
+        data = [(np.asarray(r.u), np.asarray(r.y)) for r in self.records]
+        estimated = self.options.initial is not Initial.ZERO
+        if kept is None and any(r.weights is not None for r in self.records):
+            kept = [np.ones(len(r), dtype=bool) for r in self.records]
+        if kept is not None:
+            kept = [k & r.counted for k, r in zip(kept, self.records, strict=True)]
+        return GreyErrors(self.structure, data, estimated, kept, wanted=free)
+
+    def descend(
+        self,
+        p0: Array,
+        free: NDArray[np.bool_],
+        kept: Masks | None,
+        evaluations: int,
+        huber: Array | None = None,
+    ) -> Solution:
+        problem = self.problem(kept, free)
+        if len(p0) == problem.n_theta:
+            p0 = problem.initial_guess(p0)
+        none = np.full(problem.n_initial, np.inf)
+        return levenberg_marquardt(
+            problem,
+            p0,
+            Descent(
+                free=np.concatenate([free, np.ones(problem.n_initial, dtype=bool)]),
+                lower=np.concatenate([self.lower, -none]),
+                upper=np.concatenate([self.upper, none]),
+                huber=huber,
+                max_evaluations=evaluations,
+                tolerance=COARSE if kept is not None else self.options.precision(),
+            ),
+        )
+
+
+class Coordinates(NamedTuple):
+    """θ of the free entries as numbers z without bounds, of size one.
+
+    A constant bounded below is low + scale·exp(z), one bounded on both sides a logistic curve
+    between them, one of either sign scale·z.
+
+    Attributes:
+        low: lower bound, zero where there is none.
+        width: distance between the bounds, one where either is missing.
+        scale: size of a usual value.
+        kind: 2 bounded on both sides, 1 below, 0 not at all.
+    """
+
+    low: Array
+    width: Array
+    scale: Array
+    kind: Array
+
+    @staticmethod
+    def of(lower: Array, upper: Array, typical: Array, spread: Array) -> "Coordinates":
+        """Coordinates around a typical θ; a two-sided range much wider than it counts as open."""
+        below = np.isfinite(lower)
+        low = np.where(below, lower, 0.0)
+        wide = (upper - low) > 1e3 * np.maximum(np.abs(typical - low), 1e-12)
+        both = below & np.isfinite(upper) & ~wide
+        size = np.where(below, np.maximum(typical - low, 1e-12), np.abs(typical))
+        return Coordinates(
+            low,
+            np.where(both, upper - low, 1.0),
+            np.where(size > 0, size, np.where(spread > 0, spread, 1.0)),
+            np.where(both, 2.0, np.where(below, 1.0, 0.0)),
+        )
+
+    def theta(self, xp: Any, z: Any) -> Any:
+        """z → θ."""
+        return xp.where(
+            self.kind == 2.0,
+            self.low + self.width / (1.0 + xp.exp(-z)),
+            xp.where(
+                self.kind == 1.0,
+                self.low + self.scale * xp.exp(xp.minimum(z, 50.0)),
+                self.scale * z,
+            ),
+        )
+
+    def z(self, theta: Array) -> Array:
+        """θ → z; a constant on its bound is moved inside a little."""
+        share = np.clip((theta - self.low) / self.width, 0.02, 0.98)
+        above = np.maximum(theta - self.low, 1e-3 * self.scale)
+        one_sided = np.where(self.kind == 1.0, above / self.scale, 1.0)
+        return np.where(
+            self.kind == 2.0,
+            np.log(share / (1.0 - share)),
+            np.where(self.kind == 1.0, np.log(one_sided), theta / self.scale),
+        )
+
+
+def started(
+    s: Setting,
+    guesses: Sequence[tuple[str, Array]],
+    free: NDArray[np.bool_],
+    kept: Masks | None,
+) -> tuple[Array, list[StartReport]]:
+    """Parameters (and initial states) from the best start, and what became of every start."""
+    structure = s.structure
+    output = ",".join(s.records[0].output_names)
+    names, thetas = _varied(s, guesses, free)
+    problem = s.problem(kept)
+    costs = [cost_of(problem.residual(problem.initial_guess(t))) for t in thetas]
+    ends = thetas
+    endings: list[tuple[float | None, int]] = [(None, 0)] * len(thetas)
+    if np.any(free) and len(thetas) > 1:
+        ends, endings = _at_once(s, thetas, free)
+    after = [cost_of(problem.residual(problem.initial_guess(t))) for t in ends]
+    ends = [e if a <= c else t for e, a, c, t in zip(ends, after, costs, thetas, strict=True)]
+    after = [min(a, c) for a, c in zip(after, costs, strict=True)]
+    order = sorted(range(len(ends)), key=lambda k: after[k])
+    if not np.isfinite(after[order[0]]):
+        raise ModelError(f"{structure.name}: {Termination.DIVERGED.value}")
+    solutions: dict[int, Solution] = {}
+    for k in _distinct(order, after)[:POLISHED]:
+        if solutions and after[k] > RIVAL * min(v.cost for v in solutions.values()):
+            break
+        solutions[k] = s.descend(ends[k], free, kept, EVALUATIONS)
+    best = min(solutions, key=lambda k: solutions[k].cost)
+    reports = [
+        StartReport(
+            output,
+            names[k],
+            costs[k] if np.isfinite(costs[k]) else None,
+            solutions[k].cost if k in solutions else (after[k] if np.isfinite(after[k]) else None),
+            endings[k][1] + (solutions[k].evaluations if k in solutions else 0),
+        )
+        for k in sorted(order, key=lambda k: solutions[k].cost if k in solutions else after[k])
+    ]
+    return solutions[best].p, reports
+
+
+def _distinct(order: Sequence[int], costs: Sequence[float]) -> list[int]:
+    """Of starts in order of their costs those that did not end where an earlier one did."""
+    kept: list[int] = []
+    for k in order:
+        if not kept or costs[k] > (1.0 + SAME) * costs[kept[-1]]:
+            kept.append(k)
+    return kept
+
+
+def _varied(
+    s: Setting, guesses: Sequence[tuple[str, Array]], free: NDArray[np.bool_]
+) -> tuple[list[str], list[Array]]:
+    """The guesses, then variations of the best ones by each constant's spread."""
+    names, thetas = [n for n, _ in guesses], [t for _, t in guesses]
+    rng = np.random.default_rng(0)
+    spread = s.structure.physics.by_entry(lambda c: c.spread)
+    base = list(thetas)
+    k = 0
+    while len(thetas) < max(STARTS, len(base)) and base and np.any(free):
+        center = base[k % len(base)]
+        draw = rng.uniform(-1.0, 1.0, len(center))
+        low = np.where(np.isfinite(s.lower), s.lower, 0.0)
+        one = np.isfinite(s.lower)
+        factor = np.maximum(spread, 1.0) ** draw
+        varied = np.where(
+            one, low + (center - low) * factor, center + spread * draw * np.abs(center)
+        )
+        thetas.append(np.where(free, np.clip(varied, s.lower, s.upper), center))
+        names.append(f"variation {k + 1} of {names[k % len(base)]}")
+        k += 1
+    return names, thetas
+
+
+def _at_once(
+    s: Setting, thetas: Sequence[Array], free: NDArray[np.bool_]
+) -> tuple[list[Array], list[tuple[float | None, int]]]:
+    """Every start through the vmapped solver, on part of the data, initial states as guessed."""
+    every = _decimation(s, thetas[0])
+    pieces = shortened([r.every(every) for r in s.records], START_SAMPLES)
+    sampling = replace(s.structure.sampling, dt=pieces[0].dt)
+    structure = replace(s.structure, physics=s.structure.physics.rough(), sampling=sampling)
+    problem = replace(s, records=pieces, structure=structure).problem(None)
+    # rounded up, so that records of about equal length share a compilation
+    longest = -(-max(len(r) for r in pieces) // PADDED) * PADDED
+    u = np.zeros((longest, s.structure.nu, len(pieces)))
+    y = np.zeros((longest, s.structure.ny, len(pieces)))
+    weight = np.zeros_like(y)
+    for k, r in enumerate(pieces):
+        u[: len(r), :, k], y[: len(r), :, k] = r.u, r.y
+        weight[: len(r), :, k] = 1.0 / problem.scales
+    weight /= np.sqrt(np.count_nonzero(weight))
+    x0 = np.stack([problem.states(problem.initial_guess(t)) for t in thetas])
+    where = np.flatnonzero(free)
+    typical = np.asarray(thetas[0])
+    spread = s.structure.physics.by_entry(lambda c: c.spread)
+    c = Coordinates.of(s.lower[where], s.upper[where], typical[where], spread[where])
+    residual, slopes = _screened(structure.physics.bare(), len(where))
+    z0 = np.stack([c.z(t[where]) for t in thetas])
+    shared = (u, y, weight, sampling.h, sampling.steps, where, tuple(c))
+    endings = many_starts(
+        residual, z0, (np.stack(thetas), x0), shared, START_ROUNDS, jacobian=slopes
+    )
+    ends = []
+    for t, end in zip(thetas, endings, strict=True):
+        theta = t.copy()
+        if np.all(np.isfinite(end.z)):
+            theta[where] = np.clip(c.theta(np, end.z), s.lower[where], s.upper[where])
+        ends.append(theta)
+    return ends, [(e.cost, e.iterations) for e in endings]
+
+
+@lru_cache(maxsize=16)
+def _screened(physics: Physics, n: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Free-run errors of one start over z (n,) and their slopes, as ``many_starts`` takes them.
+
+    The slopes are differences, all runs side by side: exact ones took three times as long to
+    compile, and here starts are only compared.
+    """
+
+    def residual(xp: Any, lax: Any, z: Any, start: Any, shared: Any) -> Any:
+        base, x = start
+        inputs, measured, weights, h, steps, where, c = shared
+        theta = base.at[where].set(Coordinates(*c).theta(xp, z))
+        _, (_, out) = scan(physics, xp, lax, theta, x, inputs, h, steps)
+        return ((measured - out) * weights).ravel()
+
+    def slopes(xp: Any, lax: Any, z: Any, start: Any, shared: Any) -> Any:
+        from sysid.fitting.compiled import jax_module
+
+        moves = xp.concatenate([xp.zeros((1, n)), DIFFERENCE * xp.eye(n)])
+        errors = jax_module().vmap(lambda d: residual(xp, lax, z + d, start, shared))(moves)
+        kept = xp.clip(xp.nan_to_num(errors, nan=LARGE), -LARGE, LARGE)
+        return ((kept[1:] - kept[:1]) / DIFFERENCE).T
+
+    return residual, slopes
+
+
+def _decimation(s: Setting, theta: Array) -> int:
+    """How many samples may be taken as one while starts are compared."""
+    total = sum(len(r) for r in s.records)
+    dt = s.structure.sampling.dt
+    room = s.structure.physics.time_scale(theta, dt) / (SAMPLES_IN_TIME_CONSTANT * dt)
+    return int(max(min(total // START_SAMPLES, room), 1))
+
+
+def cost_of(r: Array) -> float:
+    """½‖r‖², infinite where the run diverged."""
+    value = loss(r)
+    return value if value < DIVERGED else float("inf")

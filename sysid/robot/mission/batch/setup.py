@@ -1,0 +1,234 @@
+"""A mission, its plant variants and its variation; single runs in NumPy."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.robot.mission.batch.sampler import Sampler, Samples
+from sysid.robot.mission.batch.varied_plant import FixedPlant, ModelPlant, VariedPlant
+from sysid.robot.mission.contracts import Scene, SteppablePlant
+from sysid.robot.mission.loop import CommandShaper
+from sysid.robot.mission.noise import generator
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.simulator import check_robot, scene_of, shaper_of, simulate
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.mapping import as_robot
+from sysid.robot.mission.tracks.robot_plant import RobotPlant
+from sysid.robot.mission.tracks.settling import settle
+from sysid.robot.mission.variation import QUANTITIES, Variation
+from sysid.structures.model import Model
+
+
+@dataclass(frozen=True, eq=False)
+class PlantVariant:
+    """One plant wired as a robot, and how its runs are drawn.
+
+    Wiring and scales are those of the estimated plant in every run: they say what its numbers
+    mean. Only the state at rest follows the run's own parameters.
+
+    Attributes:
+        robot: the robot of the estimated plant.
+        settling_steps: samples without drive after which it is at rest; 0 where it rests as it is.
+    """
+
+    sampler: Sampler
+    robot: RobotPlant
+    warnings: tuple[str, ...]
+    settling_steps: int
+
+    @staticmethod
+    def of(plant: VariedPlant, mission: Mission, variation: Variation) -> "PlantVariant":
+        """The plant wired for a mission."""
+        nominal = plant.plant(plant.theta)
+        robot, warnings = as_robot(nominal, mission)
+        check_robot(mission, robot)
+        state = nominal.initial_state()
+        fresh = np.array((state, state)) if robot.twins else state
+        settling_steps = 0
+        if not np.array_equal(robot.rest, fresh):
+            settling_steps = len(settle(nominal, state, robot.centre).response)
+        return PlantVariant(Sampler(mission, plant, variation), robot, warnings, settling_steps)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene of the mission, with what control knows of the estimated plant."""
+        return scene_of(self.sampler.mission, self.robot)
+
+    @cached_property
+    def shaper(self) -> CommandShaper:
+        """What makes PWM of commands, by the estimated plant."""
+        return shaper_of(self.sampler.mission, self.robot)
+
+    @property
+    def slips(self) -> bool:
+        """Whether slip varies."""
+        return self.sampler.slips
+
+    def robot_of(self, theta: Any, slip: Any) -> RobotPlant:
+        """The robot with a run's numbers, of NumPy or traced; it stands where nothing moved yet."""
+        plant = self.sampler.plant.plant(theta)
+        state = plant.initial_state()
+        fresh = np.array((state, state)) if self.robot.twins else state
+        return replace(self.robot, plant=plant, rest=fresh, slip=slip if self.slips else None)
+
+    def resting(self, theta: Array, slip: float) -> RobotPlant:
+        """The robot with a run's numbers of NumPy, at rest without drive."""
+        robot = self.robot_of(theta, slip)
+        state = robot.initial_state()
+        for _ in range(self.settling_steps):
+            state, _ = robot.step(state, np.zeros(2))
+        return replace(robot, rest=state)
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What many runs of one mission have in common.
+
+    Attributes:
+        plants: what may drive it, one or several of a comparison.
+        variation: what varies; several plants where it says so.
+    """
+
+    mission: Mission
+    plants: tuple[VariedPlant, ...]
+    variation: Variation
+
+    @staticmethod
+    def of(
+        mission: Mission,
+        plants: Sequence[Model | SteppablePlant],
+        vary: Sequence[str] | None = None,
+    ) -> "Setup":
+        """The setup of a mission as its file has it.
+
+        Args:
+            mission: nominal; its ``vary`` says what varies and by how much.
+            plants: fitted models, or plants that are the same in every run; the first is nominal.
+            vary: names of what varies instead.
+
+        Raises:
+            UsageError: a name is not known.
+        """
+        variation = mission.vary if vary is None else mission.vary.of(vary)
+        kept = plants if variation.models else plants[:1]
+        return Setup(
+            mission,
+            tuple(
+                ModelPlant(p, variation.parameters or 1.0)
+                if isinstance(p, Model)
+                else FixedPlant(p)
+                for p in kept
+            ),
+            variation,
+        )
+
+    def __reduce__(self) -> tuple[type["Setup"], tuple[Any, ...]]:
+        """Without what was worked out from it, to be sent to another process."""
+        plants = tuple(replace(p) for p in self.plants)
+        return Setup, (self.mission, plants, self.variation)
+
+    @cached_property
+    def plant_variants(self) -> tuple[PlantVariant, ...]:
+        """Every plant, wired."""
+        return tuple(PlantVariant.of(p, self.mission, self.variation) for p in self.plants)
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Names of what differs between the runs, as a user asks for them."""
+        there = {name.partition(".")[0].partition("[")[0] for name, _ in self._varying}
+        if self.variation.noise and self.plant_variants[0].scene.sensors:
+            there.add("noise")
+        if len(self.plants) > 1:
+            there.add("models")
+        return tuple(name for name in QUANTITIES if name in there)
+
+    @property
+    def _varying(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
+        return tuple(v for d in self.plant_variants for v in d.sampler.varying)
+
+    def notes(self, redrawn: int, pulled: int, runs: int) -> tuple[str, ...]:
+        """Sentences about what was assumed, and what was asked for and is not there."""
+        sentences = list(dict.fromkeys(w for d in self.plant_variants for w in d.warnings))
+        if self.variation.models and len(self.plants) == 1:
+            sentences.append("Models do not vary, because there is one plant.")
+        if self.variation.parameters:
+            sentences += [_unknown(p) for p in self.plants if p.unknown]
+            sentences += [
+                f"The parameters of {p.name} do not vary, because they have no covariance; fit "
+                "and export the model again."
+                for p in self.plants
+                if not p.size
+            ]
+        if redrawn:
+            share = redrawn / (redrawn + runs)
+            sentences.append(
+                f"{100 * share:.2g} % of the draws could not be driven (an unstable plant, a "
+                "parameter out of its bounds, a start or goal inside an obstacle) and were "
+                "replaced; the results hold for drivable runs only."
+            )
+        if pulled:
+            sentences.append(
+                f"In {100 * pulled / runs:.2g} % of the runs some parameters of the plant stay "
+                "nearer to their estimates than their standard errors say, because its log leaves "
+                "them undetermined and the plant would be unstable; lower orders leave fewer."
+            )
+        return tuple(sentences)
+
+    def choice(self, seed: int) -> int:
+        """Which plant the run of a seed has: each is as likely as another."""
+        if len(self.plants) == 1:
+            return 0
+        z = float(generator(seed, "models").standard_normal())
+        return min(int(len(self.plants) * _below(z)), len(self.plants) - 1)
+
+    def noise_seed(self, seed: int) -> int:
+        """Of a run's sensor noise; that of a single run where noise does not vary."""
+        return seed if self.variation.noise else 0
+
+    def alone(self, seed: int) -> tuple[Mission, RobotPlant, int]:
+        """Mission, robot and noise seed of one run, for NumPy."""
+        variant = self.plant_variants[self.choice(seed)]
+        samples = variant.sampler.draw([seed])
+        robot = variant.resting(samples.theta[0], float(samples.slip[0]))
+        return varied_mission(variant.sampler, samples), robot, self.noise_seed(seed)
+
+    def simulated(self, seed: int) -> MissionResult:
+        """One run, as :func:`sysid.robot.mission.simulator.simulate` gives it.
+
+        Raises:
+            ModelError: its plant runs away.
+        """
+        mission, robot, noise = self.alone(seed)
+        return simulate(mission, robot, noise, self.known(seed))
+
+    def known(self, seed: int) -> RobotPlant:
+        """The robot that control takes a run's for: that of the estimated plant."""
+        return self.plant_variants[self.choice(seed)].robot
+
+
+def varied_mission(sampler: Sampler, samples: Samples) -> Mission:
+    """The mission of the first of some runs."""
+    mission = sampler.mission
+    changed: dict[str, Any] = {}
+    if sampler.variation.start:
+        changed["start"] = tuple(samples.start[0].tolist())
+    if sampler.moves_obstacles:
+        pairs = zip(mission.obstacles, samples.obstacles[0].tolist(), strict=True)
+        changed["obstacles"] = tuple(o.model_copy(update={"x": x, "y": y}) for o, (x, y) in pairs)
+    varied = mission.model_copy(update=changed)
+    return varied.with_physics(sampler.physics.overrides(samples.physics[0].tolist()))
+
+
+def _unknown(plant: VariedPlant) -> str:
+    names = ", ".join(plant.unknown[:5]) + (" …" if len(plant.unknown) > 5 else "")
+    return f"The data do not determine {names} of {plant.name}; every run keeps their values."
+
+
+def _below(z: float) -> float:
+    from math import erfc, sqrt
+
+    return 0.5 * erfc(-z / sqrt(2.0))

@@ -1,0 +1,139 @@
+"""Runs of one mission and one plant with everything drawn that varies."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from sysid.errors import ModelError, SysidError
+from sysid.fitting.compiled import jax_module
+from sysid.robot.mission.batch.clock import Block
+from sysid.robot.mission.batch.runner import BatchRunner
+from sysid.robot.mission.batch.sampler import Samples
+from sysid.robot.mission.batch.setup import Setup
+from sysid.robot.mission.contracts import Pose, Scene
+from sysid.robot.mission.loop import Loop, LoopState
+from sysid.robot.mission.monte_carlo.figures import NOTHING, Figures, figures_of
+from sysid.robot.mission.simulator import closed_loop
+from sysid.vehicle.kinematics import wrap_angle
+
+
+class Numbers(NamedTuple):
+    """What a compiled run takes: one row of :class:`Samples`."""
+
+    theta: Any
+    start: Any
+    obstacles: Any
+    slip: Any
+    physics: Any
+
+
+@dataclass(frozen=True, eq=False)
+class VariedRuns(BatchRunner):
+    """Runs with parameters, start, obstacles, slip and physics of their own."""
+
+    figures: ClassVar[Callable[..., Any]] = Figures
+
+    def of(
+        self, samples: Samples, seen: Callable[[Block, tuple[Any, Any]], None] | None = None
+    ) -> Figures:
+        """Run samples to their ends.
+
+        Args:
+            samples: at most ``batch_size`` runs.
+            seen: takes each block with its verdicts (BLOCK, batch_size) and X, Y [m], ψ [rad],
+                (BLOCK, 3, batch_size).
+        """
+        numbers = Numbers(*(getattr(samples, f) for f in Numbers._fields))
+        seeds = [self.setup.noise_seed(s) for s in samples.seeds]
+        figures: Figures = self.run(numbers, seeds, seen)
+        return figures
+
+    @property
+    def example(self) -> Numbers:
+        mission, plant = self.setup.mission, self.variant.sampler.plant
+        obstacles = np.array([(o.x, o.y) for o in mission.obstacles]).reshape(-1, 2)
+        physics = self.variant.sampler.physics.nominal
+        return Numbers(plant.theta, np.array(mission.start), obstacles, np.float64(0.0), physics)
+
+    def loop(self, numbers: Numbers) -> Loop:
+        variant, xp = self.variant, jax_module().numpy
+        robot = variant.robot_of(numbers.theta, numbers.slip)
+        return closed_loop(self.setup.mission, robot, self._scene(numbers), xp, variant.shaper)
+
+    def _scene(self, numbers: Numbers) -> Scene:
+        scene = self.variant.scene
+        if self.setup.variation.start:
+            x, y, psi = (numbers.start[k] for k in range(3))
+            scene = scene._replace(start=Pose(x, y, wrap_angle(psi)))
+        if self.variant.sampler.moves_obstacles:
+            moved = (
+                o._replace(x=numbers.obstacles[k, 0], y=numbers.obstacles[k, 1])
+                for k, o in enumerate(scene.obstacles)
+            )
+            scene = scene._replace(obstacles=tuple(moved))
+        physics = self.variant.sampler.physics
+        if physics.size:
+            scene = physics.scene(scene, [numbers.physics[k] for k in range(physics.size)])
+        return scene
+
+    def after_sample(self, loop: Loop, state: LoopState, verdict: Any) -> Figures:
+        jnp = jax_module().numpy
+        pose, progress = state.body.pose, state.progress
+        (x0, y0, _), (xg, yg) = loop.scene.start, loop.scene.goal
+        dx, dy, length = pose.x - x0, pose.y - y0, jnp.hypot(xg - x0, yg - y0)
+        along = length > 0.0  # no line: the distance from the point itself
+        aside = jnp.abs(dy * (xg - x0) - dx * (yg - y0)) / jnp.where(along, length, 1.0)
+        aside = jnp.where(along, aside, jnp.hypot(dx, dy))
+        driven = progress.path_length, progress.clearance
+        return Figures(verdict, 0.0, *pose, *driven, aside)  # type: ignore[arg-type]
+
+    def added(self, before: Figures, seen: Figures) -> Figures:
+        farthest = jax_module().numpy.maximum(before.max_deviation_m, seen.max_deviation_m)
+        return seen._replace(max_deviation_m=farthest)
+
+    def shown(self, figures: Figures, row: Any) -> tuple[Any, Any]:
+        return figures.verdict, jax_module().numpy.stack([figures.x, figures.y, figures.psi])
+
+
+def figures_alone(setup: Setup, seed: int) -> tuple[float, ...]:
+    """Figures of one run, driven alone in NumPy; those of a failed run where it cannot end."""
+    try:
+        return figures_of(setup.simulated(seed))
+    except ModelError:
+        return NOTHING
+
+
+def why_not_at_once(setup: Setup) -> str:
+    """What keeps the runs of a setup from going side by side; empty for nothing.
+
+    A law or a plant that takes its numbers for Python's, by ``if``, ``float`` or a function of
+    NumPy, can be run and not traced.
+    """
+    for which in range(len(setup.plants)):
+        try:
+            VariedRuns(setup, which, 1).check()
+        except SysidError as error:
+            return str(error)
+        except Exception as error:  # whatever a law of another package raises on traced numbers
+            first = str(error).strip().partition("\n")[0]
+            return f"{_culprit(setup, which, error)} cannot be compiled ({first})"
+    return ""
+
+
+def _culprit(setup: Setup, which: int, error: BaseException) -> str:
+    """The part whose method was running when it failed."""
+    mission, variant = setup.mission, setup.plant_variants[which]
+    parts = {
+        type(getattr(mission, role)): f"the law of {role}"
+        for role in ("guidance", "control", "navigation", "motion")
+    }
+    parts |= {type(s): f"the sensor {name}" for name, s in variant.scene.sensors.items()}
+    plant = f"the plant {setup.plants[which].name}"
+    parts |= {type(variant.robot): plant, type(setup.plants[which]): plant}
+    culprit, place = "the loop of the mission", error.__traceback__
+    while place is not None:
+        culprit = parts.get(type(place.tb_frame.f_locals.get("self")), culprit)
+        place = place.tb_next
+    return culprit
