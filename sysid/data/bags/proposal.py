@@ -31,6 +31,10 @@ MEASUREMENT_WORDS = word_set(
     "velocity imu gyro output y pose sensor"
 )
 """Words of a topic that measures."""
+COMMANDS = word_set("Twist TwistStamped AckermannDrive AckermannDriveStamped")
+NO_COMMANDS = word_set("Odometry Imu Clock TFMessage Pose PoseStamped NavSatFix Time")
+NO_OUTPUTS = word_set("Clock TFMessage Time Pose PoseStamped PoseWithCovarianceStamped")
+"""Types of messages that command, that never do, and that no plant puts out."""
 MOST_FIELDS = 4
 """Inputs, and outputs, that are proposed at most."""
 MOST_PAIRS = 3
@@ -107,26 +111,11 @@ def _best(candidates: Any) -> list[_Candidate]:
 def _as_input(topic: Topic) -> _Candidate | None:
     kind = topic.kind.rpartition("/")[2]
     name_words = set(words(topic.name))
-    if kind in (
-        "Odometry",
-        "Imu",
-        "Clock",
-        "TFMessage",
-        "Pose",
-        "PoseStamped",
-        "NavSatFix",
-        "Time",
-    ):
+    commands = bool(COMMAND_WORDS & name_words)
+    if kind in NO_COMMANDS or (kind == "JointState" and not commands):
         return None
-    if kind == "JointState" and not COMMAND_WORDS & name_words:
-        return None
-    typed = kind in ("Twist", "TwistStamped", "AckermannDrive", "AckermannDriveStamped")
-    score = (
-        NAMED
-        if COMMAND_WORDS & name_words
-        else TYPED * typed - NAMED * bool(MEASUREMENT_WORDS & name_words)
-    )
-    return _Candidate(topic, _main(topic, kind), score)
+    score = TYPED * (kind in COMMANDS) - NAMED * bool(MEASUREMENT_WORDS & name_words)
+    return _Candidate(topic, _main(topic, kind), NAMED if commands else score)
 
 
 def _as_output(topic: Topic) -> _Candidate | None:
@@ -134,7 +123,7 @@ def _as_output(topic: Topic) -> _Candidate | None:
     name_words = set(words(topic.name))
     if COMMAND_WORDS & name_words and not MEASUREMENT_WORDS & name_words:
         return None
-    if kind in ("Clock", "TFMessage", "Time", "Pose", "PoseStamped", "PoseWithCovarianceStamped"):
+    if kind in NO_OUTPUTS:
         return None
     score = NAMED * bool(MEASUREMENT_WORDS & name_words)
     score += {"JointState": TYPED, "Odometry": TYPED, "Imu": 0.5 * TYPED}.get(kind, 0.0)

@@ -7,7 +7,6 @@ lags are looked at as well. The lags found are coarse: they say where a regressi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,24 +37,16 @@ RIDGE = 1e-3
 chirps) would else be whitened to noise."""
 
 
-@dataclass(frozen=True)
-class Window:
-    """Lags first … last within which an input is first seen in an output."""
-
-    first: int
-    last: int
-
-
 MARGIN = 8
 """Lags on either side of a window in which the response may begin, and which a regression takes."""
 
 
-def far_lags(windows: Sequence[Window | None], near: int) -> NDArray[np.int64]:
-    """Lags around the windows that reach beyond the lags 0 … ``near``, in order; often none."""
+def far_lags(windows: Sequence[range | None], near: int) -> NDArray[np.int64]:
+    """Lags around windows of lags that reach beyond the lags 0 … ``near``, in order; often none."""
     ranges = [
-        np.arange(max(w.first - MARGIN, near + 1), w.last + MARGIN + 1)
+        np.arange(max(w[0] - MARGIN, near + 1), w[-1] + MARGIN + 1)
         for w in windows
-        if w is not None and w.last + MARGIN > near and w.last > NEAR
+        if w is not None and w[-1] + MARGIN > near and w[-1] > NEAR
     ]
     return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *ranges]))
 
@@ -65,10 +56,10 @@ def longest_delay(records: Sequence[Record]) -> int:
     return max(min(len(r) for r in records) // SHARE, 0)
 
 
-def first_seen(records: Sequence[Record]) -> list[list[Window | None]]:
+def first_seen(records: Sequence[Record]) -> list[list[range | None]]:
     """Where each input is first seen in each output, [output][input]; None for nowhere."""
     ny, nu = records[0].ny, records[0].nu
-    windows: list[list[Window | None]] = [[None] * nu for _ in range(ny)]
+    windows: list[list[range | None]] = [[None] * nu for _ in range(ny)]
     most = longest_delay(records)
     if most < 2:
         return windows
@@ -89,7 +80,7 @@ def _filtered(white: Array, x: Array) -> Array:
     return np.asarray(np.convolve(white, x)[: len(x)])
 
 
-def _window(us: Sequence[Array], ys: Sequence[Array], most: int) -> Window | None:
+def _window(us: Sequence[Array], ys: Sequence[Array], most: int) -> range | None:
     """The first lags whose sum is beyond chance and not small beside the largest."""
     tried = [(_sizes(us, ys, most, w), w) for w in WIDTHS]
     size, width = max(tried, key=lambda t: float(t[0].max()))
@@ -97,7 +88,7 @@ def _window(us: Sequence[Array], ys: Sequence[Array], most: int) -> Window | Non
     if not float(size.max()) >= chance:
         return None
     first = int(np.flatnonzero(size >= max(chance, CLEAR * float(size.max())))[0])
-    return Window(first, first + width - 1)
+    return range(first, first + width)
 
 
 def _sizes(us: Sequence[Array], ys: Sequence[Array], most: int, width: int) -> Array:

@@ -18,7 +18,7 @@ from sysid.data.decision import amount
 from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.between_rows import (
-    Lookup,
+    held_at,
     is_event_log,
     spanned,
     zero_order_hold_names,
@@ -163,10 +163,10 @@ def _brought(
     by_events = is_event_log(log.t, at[order])
     still = tuple(n for n in known if n not in find_pose(tuple(known)).names)
     kept = zero_order_hold_names({n: known[n][order] for n in still}, by_events)
-    steps = [Lookup.of(log.t, at[order], raw[n][order]) for n in kept]
+    steps = {n: held_at(log.t, at[order], raw[n][order]) for n in kept}
     rows = np.ones(len(log.t), dtype=bool) if by_events else _covered(log.t, at[order])
-    for step in steps:
-        rows &= step.covered
+    for _, there in steps.values():
+        rows &= there
     if by_events and len(kept) < len(known):
         rows &= _covered(log.t, at[order])
     if (count := int(np.count_nonzero(rows))) < MIN_COVERED_ROWS:
@@ -175,7 +175,7 @@ def _brought(
             f"{log.t[0]:.6g} to {log.t[-1]:.6g} s and the other, on its clock, from {at[0]:.6g} "
             f"to {at[-1]:.6g} s; give the shift of the clocks with `join_offset=SECONDS`"
         )
-    columns = {n: step.values[rows] for n, step in zip(kept, steps, strict=True)}
+    columns = {n: values[rows] for n, (values, _) in steps.items()}
     for name in (n for n in known if n not in kept):
         series, period, low = without_turns(known[name])
         on_log = np.interp(log.t[rows], at[order], series[order])
