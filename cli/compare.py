@@ -3,9 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from sysid.criteria.table import BUILT_IN
 from sysid.errors import UsageError
@@ -14,6 +12,7 @@ from sysid.workspace.store import StoredModel, Workspace
 
 from . import fit_options, reading, render, targets
 from .fit_report import residual_words
+from .options import argument, command, group, option
 from .read_as import decided, show_decisions
 
 if TYPE_CHECKING:
@@ -25,41 +24,26 @@ if TYPE_CHECKING:
     from sysid.estimation.selection.cross_validation import CrossValidation
 
 
-@reading.composed(policy=fit_options.judging, read=reading.read_options)
+@command
 def compare(
-    models: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[MODEL]...", help="Model ids [all of the workspace]."),
-    ] = None,
-    criterion: Annotated[
-        str,
-        typer.Option(
-            "--criteria",
-            metavar="NAME",
-            help=f"Ranking criterion: {', '.join(BUILT_IN)}, or one of another package.",
-        ),
-    ] = "fit",
-    validation: Annotated[
-        list[Path] | None,
-        typer.Option("--val", metavar="LOG", help="Validation log; repeatable."),
-    ] = None,
-    folds: Annotated[
-        int | None,
-        typer.Option(
-            "--folds",
-            metavar="K",
-            min=2,
-            help="Also cross-validate with K folds: each model is refitted without one block.",
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE", help="Draw the ranking: .svg or .png.")
-    ] = None,
-    *,
-    policy: "Policy",
-    read: "ReadOptions",
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    models: list[str] | None = argument(
+        "[MODEL]...", "Model ids [all of the workspace].", default=None
+    ),
+    criterion: str = option(
+        "NAME",
+        f"Ranking criterion: {', '.join(BUILT_IN)}, or one of another package.",
+        "--criteria",
+        default="fit",
+    ),
+    validation: list[Path] | None = option("LOG", "Validation log; repeatable.", "--val"),
+    folds: int | None = option(
+        "K", "Also cross-validate with K folds: each model is refitted without one block.", min=2
+    ),
+    plot: Path | None = targets.picture("Draw the ranking: .svg or .png."),
+    policy: "Policy" = group(fit_options.Judging),
+    read: "ReadOptions" = group(reading.Reading),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Rank the models of the workspace by one criterion, on equal terms."""
     from sysid.criteria.table import known_name
@@ -67,7 +51,6 @@ def compare(
     from sysid.estimation.selection.comparison import compare as rank
 
     criterion = known_name(criterion)
-    targets.check_picture(plot)
     store = Workspace(workspace)
     unreadable: dict[str, str] = {}
     if models:
@@ -88,7 +71,7 @@ def compare(
     read_as = decided(judged_on[0] if judged_on else ())
     store.remember("best", ranking.best.contender.id)
     if plot is not None:
-        from .pictures import draw_ranking
+        from sysid.report.fits import draw_ranking
 
         draw_ranking(plot, ranking)
     if json:
@@ -166,10 +149,8 @@ def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path
     if kinds:
         parts = (f"{', '.join(structures)}: {tells}" for tells, structures in kinds.items())
         render.say(f"What the models reveal: {'; '.join(parts)}.")
-    for sentence in (*ranking.notes, *ranking.excluded.values()):
-        render.warn(f"! {sentence}")
-    if plot is not None:
-        render.say(f"Picture: {plot}")
+    render.cautions((*ranking.notes, *ranking.excluded.values()))
+    render.files({"plot": plot}, plot="Picture")
     render.say(f"Best: {first.contender.id}. Next: sysid export.", "bold")
 
 

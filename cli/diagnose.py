@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from sysid.errors import UsageError
 from sysid.workspace.logs import as_fitted, judged_on
@@ -14,7 +12,8 @@ from . import fit_options, reading, render, targets
 from .diagnose_files import keep_models, write_results
 from .diagnose_report import show
 from .field_options import with_options
-from .mission_options import Driven, driven
+from .mission_options import Driven, DriveOptions
+from .options import command, group, option
 from .read_as import decided, show_decisions
 
 if TYPE_CHECKING:
@@ -26,41 +25,28 @@ if TYPE_CHECKING:
     from sysid.structures.model import Model
 
 
-@reading.composed(drive=driven, steps=reading.preparation, read=reading.read_options)
+@command
 def diagnose(
-    logs: reading.Logs,
-    model: Annotated[
-        str | None,
-        typer.Option(
-            "--model",
-            metavar="ID",
-            help="Model to diagnose [the workspace's best for these channels, else a baseline].",
-        ),
-    ] = None,
-    validation: Annotated[
-        list[Path] | None,
-        fit_options.judging_option(
-            "--val", "LOG", "Validation log; without it the logs are split. Again for more."
-        ),
-    ] = None,
-    bench: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Written by `sysid bench power -o FILE`: effects of battery and bridge are sought "
-            "near its values.",
-        ),
-    ] = None,
-    *,
-    drive: Driven,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="DIR", help="Output folder [WORKSPACE/diagnosis]."),
-    ] = None,
-    steps: "Preparation",
-    read: "ReadOptions",
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    logs: list[Path] = reading.LOGS,
+    model: str | None = option(
+        "ID", "Model to diagnose [the workspace's best for these channels, else a baseline]."
+    ),
+    validation: list[Path] | None = fit_options.judging_option(
+        "LOG", "Validation log; without it the logs are split. Again for more.", "--val"
+    ),
+    bench: Path | None = option(
+        "FILE",
+        "Written by `sysid bench power -o FILE`: effects of battery and bridge are sought "
+        "near its values.",
+    ),
+    drive: Driven = group(DriveOptions),
+    output: Path | None = targets.target(
+        "DIR", "Output folder [WORKSPACE/diagnosis].", "-o", "--out"
+    ),
+    steps: "Preparation" = group(reading.Preparing),
+    read: "ReadOptions" = group(reading.Reading),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Localise the errors of a model on a log, select the missing effects, add and validate them.
 
@@ -68,8 +54,6 @@ def diagnose(
     next experiments (next_*.csv) are written to a folder.
     """
     place = Workspace(workspace)
-    if output is not None:
-        targets.check(output, "-o")
     folder = _folder(output or place.diagnosis_dir, logs, validation or [])
     if drive.package is not None and model is not None:
         raise UsageError("--model and --plant both give the model to diagnose; give one of them")
@@ -186,8 +170,7 @@ def _run(
     from sysid.effects.measured import measured_keys, read_measured
 
     measured = None if bench is None else read_measured(bench)
-    for note in drive.package.notes if drive.package else ():
-        render.warn(f"! {note}")
+    render.cautions(drive.package.notes if drive.package else ())
     for record in (*data.records, *(holdout or ())):
         if data.model is not None:
             data.model.check(record)

@@ -22,8 +22,7 @@ def show(
     render.reading(result.reading)
     if result.geometry is not None:
         render.say(result.geometry.sentence, "bold")
-    for change in result.changes:
-        render.warn(f"! {change}")
+    render.cautions(result.changes)
     render.say(headline(result), "bold")
     if story(result):
         render.say(story(result))
@@ -34,8 +33,7 @@ def show(
     _logs(result)
     _added(result, before, after)
     _shrunk(result)
-    for sentence in result.warnings:
-        render.warn(f"! {sentence}")
+    render.cautions(result.warnings)
     _next(result, before, after, folder, holdout)
 
 

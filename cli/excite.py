@@ -1,14 +1,14 @@
 """``sysid excite``: PWM schedules for informative logs."""
 
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 
 from . import reading, render, targets
+from .options import argument, changed, command, group, option
 
 if TYPE_CHECKING:
     from sysid.data.excitation import Schedule
@@ -32,69 +32,44 @@ class Tracks(StrEnum):
     OPPOSITE = "opposite"
 
 
-def shape(
-    duration: Annotated[float | None, typer.Option(metavar="S", help="Length [s].")] = None,
-    dt: Annotated[float, typer.Option(metavar="S", help="Sample time [s].")] = 0.1,
-    amplitude: Annotated[
-        float | None, typer.Option(metavar="US", help="Largest PWM, up to 20000 [µs].")
-    ] = None,
-    clock: Annotated[
-        int | None, typer.Option(metavar="N", help="prbs: shortest time at a level, in samples.")
-    ] = None,
-    offset: Annotated[
-        float | None, typer.Option(metavar="US", help="prbs: mean of the levels [µs].")
-    ] = None,
-    band: Annotated[
-        tuple[float, float] | None,
-        typer.Option(metavar="LOW HIGH", help="multisine, chirp: frequencies [Hz]."),
-    ] = None,
-    levels: Annotated[
-        int | None, typer.Option(metavar="N", help="steps, pulses: number of levels.")
-    ] = None,
-    hold: Annotated[
-        tuple[float, float] | None,
-        typer.Option(metavar="MIN MAX", help="steps: time a level is held [s]."),
-    ] = None,
-    on: Annotated[
-        float | None, typer.Option(metavar="S", help="pulses: time each is driven [s].")
-    ] = None,
-    pause: Annotated[
-        float | None, typer.Option(metavar="S", help="pulses: time at rest between them [s].")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, metavar="N", help="prbs, multisine, steps: random seed.")
-    ] = None,
-) -> dict[str, Any]:
-    """The options of the schedule that were given, by the names of the designs' arguments."""
-    given = {
-        "dt": dt, "duration": duration, "amplitude": amplitude, "clock": clock, "offset": offset,
-        "band": band, "levels": levels, "hold": hold, "on": on, "pause": pause, "seed": seed,
-    }  # fmt: skip
-    return {name: value for name, value in given.items() if value is not None}
+@dataclass(frozen=True)
+class Shape:
+    """What a schedule looks like; each design has some of these."""
+
+    duration: float | None = option("S", "Length [s].")
+    dt: float = option("S", "Sample time [s].", default=0.1)
+    amplitude: float | None = option("US", "Largest PWM, up to 20000 [µs].")
+    clock: int | None = option("N", "prbs: shortest time at a level, in samples.")
+    offset: float | None = option("US", "prbs: mean of the levels [µs].")
+    band: tuple[float, float] | None = option("LOW HIGH", "multisine, chirp: frequencies [Hz].")
+    levels: int | None = option("N", "steps, pulses: number of levels.")
+    hold: tuple[float, float] | None = option("MIN MAX", "steps: time a level is held [s].")
+    on: float | None = option("S", "pulses: time each is driven [s].")
+    pause: float | None = option("S", "pulses: time at rest between them [s].")
+    seed: int | None = option("N", "prbs, multisine, steps: random seed.", min=0)
+
+    def made(self) -> dict[str, Any]:
+        """The options that were given, by the names of the designs' arguments."""
+        return {"dt": self.dt, **changed(self)}
 
 
-@reading.composed(options=shape)
+@command
 def excite(
-    design: Annotated[Design, typer.Argument(help="Kind of schedule.")],
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help="CSV to write [schedule_DESIGN.csv]."),
-    ] = None,
-    *,
-    options: dict[str, Any],
-    tracks: Annotated[
-        Tracks | None, typer.Option(help="Commands of the two tracks [independent; pulses: equal].")
-    ] = None,
-    names: Annotated[
-        list[str] | None, typer.Option("--input", metavar="NAME", help="Names of the inputs.")
-    ] = None,
-    json: reading.Json = False,
+    design: Design = argument(None, "Kind of schedule."),
+    output: Path | None = targets.target(
+        "FILE", "CSV to write [schedule_DESIGN.csv].", "-o", "--out"
+    ),
+    options: dict[str, Any] = group(Shape),
+    tracks: Tracks | None = option(
+        None, "Commands of the two tracks [independent; pulses: equal]."
+    ),
+    names: list[str] | None = option("NAME", "Names of the inputs.", "--input"),
+    json: bool = reading.JSON,
 ) -> None:
     """Write a PWM schedule that excites the plant well."""
     from sysid.data.excitation import write_schedule
 
     path = output or Path(f"schedule_{design.value}.csv")
-    targets.check(path, "-o")
     schedule = _schedule(design, options, tracks, tuple(names or ()))
     facts = _facts(schedule, design, write_schedule(schedule, path))
     render.document(facts) if json else _show(facts)
@@ -111,7 +86,6 @@ def _schedule(
     design: Design, options: dict[str, Any], tracks: Tracks | None, names: tuple[str, ...]
 ) -> "Schedule":
     """The schedule asked for; options that the design does not have are refused."""
-    from dataclasses import replace
     from inspect import signature
 
     import numpy as np

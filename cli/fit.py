@@ -2,9 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.workspace.logs import judged_on
 from sysid.workspace.store import StoredModel, Workspace
@@ -12,7 +10,8 @@ from sysid.workspace.store import StoredModel, Workspace
 from . import fit_options, reading, render, targets
 from .fit_report import show
 from .live.follow import Followed, check_alone, follow, stopping
-from .live.options import Following, following
+from .live.options import Following
+from .options import command, group, option
 from .read_as import decided, show_decisions
 
 if TYPE_CHECKING:
@@ -24,73 +23,43 @@ if TYPE_CHECKING:
     from sysid.fitting.options import FitOptions
 
 
-@reading.composed(
-    options=fit_options.estimation,
-    policy=fit_options.judging,
-    steps=reading.preparation,
-    read=reading.read_options,
-    how=following,
-)
+@command
 def fit(
-    logs: reading.Logs,
-    structures: Annotated[
-        str | None,
-        fit_options.fitting_option(
-            "--structure",
-            "NAME",
-            "Structures such as oe,narx-wavelet [the four linear ones].",
-        ),
-    ] = None,
-    orders: Annotated[
-        str | None,
-        fit_options.fitting_option(
-            "--orders",
-            "TEXT",
-            '"na=2 nb=2 nk=1", matrices "na=1,0;0,1", ranges "na=1:4"; '
-            '"arx: na=2 nb=2; oe: nb=2 nf=2" [searched].',
-        ),
-    ] = None,
-    validation: Annotated[
-        list[Path] | None,
-        fit_options.judging_option(
-            "--val", "LOG", "Validation log, never used to choose a model; repeatable."
-        ),
-    ] = None,
-    split: Annotated[
-        float | None,
-        fit_options.judging_option(
-            "--split", "SHARE", "Fit on this share of each log, validate on the rest, e.g. 0.7."
-        ),
-    ] = None,
-    criterion: Annotated[
-        str,
-        fit_options.fitting_option(
-            "--criteria", "NAME", "Criterion that ranks orders and structures: fit, aic, bic, fpe …"
-        ),
-    ] = "fit",
-    detrend: Annotated[
-        str,
-        fit_options.fitting_option(
-            "--detrend",
-            "HOW",
-            "Offsets: auto, none, level (estimated with the model), mean or linear (removed).",
-        ),
-    ] = "auto",
-    plot: Annotated[
-        Path | None,
-        typer.Option("--plot", metavar="FILE", help="Draw the best model: .svg or .png."),
-    ] = None,
-    jobs: Annotated[
-        int, typer.Option("--jobs", metavar="N", min=1, help="Processes for the search.")
-    ] = 2,
-    *,
-    options: "FitOptions",
-    policy: "Policy",
-    steps: "Preparation",
-    read: "ReadOptions",
-    how: Following,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    logs: list[Path] = reading.LOGS,
+    structures: str | None = fit_options.fitting_option(
+        "NAME", "Structures such as oe,narx-wavelet [the four linear ones].", "--structure"
+    ),
+    orders: str | None = fit_options.fitting_option(
+        "TEXT",
+        '"na=2 nb=2 nk=1", matrices "na=1,0;0,1", ranges "na=1:4"; '
+        '"arx: na=2 nb=2; oe: nb=2 nf=2" [searched].',
+    ),
+    validation: list[Path] | None = fit_options.judging_option(
+        "LOG", "Validation log, never used to choose a model; repeatable.", "--val"
+    ),
+    split: float | None = fit_options.judging_option(
+        "SHARE", "Fit on this share of each log, validate on the rest, e.g. 0.7."
+    ),
+    criterion: str = fit_options.fitting_option(
+        "NAME",
+        "Criterion that ranks orders and structures: fit, aic, bic, fpe …",
+        "--criteria",
+        default="fit",
+    ),
+    detrend: str = fit_options.fitting_option(
+        "HOW",
+        "Offsets: auto, none, level (estimated with the model), mean or linear (removed).",
+        default="auto",
+    ),
+    plot: Path | None = targets.picture("Draw the best model: .svg or .png."),
+    jobs: int = option("N", "Processes for the search.", default=2, min=1),
+    options: "FitOptions" = group(fit_options.Fitting),
+    policy: "Policy" = group(fit_options.Judging),
+    steps: "Preparation" = group(reading.Preparing),
+    read: "ReadOptions" = group(reading.Reading),
+    how: Following = group(Following),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Fit models to a log, validate them, and store them in the workspace.
 
@@ -100,10 +69,9 @@ def fit(
     Without --structure every linear structure is fitted with a small order search. The best in free
     run on held-out estimation data comes first.
     """
-    with stopping(how.on) as stop:  # Ctrl-C is how following ends
+    with stopping(how.follow) as stop:  # Ctrl-C is how following ends
         from sysid.estimation.identify import Request
 
-        targets.check_picture(plot)
         files = [str(p.resolve()) for p in logs]
         origin = {"files": files, "read": read.to_json(), "prepare": steps.to_json()}
         request = Request(
@@ -120,7 +88,7 @@ def fit(
         followed: Followed | None = None
         notes: tuple[str, ...] = ()
         records: tuple[Any, ...] = ()
-        if how.on:
+        if how.follow:
             check_alone(validation, steps)
             followed = follow(logs, how, request, read, store, stop, quiet=json)
             identification, records = followed.found, followed.records
@@ -130,7 +98,7 @@ def fit(
     offsets = identification.assessments[0].model.operating_point.decision
     read_as = decided(records, offsets)
     if plot is not None:
-        from .pictures import draw_fit
+        from sysid.report.fits import draw_fit
 
         draw_fit(plot, stored[0].id, identification)
     if json:

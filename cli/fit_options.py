@@ -1,17 +1,19 @@
-"""Options of fitting and validation, declared once, as the library takes them."""
+"""Options of fitting and validation, as the library takes them."""
 
 import math
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from sysid.errors import UsageError
 
-from . import reading
+from .options import changed, in_panel, one_of, pairs
 
 if TYPE_CHECKING:
     from sysid.estimation.assessment.findings import Policy
     from sysid.fitting.options import FitOptions
 
-fitting_option, judging_option = reading.in_panel("Fitting"), reading.in_panel("Judging")
+fitting_option, judging_option = in_panel("Fitting"), in_panel("Judging")
 
 
 def names(text: str | None) -> tuple[str, ...]:
@@ -19,152 +21,119 @@ def names(text: str | None) -> tuple[str, ...]:
     return tuple(n.strip().lower() for n in (text or "").split(",") if n.strip())
 
 
-def estimation(
-    focus: Annotated[
-        str,
-        fitting_option("--focus", "WHAT", "Minimise prediction or simulation errors."),
-    ] = "prediction",
-    initial: Annotated[
-        str,
-        fitting_option(
-            "--initial", "HOW", "Initial states in the fit: auto, zero, estimated or backcast."
-        ),
-    ] = "auto",
-    fixed: Annotated[
-        list[str] | None,
-        fitting_option("--fix", "NAME=VALUE", "Fix a parameter at a value, e.g. a1=-0.9."),
-    ] = None,
-    bounds: Annotated[
-        list[str] | None,
-        fitting_option(
-            "--bound", "NAME=LOW:HIGH", "Keep a parameter between bounds, e.g. a1=-1:0."
-        ),
-    ] = None,
-    structure_options: Annotated[
-        list[str] | None,
-        fitting_option(
-            "--option", "NAME=VALUE", "Option of the structure; `sysid structures NAME` lists them."
-        ),
-    ] = None,
-    robust: Annotated[
-        bool,
-        fitting_option("--robust", None, "Detect outliers and leave them out."),
-    ] = False,
-    stable: Annotated[
-        bool,
-        fitting_option("--stable", None, "Restrict the search to stable models."),
-    ] = False,
-    method: Annotated[
-        str,
-        fitting_option(
-            "--method",
-            "NAME",
-            "Search direction: levenberg-marquardt, gauss-newton or gradient.",
-        ),
-    ] = "levenberg-marquardt",
-    max_evaluations: Annotated[
-        int | None,
-        fitting_option(
-            "--max-iterations",
-            "N",
-            "Most iterations from one start; 200 for most structures.",
-            min=1,
-        ),
-    ] = None,
-    tolerance: Annotated[
-        float | None,
-        fitting_option(
-            "--tolerance",
-            "X",
-            "Relative change of cost and step at convergence, e.g. 1e-9.",
-        ),
-    ] = None,
-) -> "FitOptions":
-    """How to fit, as every option of it says.
+def _number(text: str) -> float:
+    value = float(text)
+    if math.isnan(value):
+        raise ValueError
+    return value
 
-    Raises:
-        UsageError: an option cannot be read.
-    """
-    from sysid.fitting.marquardt import Method
-    from sysid.fitting.options import FitOptions
-    from sysid.fitting.problem import Focus, Initial
 
-    if tolerance is not None and not 0.0 < tolerance < 1.0:
-        raise UsageError(f"--tolerance is a relative change between 0 and 1, got {tolerance:g}")
-    return FitOptions(
-        focus=Focus(reading.choice(focus, [f.value for f in Focus], "--focus")),
-        initial=Initial(reading.choice(initial, [i.value for i in Initial], "--initial")),
-        robust=robust,
-        stable=stable,
-        fixed=dict(_fixed(item) for item in fixed or []),
-        bounds=dict(_bounded(item) for item in bounds or []),
-        max_evaluations=max_evaluations,
-        tolerance=tolerance,
-        method=Method(reading.choice(method, [m.value for m in Method], "--method")),
-        structure_options=dict(
-            _pair(item, "--option", "units=20") for item in structure_options or []
-        ),
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError
+    return value
+
+
+def _bounds(text: str) -> tuple[float, float]:
+    low, _, high = text.partition(":")
+    return _number(low), _number(high)
+
+
+def _fixed(given: Sequence[str]) -> dict[str, float]:
+    return pairs(given, "--fix", "NAME=VALUE with a finite number, such as a1=-0.9", _finite)
+
+
+def _bounded(given: Sequence[str]) -> dict[str, tuple[float, float]]:
+    return pairs(given, "--bound", "NAME=LOW:HIGH such as a1=-1:0", _bounds)
+
+
+def _structure_options(given: Sequence[str]) -> dict[str, str]:
+    return pairs(given, "--option", "it like units=20", str, sep=None)
+
+
+def _tolerance(value: float) -> float:
+    if not 0.0 < value < 1.0:
+        raise UsageError(f"--tolerance is a relative change between 0 and 1, got {value:g}")
+    return value
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How to fit: the library's ``FitOptions`` as a line gives them."""
+
+    focus: str = fitting_option(
+        "WHAT", "Minimise prediction or simulation errors.", default="prediction", parse=str.lower
+    )
+    initial: str = fitting_option(
+        "HOW",
+        "Initial states in the fit: auto, zero, estimated or backcast.",
+        default="auto",
+        parse=str.lower,
+    )
+    fixed: list[str] | None = fitting_option(
+        "NAME=VALUE", "Fix a parameter at a value, e.g. a1=-0.9.", "--fix", parse=_fixed
+    )
+    bounds: list[str] | None = fitting_option(
+        "NAME=LOW:HIGH", "Keep a parameter between bounds, e.g. a1=-1:0.", "--bound", parse=_bounded
+    )
+    structure_options: list[str] | None = fitting_option(
+        "NAME=VALUE",
+        "Option of the structure; `sysid structures NAME` lists them.",
+        "--option",
+        parse=_structure_options,
+    )
+    robust: bool = fitting_option(None, "Detect outliers and leave them out.", default=False)
+    stable: bool = fitting_option(None, "Restrict the search to stable models.", default=False)
+    method: str = fitting_option(
+        "NAME",
+        "Search direction: levenberg-marquardt, gauss-newton or gradient.",
+        default="levenberg-marquardt",
+        parse=str.lower,
+    )
+    max_evaluations: int | None = fitting_option(
+        "N", "Most iterations from one start; 200 for most structures.", "--max-iterations", min=1
+    )
+    tolerance: float | None = fitting_option(
+        "X", "Relative change of cost and step at convergence, e.g. 1e-9.", parse=_tolerance
     )
 
+    def made(self) -> "FitOptions":
+        """As the library takes them.
 
-def judging(
-    start: Annotated[
-        str,
-        judging_option(
-            "--initial-state",
-            "HOW",
-            "Initial state of the free run: estimated, measured or zero.",
-        ),
-    ] = "estimated",
-    skip: Annotated[
-        int,
-        judging_option("--skip", "N", "Leave the first N samples out of the error figures.", min=0),
-    ] = 0,
-    horizons: Annotated[
-        list[int] | None,
-        judging_option("--horizon", "K", "Also show the K-step prediction; repeatable.", min=2),
-    ] = None,
-) -> "Policy":
-    """How figures are made.
+        Raises:
+            UsageError: an option cannot be.
+        """
+        from sysid.fitting.options import FitOptions
 
-    Raises:
-        UsageError: there is no such initial state.
-    """
-    from sysid.estimation.assessment.figures import Start
-    from sysid.estimation.assessment.findings import Policy
-
-    chosen = reading.choice(start, [s.value for s in Start], "--initial-state")
-    return Policy(Start(chosen), skip, tuple(sorted(set(horizons or []))))
+        return FitOptions(**changed(self))
 
 
-def _fixed(item: str) -> tuple[str, float]:
-    name, text = _pair(item, "--fix", "a1=-0.9")
-    value = _number(text, item, "--fix")
-    if math.isinf(value):
-        raise UsageError(f"--fix cannot fix {name} at {text!r}; give a finite number")
-    return name, value
+@dataclass(frozen=True)
+class Judging:
+    """How figures are made: the library's ``Policy`` as a line gives it."""
 
+    start: str = judging_option(
+        "HOW",
+        "Initial state of the free run: estimated, measured or zero.",
+        "--initial-state",
+        default="estimated",
+    )
+    skip: int = judging_option(
+        "N", "Leave the first N samples out of the error figures.", default=0, min=0
+    )
+    horizons: list[int] | None = judging_option(
+        "K", "Also show the K-step prediction; repeatable.", "--horizon", min=2
+    )
 
-def _bounded(item: str) -> tuple[str, tuple[float, float]]:
-    name, text = _pair(item, "--bound", "a1=-1:0")
-    low, sign, high = text.partition(":")
-    if not sign:
-        raise UsageError(f"--bound cannot read {item!r}; write NAME=LOW:HIGH such as a1=-1:0")
-    return name, (_number(low, item, "--bound"), _number(high, item, "--bound"))
+    def made(self) -> "Policy":
+        """As the library takes it.
 
+        Raises:
+            UsageError: there is no such initial state.
+        """
+        from sysid.estimation.assessment.figures import Start
+        from sysid.estimation.assessment.findings import Policy
 
-def _pair(item: str, option: str, example: str) -> tuple[str, str]:
-    name, sign, value = (part.strip() for part in item.partition("="))
-    if not (name and sign and value):
-        raise UsageError(f"{option} cannot read {item!r}; write it like {example}")
-    return name, value
-
-
-def _number(text: str, item: str, option: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if math.isnan(value):
-        raise UsageError(f"{option} cannot read {item!r}: {text!r} is not a number")
-    return value
+        chosen = one_of(self.start, [s.value for s in Start], "--initial-state")
+        return Policy(Start(chosen), self.skip, tuple(sorted(set(self.horizons or []))))

@@ -69,10 +69,8 @@ def show(
     ending = best.model.termination.value
     if ending not in best.warnings:
         render.say(ending, "dim")
-    for sentence in best.warnings:
-        render.warn(f"! {sentence}")
-    if plot is not None:
-        render.say(f"Picture: {plot}")
+    render.cautions(best.warnings)
+    render.files({"plot": plot}, plot="Picture")
     render.say(f"Stored as {stored[0].id} in {stored[0].path}. Next: {_next(best)}.")
 
 

@@ -1,11 +1,13 @@
 """``sysid inspect``: the contents of a log, and whether a model can be fitted to it."""
 
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from . import reading, render
 from .bag_contents import show_bag
+from .options import command, group, option
 from .read_as import decided, show_decisions
 
 if TYPE_CHECKING:
@@ -15,16 +17,15 @@ if TYPE_CHECKING:
     from sysid.data.record import Record
 
 
-@reading.composed(steps=reading.preparation, read=reading.read_options)
+@command
 def inspect(
-    logs: reading.Logs,
-    order: Annotated[
-        int, typer.Option(min=1, max=200, help="Model order that the inputs should excite.")
-    ] = 8,
-    *,
-    steps: "Preparation",
-    read: "ReadOptions",
-    json: reading.Json = False,
+    logs: list[Path] = reading.LOGS,
+    order: int = option(
+        None, "Model order that the inputs should excite.", default=8, min=1, max=200
+    ),
+    steps: "Preparation" = group(reading.Preparing),
+    read: "ReadOptions" = group(reading.Reading),
+    json: bool = reading.JSON,
 ) -> None:
     """Show what is in a log, what is wrong with it and what to do about it.
 
@@ -61,7 +62,7 @@ def _document(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", ve
         {
             "records": [_facts(r) for r in records],
             "read_as": decided(records),
-            "findings": [f.to_json() for f in findings],
+            "findings": findings,
             "verdict": verdict,
         }
     )

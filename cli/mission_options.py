@@ -1,23 +1,20 @@
 """Options of a log that was driven on a mission, declared once, as the library takes them."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from sysid.errors import ModelError, UsageError
+
+from .options import flag, in_panel
 
 if TYPE_CHECKING:
     from sysid.plant.package import Package
     from sysid.vehicle.kinematics import Geometry
 
-_PANEL = "On a log with a pose"
-
-AcceptChanges = Annotated[
-    bool,
-    typer.Option("--accept-changes", help="Take a plant package that was changed by hand."),
-]
+accept_changes = partial(flag, "Take a plant package that was changed by hand.")
+"""The flag of commands that take a plant package."""
 
 
 @dataclass(frozen=True)
@@ -34,60 +31,52 @@ class Driven:
     geometry: "Geometry | None"
 
 
-def driven(
-    mission: Annotated[
-        Path | None,
-        typer.Option(
-            "--mission",
-            metavar="M.yaml",
-            rich_help_panel=_PANEL,
-            help="Mission that the log was driven on; needed to name effects of the vehicle.",
-        ),
-    ] = None,
-    plant: Annotated[
-        Path | None,
-        typer.Option(
-            "--plant",
-            metavar="PATH",
-            rich_help_panel=_PANEL,
-            help="Plant package the mission was planned with: the model to diagnose.",
-        ),
-    ] = None,
-    geometry: Annotated[
-        str | None,
-        typer.Option(
-            "--geometry",
-            metavar="r=M,B=M",
-            rich_help_panel=_PANEL,
-            help="Wheel or sprocket radius r and distance B of tracks or wheels in metres, "
-            "r=0.30,B=1.08 [the mission's, else the bundled robot's; estimated where the pose "
-            "contradicts these].",
-        ),
-    ] = None,
-    accept_changes: AcceptChanges = False,
-) -> Driven:
-    """The drive as every option of it says.
+_driven = in_panel("On a log with a pose")
 
-    Raises:
-        ModelError: the plant package cannot be read.
-        UsageError: a file is not there, or an option cannot be.
-    """
-    from sysid.plant.package import read_package
 
-    if plant is not None and mission is None:
-        raise UsageError("--plant needs --mission; give the mission of the log")
-    for path, option in ((mission, "--mission"), (plant, "--plant")):
-        if path is not None and not path.exists():
-            raise UsageError(f"file not found: {path}; check the path after {option}")
-    lengths = None if geometry is None else given_lengths(geometry)
-    if mission is not None:
-        from sysid.robot.mission.spec import load_mission
+@dataclass(frozen=True)
+class DriveOptions:
+    """The drive that a log is of, as a line gives it."""
 
-        load_mission(mission)  # refused before the minutes of a diagnosis
-        if lengths is not None:
-            _agree(lengths, mission)
-    package = None if plant is None else read_package(plant, accept_changes)
-    return Driven(mission, package, lengths)
+    mission: Path | None = _driven(
+        "M.yaml",
+        "Mission that the log was driven on; needed to name effects of the vehicle.",
+    )
+    plant: Path | None = _driven(
+        "PATH",
+        "Plant package the mission was planned with: the model to diagnose.",
+    )
+    geometry: str | None = _driven(
+        "r=M,B=M",
+        "Wheel or sprocket radius r and distance B of tracks or wheels in metres, "
+        "r=0.30,B=1.08 [the mission's, else the bundled robot's; estimated where the pose "
+        "contradicts these].",
+    )
+    accept_changes: bool = accept_changes()
+
+    def made(self) -> Driven:
+        """The drive as every option of it says.
+
+        Raises:
+            ModelError: the plant package cannot be read.
+            UsageError: a file is not there, or an option cannot be.
+        """
+        from sysid.plant.package import read_package
+
+        if self.plant is not None and self.mission is None:
+            raise UsageError("--plant needs --mission; give the mission of the log")
+        for path, option in ((self.mission, "--mission"), (self.plant, "--plant")):
+            if path is not None and not path.exists():
+                raise UsageError(f"file not found: {path}; check the path after {option}")
+        lengths = None if self.geometry is None else given_lengths(self.geometry)
+        if self.mission is not None:
+            from sysid.robot.mission.spec import load_mission
+
+            load_mission(self.mission)  # refused before the minutes of a diagnosis
+            if lengths is not None:
+                _agree(lengths, self.mission)
+        package = None if self.plant is None else read_package(self.plant, self.accept_changes)
+        return Driven(self.mission, package, lengths)
 
 
 def given_lengths(text: str) -> "Geometry":

@@ -2,14 +2,13 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
 from . import reading, render
+from .options import argument, command
 
 if TYPE_CHECKING:
     from sysid.workspace.store import StoredModel
@@ -27,16 +26,14 @@ class Action(StrEnum):
     REMOVE = "remove"
 
 
+@command
 def models(
-    action: Annotated[Action, typer.Argument(help="What to do.")] = Action.LIST,
-    id: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[ID]", help="Id of the model, its beginning, or best (the default of export)."
-        ),
-    ] = None,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    action: Action = argument(None, "What to do.", default=Action.LIST),
+    id: str | None = argument(
+        "[ID]", "Id of the model, its beginning, or best (the default of export).", default=None
+    ),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """List, show or remove the models of the workspace."""
     if (id is None) != (action is Action.LIST):
@@ -103,8 +100,7 @@ def _list(stored: "list[StoredModel]", unreadable: dict[str, str], root: Path) -
         for s in map(_summary, stored)
     ]
     render.table(("model", "orders", "channels", "fit [%]", "stable", "data"), rows)
-    for reason in unreadable.values():
-        render.warn(f"! {reason}")
+    render.cautions(unreadable.values())
 
 
 def _document(stored: "StoredModel") -> None:
@@ -153,6 +149,7 @@ def _show(stored: "StoredModel") -> None:
 
 def _steps(stored: "StoredModel") -> "tuple[str, ...]":
     """Step responses of the model in words; computed again for models of older versions."""
+    from sysid.data.schema import checked
     from sysid.estimation.assessment.own_motion import own_modes
     from sysid.estimation.assessment.step_response import StepResponse, step_responses
     from sysid.report.step_words import mode_sentences, step_sentences
@@ -163,7 +160,7 @@ def _steps(stored: "StoredModel") -> "tuple[str, ...]":
     kept = stored.report.get("step_response")
     if kept is None:
         return step_sentences(step_responses(stored.model))
-    return step_sentences([StepResponse.from_json(s) for s in kept])
+    return step_sentences(checked(tuple[StepResponse, ...], kept))
 
 
 def _pole(pole: dict[str, float]) -> str:

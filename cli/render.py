@@ -6,7 +6,7 @@ Results go to stdout, everything about them (warnings, progress, errors) to stde
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from threading import Event, Thread
 from time import monotonic
@@ -46,6 +46,19 @@ def say(sentence: str, style: str = "") -> None:
 def warn(sentence: str) -> None:
     """Print a warning on stderr."""
     _print(sentence, sys.stderr, "yellow")
+
+
+def cautions(sentences: Iterable[str]) -> None:
+    """Print warnings on a result on stderr."""
+    for sentence in sentences:
+        warn(f"! {sentence}")
+
+
+def files(facts: Mapping[str, Any], **words: str) -> None:
+    """Print where files were written: those that the facts name, each after its word."""
+    for key, word in words.items():
+        if facts.get(key) is not None:
+            say(f"{word}: {facts[key]}")
 
 
 def error(sentence: str) -> None:

@@ -1,10 +1,9 @@
 """``sysid structures``: the model structures, and when to use which."""
 
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from . import reading, render
+from .options import argument, command
 
 if TYPE_CHECKING:
     from sysid.structures.base import NamedStructure
@@ -17,11 +16,10 @@ _TABLES = {
 """Tables of a structure's description, and their columns."""
 
 
+@command
 def structures(
-    name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="Describe this structure.")
-    ] = None,
-    json: reading.Json = False,
+    name: str | None = argument("[NAME]", "Describe this structure.", default=None),
+    json: bool = reading.JSON,
 ) -> None:
     """List the model structures, or describe one."""
     from sysid.structures.registry import structure_class, structure_classes

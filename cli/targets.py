@@ -1,8 +1,11 @@
 """Checks of output paths, made before the work starts."""
 
 from pathlib import Path
+from typing import Any
 
 from sysid.errors import DataError, UsageError
+
+from .options import option
 
 
 def check(path: Path, option: str, new_folder: bool = True) -> None:
@@ -36,15 +39,47 @@ def make_folder(path: Path, option: str) -> None:
         ) from None
 
 
-def check_picture(path: Path | None) -> None:
-    """Refuse a ``--plot`` that cannot be drawn; nothing is drawn where it is not given.
+def picture(help: str) -> Any:
+    """The option ``--plot``, refused before the work where it cannot be drawn."""
+    return option("FILE", help, "--plot", parse=check_picture)
+
+
+def target(
+    metavar: str,
+    help: str,
+    *names: str,
+    new_folder: bool = True,
+    suffixes: tuple[str, ...] = (),
+    **more: Any,
+) -> Any:
+    """An option for a file or folder to write, refused before the work where that cannot be.
+
+    Args:
+        names: what is typed, as of :func:`option`; messages take the first.
+        new_folder: whether the last folder on the way may be new.
+        suffixes: what a name may end in; anything without any.
+    """
+
+    def checked(path: Path) -> Path:
+        if suffixes and path.suffix.lower() not in suffixes:
+            raise UsageError(f"{names[0]} {path}: name a file that ends in {suffixes[0]}")
+        check(path, names[0], new_folder)
+        return path
+
+    return option(metavar, help, *names, parse=checked, **more)
+
+
+YAML = (".yaml", ".yml")
+
+
+def check_picture(path: Path) -> Path:
+    """Refuse a ``--plot`` that cannot be drawn.
 
     Raises:
         UsageError: the folder does not exist, or the name ends neither in .svg nor in .png.
     """
-    if path is None:
-        return
     from sysid.report.plots import picture_format
 
     picture_format(path)
     check(path, "--plot", new_folder=False)
+    return path

@@ -10,11 +10,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import sysid_datasets
-from sysid_cli.pictures import draw_fit, draw_mission, draw_ranking
 
 from sysid.data.io import read_logs
 from sysid.estimation.identify import Identification, Request, identify
 from sysid.estimation.selection.comparison import Contender, compare
+from sysid.report.fits import draw_fit, draw_ranking
+from sysid.report.missions.drives import draw_mission
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import load_mission
 from sysid.robot.mission.tracks.mapping import as_robot

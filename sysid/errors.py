@@ -98,6 +98,10 @@ class Termination(Enum):
         """The ending's machine-readable name, lower case with dashes."""
         return self.name.lower().replace("_", "-")
 
+    def to_json(self) -> str:
+        """Its code."""
+        return self.code
+
     @property
     def good(self) -> bool:
         """Whether the estimate is a stationary point of the cost."""

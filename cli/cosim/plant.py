@@ -1,56 +1,39 @@
 """``sysid plant``: the exported plant as the robot of a mission, for a node that guides it."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
-from ..mission_options import AcceptChanges
+from ..mission_options import accept_changes as changes_accepted
 from ..missions.guided import facts_of
-from ..missions.law_options import LawChoice, law_choice
-from ..missions.ros_options import OverRos, over_ros
+from ..missions.law_options import LawChoice
+from ..missions.ros_options import OverRos
 from ..missions.simulate import load_plant, show_drive
+from ..options import argument, command, flag, group, option
 
 
-@reading.composed(laws=law_choice, over=over_ros)
+@command
 def plant(
-    mission: Annotated[
-        Path, typer.Argument(metavar="MISSION", help="Vehicle, start, sensors, controller (YAML).")
-    ],
-    plant: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Plant package, folder or zip [WORKSPACE/plant]."),
-    ] = None,
-    lock_step: Annotated[
-        bool,
-        typer.Option(
-            "--lock-step",
-            help="Wait for the answer to every odometry message, which repeats the run of one "
-            "process.",
-        ),
-    ] = False,
-    speed: Annotated[
-        float,
-        typer.Option(metavar="N", help="Mission seconds per real second, without --lock-step."),
-    ] = 1.0,
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of the sensors' noise.")] = 0,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the result: .svg or .png.")
-    ] = None,
-    log: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME_plant.csv]."),
-    ] = None,
-    accept_changes: AcceptChanges = False,
-    *,
-    laws: LawChoice,
-    over: OverRos,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    mission: Path = argument("MISSION", "Vehicle, start, sensors, controller (YAML)."),
+    plant: Path | None = option("PATH", "Plant package, folder or zip [WORKSPACE/plant]."),
+    lock_step: bool = flag(
+        "Wait for the answer to every odometry message, which repeats the run of one process."
+    ),
+    speed: float = option(
+        "N", "Mission seconds per real second, without --lock-step.", default=1.0
+    ),
+    seed: int = option("N", "Of the sensors' noise.", default=0, min=0),
+    plot: Path | None = targets.picture("Draw the result: .svg or .png."),
+    log: Path | None = targets.target(
+        "FILE", "CSV to write [WORKSPACE/missions/NAME_plant.csv].", "--log"
+    ),
+    accept_changes: bool = changes_accepted(),
+    laws: LawChoice = group(LawChoice),
+    over: OverRos = group(OverRos),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Play the robot: the exported plant as a node that publishes /clock and /odom.
 
@@ -61,9 +44,6 @@ def plant(
     from sysid.robot.mission.spec import load_mission
     from sysid.robot.mission.tracks.mapping import as_robot
 
-    targets.check_picture(plot)
-    if log is not None:
-        targets.check(log, "--log")
     if not over.ros:
         raise UsageError("sysid plant plays the robot for another node; add --ros")
     pace = Pace(lock_step=lock_step, speed=speed)
@@ -76,7 +56,7 @@ def plant(
 
     with (
         render.progress(f"Playing the robot of {mission.name} over ROS"),
-        robot_node(over.topic, over.wait) as port,
+        robot_node(*over.port) as port,
     ):
         result = play_robot(driven, robot, port, pace, over.cut, seed=seed)
     target = log or place.missions_dir / f"{mission.stem}_plant.csv"

@@ -1,45 +1,32 @@
 """``sysid export``: a model as a plant package that runs elsewhere."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
+from ..options import command, option
 
 
+@command
 def export(
-    model: Annotated[
-        str | None,
-        typer.Option(metavar="ID", help="Which model [best of the last comparison or fit]."),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="DIR|FILE.zip", help="Output path [WORKSPACE/plant]."),
-    ] = None,
-    formats: Annotated[
-        str | None,
-        typer.Option(
-            "--format",
-            metavar="NAME[,NAME]",
-            help="Formats; json is the package alone [json,c; c is left out where it is "
-            "impossible].",
-        ),
-    ] = None,
-    controller: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MISSION",
-            help="Also write the laws of this mission (YAML): guidance, control, navigation.",
-        ),
-    ] = None,
-    precision: Annotated[
-        str, typer.Option(metavar="double|float", help="Numbers of the C code.")
-    ] = "double",
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    model: str | None = option("ID", "Which model [best of the last comparison or fit]."),
+    output: Path | None = targets.target(
+        "DIR|FILE.zip", "Output path [WORKSPACE/plant].", "-o", "--out"
+    ),
+    formats: str | None = option(
+        "NAME[,NAME]",
+        "Formats; json is the package alone [json,c; c is left out where it is impossible].",
+        "--format",
+    ),
+    controller: Path | None = option(
+        "MISSION", "Also write the laws of this mission (YAML): guidance, control, navigation."
+    ),
+    precision: str = option("double|float", "Numbers of the C code.", default="double"),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Write a model as a plant package and run its self-test."""
     from sysid.export.package import Form, write_package
@@ -47,8 +34,6 @@ def export(
     from sysid.plant.selftest import TOLERANCE, selftest
     from sysid.plant.storage import MARK
 
-    if output is not None:
-        targets.check(output, "-o")
     if precision not in ("double", "float"):
         raise typer.BadParameter(f"{precision!r} is not a precision; choose double or float")
     mission = None

@@ -1,29 +1,25 @@
 """``sysid verify``: the self-test of a plant package on every installed runtime."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from .. import reading, render
 from ..field_options import with_options
+from ..options import argument, command, flag
 
 if TYPE_CHECKING:
     from sysid.export.verification.runtimes import Result
 
 
+@command
 def verify(
-    package: Annotated[
-        Path, typer.Argument(metavar="PACKAGE", help="A plant package: folder or zip.")
-    ],
-    trust: Annotated[
-        bool,
-        typer.Option(
-            "--trust",
-            help="Also run code that is not what sysid makes of plant.json, without network.",
-        ),
-    ] = False,
-    json: reading.Json = False,
+    package: Path = argument("PACKAGE", "A plant package: folder or zip."),
+    trust: bool = flag(
+        "Also run code that is not what sysid makes of plant.json, without network."
+    ),
+    json: bool = reading.JSON,
 ) -> None:
     """Replay the self-test of a plant package on every installed runtime."""
     from sysid.export.verification.verify import verify as replayed

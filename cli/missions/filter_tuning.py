@@ -1,68 +1,22 @@
 """``sysid tune --navigation``: the noise of a mission's filter, estimated from a log."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from .. import reading, render
-from .localize import columns_of
+from .. import render
 
 if TYPE_CHECKING:
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.robot.mission.tuning.filter_noise import FilterTuning
 
 
-@dataclass(frozen=True)
-class SensorOptions:
-    """A log of sensors, and how it is read; see ``sysid localize``."""
-
-    log: Path | None = None
-    sensor: tuple[str, ...] = ()
-    time: str | None = None
-    ts: float | None = None
-    units: tuple[str, ...] = ()
-    map: tuple[str, ...] = ()
-    stamps: str = "auto"
-    latency: tuple[str, ...] = ()
-
-
-def sensor_options(
-    navigation: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="LOG",
-            help="Estimate the filter's noise from this sensor log instead.",
-        ),
-    ] = None,
-    sensor: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=COLUMN", help="With --navigation: column that holds a measurement."
-        ),
-    ] = None,
-    time: reading.Time = None,
-    ts: reading.SampleTime = None,
-    units: reading.Units = None,
-    map: reading.Map = None,
-    stamps: reading.Stamps = "auto",
-    latency: reading.Latency = None,
-) -> SensorOptions:
-    """The options of reading a log of sensors."""
-    return SensorOptions(
-        navigation,
-        tuple(sensor or ()),
-        time,
-        ts,
-        tuple(units or ()),
-        tuple(map or ()),
-        stamps,
-        tuple(latency or ()),
-    )
-
-
 def tune_filter(
-    mission: Path, log: Path, sensors: SensorOptions, to: Path | None, json: bool
+    mission: Path,
+    log: Path,
+    sensors: dict[str, str],
+    read: "ReadOptions",
+    to: Path | None,
+    json: bool,
 ) -> None:
     """Estimate the noise, show it, and write the mission with it where that is asked."""
     from sysid.robot.mission.spec import load_mission
@@ -70,16 +24,8 @@ def tune_filter(
     from sysid.robot.mission.tuning.written import write_mission
 
     given = load_mission(mission)
-    options = reading.read_options(
-        time=sensors.time,
-        ts=sensors.ts,
-        units=list(sensors.units) or None,
-        map=list(sensors.map) or None,
-        stamps=sensors.stamps,
-        latency=list(sensors.latency) or None,
-    )
     with render.progress(f"Following {log.name}"):
-        tuning = tuned_filter(log, given, columns_of(list(sensors.sensor)), options)
+        tuning = tuned_filter(log, given, sensors, read)
     facts: dict[str, Any] = tuning.summary()
     if to is not None:
         noise = {"q": dict(tuning.q), "r": dict(tuning.r), "gate": tuning.gate}
@@ -115,7 +61,5 @@ def _show(name: str, tuning: "FilterTuning", facts: dict[str, Any]) -> None:
     ]
     render.table((name, "before", "after"), pairs)
     render.say(tuning.sentence)
-    for warning in facts["warnings"]:
-        render.warn(f"! {warning}")
-    if "to" in facts:
-        render.say(f"Mission: {facts['to']}")
+    render.cautions(facts["warnings"])
+    render.files(facts, to="Mission")

@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.errors import UsageError
-
 from .. import render, targets
 from .ros_options import OverRos
 
@@ -12,8 +10,6 @@ if TYPE_CHECKING:
     from sysid.plant.package import Package
     from sysid.robot.mission.result import MissionResult
     from sysid.robot.mission.spec import Mission
-
-    from .many_runs import Repeats
 
 
 def guide_over_ros(
@@ -27,20 +23,9 @@ def guide_over_ros(
     known, notes = as_robot(package.plant(), mission)
     with (
         render.progress(f"Guiding {path.name} over ROS"),
-        guidance_node(over.topic, over.wait) as port,
+        guidance_node(*over.port) as port,
     ):
         return guide(mission, port, over.cut, known), notes
-
-
-def refuse_many(how: "Repeats") -> None:
-    """One robot drives once, with noise of its own.
-
-    Raises:
-        UsageError: an option of many runs is given.
-    """
-    for name in ("runs", "seed", "vary", "scheduler", "measured"):
-        if getattr(how, name) is not None:
-            raise UsageError(f"--{name} does not apply with --ros; the other node drives the robot")
 
 
 def facts_of(
@@ -51,9 +36,8 @@ def facts_of(
     seed: int,
 ) -> dict[str, Any]:
     """Log, picture and bag written; the facts of a mission as ``sysid simulate`` gives them."""
+    from sysid.report.missions.drives import draw_mission
     from sysid.robot.mission.result import write_log
-
-    from ..pictures import draw_mission
 
     log, plot, bag = files
     targets.make_folder(log, "--log")

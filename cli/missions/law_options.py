@@ -1,16 +1,19 @@
 """Options that replace the laws of a mission, declared once for all commands."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
+
+from ..options import changed, in_panel
 
 if TYPE_CHECKING:
     from sysid.robot.mission.spec import Mission
 
-_PANEL = "Laws instead of the mission's"
+_law_option = in_panel("Laws instead of the mission's")
+NAVIGATION = partial(_law_option, "KIND", "Navigation, e.g. odometry.")
+GUIDANCE = partial(_law_option, "KIND", "Guidance, e.g. field.")
 
 
 @dataclass(frozen=True)
@@ -21,13 +24,21 @@ class LawChoice:
         control: a kind, or one for each axis, as ``speed=pid,yaw=pd``.
     """
 
-    guidance: str | None = None
-    control: str | None = None
-    navigation: str | None = None
-    motion: str | None = None
+    guidance: str | None = GUIDANCE()
+    control: str | None = _law_option(
+        "KIND", "Controller, e.g. pid, or one for each axis: speed=KIND,yaw=KIND."
+    )
+    navigation: str | None = NAVIGATION()
+    motion: str | None = _law_option("KIND", "Motion, e.g. kinematic.")
 
-    def __bool__(self) -> bool:
-        return self != LawChoice()
+    def refuse_for_log(self, log: object) -> None:
+        """A log is replayed without laws.
+
+        Raises:
+            UsageError: one was named.
+        """
+        for role in changed(self):
+            raise UsageError(f"{log} is a log to replay; omit --{role}")
 
     def applied(self, mission: "Mission") -> "Mission":
         """The mission with these laws; one that it has already keeps its keys.
@@ -53,43 +64,3 @@ def _law(role: str, kind: str, present: Any) -> Any:
 
     cls = law_class(role, kind.strip())
     return present if type(present) is cls else law(role, {"kind": kind.strip()})
-
-
-Navigation = Annotated[
-    str | None,
-    typer.Option(metavar="KIND", rich_help_panel=_PANEL, help="Navigation, e.g. odometry."),
-]
-Guidance = Annotated[
-    str | None, typer.Option(metavar="KIND", rich_help_panel=_PANEL, help="Guidance, e.g. field.")
-]
-
-
-def law_choice(
-    guidance: Guidance = None,
-    control: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KIND",
-            rich_help_panel=_PANEL,
-            help="Controller, e.g. pid, or one for each axis: speed=KIND,yaw=KIND.",
-        ),
-    ] = None,
-    navigation: Navigation = None,
-    motion: Annotated[
-        str | None,
-        typer.Option(metavar="KIND", rich_help_panel=_PANEL, help="Motion, e.g. kinematic."),
-    ] = None,
-) -> LawChoice:
-    """The laws as every option of it says."""
-    return LawChoice(guidance, control, navigation, motion)
-
-
-def refuse_for_log(choice: LawChoice, log: object) -> None:
-    """A log is replayed without laws.
-
-    Raises:
-        UsageError: one was named.
-    """
-    for role in ("guidance", "control", "navigation", "motion"):
-        if getattr(choice, role) is not None:
-            raise UsageError(f"{log} is a log to replay; omit --{role}")

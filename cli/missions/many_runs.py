@@ -3,23 +3,24 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 
 from .. import render, targets
+from ..options import changed, option
 
 if TYPE_CHECKING:
     from sysid.data.record import Array
     from sysid.plant.package import Package
-    from sysid.robot.mission.batch.setup import Setup
     from sysid.robot.mission.contracts import SteppablePlant
-    from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
     from sysid.robot.mission.spec import Mission
     from sysid.structures.model import Model
     from sysid.workspace.store import Workspace
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(","))
 
 
 @dataclass(frozen=True)
@@ -34,21 +35,44 @@ class Repeats:
         measured: log of a drive to lay over the runs; None for none.
     """
 
-    runs: int | None = None
-    seed: int | None = None
-    vary: tuple[str, ...] | None = None
-    scheduler: str | None = None
-    measured: Path | None = None
+    runs: int | None = option("N", "Number of simulated runs, each with its own draws.")
+    seed: int | None = option(
+        "N",
+        "Seed of the runs [0]; without --runs, of the sensor noise or of the run to replay.",
+        min=0,
+    )
+    vary: tuple[str, ...] | None = option(
+        "LIST",
+        "Quantities that vary: parameters, noise, start, obstacles, friction, soil, "
+        "mass, models [as the mission says].",
+        parse=_names,
+        kind=str | None,
+    )
+    scheduler: str | None = option(
+        "WHO", "With --runs: processes, or the address of a Dask scheduler [threads]."
+    )
+    measured: Path | None = option(
+        "LOG", "Log of a measured drive of this mission, with its pose, to compare with the runs."
+    )
 
-    def refuse_for_log(self, log: Path) -> None:
-        """A log is replayed once.
+    def __post_init__(self) -> None:
+        """Refuse options that belong to others."""
+        if self.vary is not None and (self.runs, self.seed, self.measured) == (None,) * 3:
+            raise UsageError("--vary belongs to --runs, or to the --seed of one run; add one")
+        if self.scheduler is not None and self.runs is None:
+            raise UsageError("--scheduler belongs to --runs; add --runs")
+
+    def refuse(self, why: str) -> None:
+        """Refuse the options of many runs.
+
+        Args:
+            why: with ``{}`` for the option.
 
         Raises:
-            UsageError: an option of runs is given.
+            UsageError: one of them is given.
         """
-        for name in ("runs", "seed", "vary", "scheduler", "measured"):
-            if getattr(self, name) is not None:
-                raise UsageError(f"{log} is a log to replay; omit --{name}")
+        for name in changed(self):
+            raise UsageError(why.format(f"--{name}"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,53 +91,6 @@ class Ride:
     warnings: tuple[str, ...]
     seed: int
     noise_seed: int
-
-
-def repeats(
-    runs: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Number of simulated runs, each with its own draws."),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            metavar="N",
-            help="Seed of the runs [0]; without --runs, of the sensor noise or of the run to "
-            "replay.",
-        ),
-    ] = None,
-    vary: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LIST",
-            help="Quantities that vary: parameters, noise, start, obstacles, friction, soil, "
-            "mass, models [as the mission says].",
-        ),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WHO",
-            help="With --runs: processes, or the address of a Dask scheduler [threads].",
-        ),
-    ] = None,
-    measured: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="LOG",
-            help="Log of a measured drive of this mission, with its pose, to compare with the "
-            "runs.",
-        ),
-    ] = None,
-) -> Repeats:
-    """The options of many runs."""
-    if vary is not None and runs is None and seed is None and measured is None:
-        raise UsageError("--vary belongs to --runs, or to the --seed of one run; add one")
-    if scheduler is not None and runs is None:
-        raise UsageError("--scheduler belongs to --runs; add --runs")
-    names = None if vary is None else tuple(name.strip() for name in vary.split(","))
-    return Repeats(runs, seed, names, scheduler, measured)
 
 
 def candidates(
@@ -188,42 +165,11 @@ def drive_many(
         "warnings": list(batch.notes),
     }
     if plot is not None:
-        _draw(plot, path.stem, Setup.of(mission, models, how.vary), batch)
+        from sysid.report.missions.drives import draw_runs
+
+        draw_runs(plot, path.stem, Setup.of(mission, models, how.vary), batch)
         facts["plot"] = plot
     return facts
-
-
-SHOWN = 100
-"""Paths in a picture: enough for a fan."""
-
-
-def _draw(plot: Path, name: str, setup: "Setup", batch: "MissionRuns") -> None:
-    """Draw the paths of the first runs and the worst ones, which are driven again for it."""
-    import numpy as np
-
-    from sysid.report.plots import RunsPicture, write_picture
-    from sysid.robot.mission.monte_carlo.paths import paths_of
-
-    usual = batch.seeds[:SHOWN]
-    paths = paths_of(setup, [*usual, *(w.seed for w in batch.worst)])
-    mission, shares = setup.mission, batch.time_drivers
-    write_picture(
-        plot,
-        RunsPicture(
-            title=f"{name}: {batch.n} runs",
-            subtitle=batch.sentence,
-            paths=tuple(paths[: len(usual)]),
-            worst=tuple(paths[len(usual) :]),
-            goal=mission.goal,
-            tolerance=mission.tolerance,
-            discs=tuple((o.x, o.y, o.radius) for o in mission.obstacles),
-            walls=tuple(np.array(w) for w in mission.walls),
-            polygons=tuple(np.array(p) for p in mission.polygons),
-            times=batch.time_s,
-            clearances=batch.min_clearance_m,
-            drivers=tuple((d.name, d.share_of_variance) for d in shares.ranked) if shares else (),
-        ),
-    )
 
 
 def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
@@ -256,13 +202,8 @@ def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
 
 def show_files(facts: dict[str, Any]) -> None:
     """Warnings, and what was written."""
-    for warning in facts["warnings"]:
-        render.warn(f"! {warning}")
-    render.say(f"Log: {facts['log']}")
-    if "bag" in facts:
-        render.say(f"Bag: {facts['bag']}")
-    if "plot" in facts:
-        render.say(f"Picture: {facts['plot']}")
+    render.cautions(facts["warnings"])
+    render.files(facts, log="Log", bag="Bag", plot="Picture")
 
 
 def _show_drivers(shares: dict[str, Any]) -> None:

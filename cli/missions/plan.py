@@ -1,19 +1,17 @@
 """``sysid plan``: the references of a mission's guidance, without a plant."""
 
-from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
 from ..field_options import Command
-from .law_options import Guidance, LawChoice
+from ..options import argument, command, option
+from .law_options import GUIDANCE, LawChoice
 
 if TYPE_CHECKING:
-    from sysid.robot.mission.plan import Curves, Plan
+    from sysid.robot.mission.plan import Plan
     from sysid.robot.mission.spec import Mission
 
 _IN_WORKSPACE = Path("-")
@@ -26,27 +24,25 @@ class PlotMayStandAlone(Command):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the place in the workspace behind a ``--plot`` that ends the line or an option."""
         filled: list[str] = []
-        for k, argument in enumerate(args):
-            filled.append(argument)
+        for k, word in enumerate(args):
+            filled.append(word)
             following = args[k + 1] if k + 1 < len(args) else "--"
-            if argument == "--plot" and following.startswith("-"):
+            if word == "--plot" and following.startswith("-"):
                 filled.append(str(_IN_WORKSPACE))
         return super().parse_args(ctx, filled)
 
 
+@command
 def plan(
-    mission: Annotated[Path, typer.Argument(metavar="MISSION", help="A mission (YAML).")],
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="[FILE]",
-            help="Draw field lines, potential, forces and speeds: .svg or .png "
-            "[WORKSPACE/missions/NAME_plan.svg].",
-        ),
-    ] = None,
-    guidance: Guidance = None,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    mission: Path = argument("MISSION", "A mission (YAML)."),
+    plot: Path | None = option(
+        "[FILE]",
+        "Draw field lines, potential, forces and speeds: .svg or .png "
+        "[WORKSPACE/missions/NAME_plan.svg].",
+    ),
+    guidance: str | None = GUIDANCE(),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Show where the guidance of a mission leads, and where it would end, without a plant."""
     if plot is not None and plot != _IN_WORKSPACE:
@@ -64,7 +60,9 @@ def plan(
         plot = Workspace(workspace).missions_dir / f"{mission.stem}_plan.svg"
         targets.make_folder(plot, "--plot")
     if plot is not None:
-        _draw(plot, mission.stem, given, route)
+        from sysid.report.missions.drives import draw_plan
+
+        draw_plan(plot, mission.stem, given, route)
         facts["plot"] = plot
     if json:
         render.document(facts)
@@ -109,47 +107,3 @@ def _show(name: str, facts: dict[str, Any]) -> None:
     render.say(facts["sentence"])
     if "plot" in facts:
         render.say(f"Picture: {facts['plot']}")
-
-
-def _draw(path: Path, name: str, mission: "Mission", route: "Plan") -> None:
-    from sysid.report.plots import CurvePanel, PlanPicture, write_picture
-
-    def panel(title: str, across: str, up: str, curves: "Curves") -> CurvePanel:
-        return CurvePanel(
-            title, across, up, curves.gain, curves.values, curves.distance, curves.quantity
-        )
-
-    panels = [
-        panel(f"{what} of {whom}", f"distance to {whom} [m]", "force", curves)
-        for what, whom, curves in (
-            ("attraction", "the goal", route.attraction),
-            ("repulsion", "an obstacle's point", route.repulsion),
-        )
-        if curves is not None
-    ]
-    panels += [
-        panel(f"speed reference for {c.gain}", "distance to the goal [m]", "speed [m/s]", c)
-        for c in route.speeds
-    ]
-    facts = [f"{route.length_m:.2f} m of way"]
-    if route.time_s is not None:
-        facts.append(f"{route.time_s:.1f} s at the references")
-    if route.min_clearance_m is not None:
-        facts.append(f"{route.min_clearance_m:.2f} m clear of the nearest obstacle")
-    scene = mission.scene()
-    picture = PlanPicture(
-        title=f"{name}: the references {'lead to the goal' if route.arrives else 'end elsewhere'}",
-        subtitle=", ".join(facts),
-        x=route.x,
-        y=route.y,
-        psi=route.psi,
-        potential=route.potential,
-        way=route.way,
-        goal=mission.goal,
-        tolerance=mission.tolerance,
-        discs=tuple((o.x, o.y, o.radius) for o in scene.obstacles),
-        walls=tuple((*a, *b) for w in scene.walls for a, b in pairwise(w.points)),
-        ends=route.ends,
-        panels=tuple(panels),
-    )
-    write_picture(path, picture)

@@ -1,21 +1,20 @@
 """``sysid simulate``: the exported plant in a closed-loop mission, or on the inputs of a log."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import ModelError, UsageError
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
-from ..mission_options import AcceptChanges
+from ..mission_options import accept_changes as changes_accepted
+from ..options import argument, command, group, option
 from ..read_as import decided, show_decisions
-from .guided import facts_of, guide_over_ros, refuse_many
-from .law_options import LawChoice, law_choice, refuse_for_log
-from .many_runs import Repeats, Ride, candidates, drive_many, repeats, ride, show_files, show_many
-from .measured import draw_measured, lay_over, show_measured
-from .ros_options import OverRos, over_ros
+from .guided import facts_of, guide_over_ros
+from .law_options import LawChoice
+from .many_runs import Repeats, Ride, candidates, drive_many, ride, show_files, show_many
+from .measured import lay_over, show_measured
+from .ros_options import OverRos
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
@@ -25,37 +24,24 @@ if TYPE_CHECKING:
 _MISSION_FILES = (".yaml", ".yml")
 
 
-@reading.composed(read=reading.read_options, laws=law_choice, how=repeats, over=over_ros)
+@command
 def simulate(
-    mission: Annotated[
-        Path, typer.Argument(metavar="MISSION|LOG", help="A mission (YAML), or a log to replay.")
-    ],
-    plant: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Plant package, folder or zip [WORKSPACE/plant]."),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the result: .svg or .png.")
-    ] = None,
-    log: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="CSV to write [WORKSPACE/missions/NAME.csv]."),
-    ] = None,
-    bag: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Also write a recording of ROS: .bag (ROS 1), .mcap, or a folder (ROS 2).",
-        ),
-    ] = None,
-    accept_changes: AcceptChanges = False,
-    *,
-    read: "ReadOptions",
-    laws: LawChoice,
-    how: Repeats,
-    over: OverRos,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    mission: Path = argument("MISSION|LOG", "A mission (YAML), or a log to replay."),
+    plant: Path | None = option("PATH", "Plant package, folder or zip [WORKSPACE/plant]."),
+    plot: Path | None = targets.picture("Draw the result: .svg or .png."),
+    log: Path | None = targets.target(
+        "FILE", "CSV to write [WORKSPACE/missions/NAME.csv].", "--log"
+    ),
+    bag: Path | None = targets.target(
+        "FILE", "Also write a recording of ROS: .bag (ROS 1), .mcap, or a folder (ROS 2).", "--bag"
+    ),
+    accept_changes: bool = changes_accepted(),
+    read: "ReadOptions" = group(reading.Reading),
+    laws: LawChoice = group(LawChoice),
+    how: Repeats = group(Repeats),
+    over: OverRos = group(OverRos),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Drive the exported plant through a mission, once or many times, or replay a log through it.
 
@@ -67,21 +53,19 @@ def simulate(
 
     from sysid.data.reading.read_options import ReadOptions
 
-    targets.check_picture(plot)
     place = Workspace(workspace)
     drives = mission.suffix.lower() in _MISSION_FILES
     package = load_plant(place, plant, accept_changes)
     if drives and how.measured is None and read != ReadOptions():
         raise UsageError(f"{mission} is a mission; omit the options that read a log")
     if not drives:
-        refuse_for_log(laws, mission)
-        how.refuse_for_log(mission)
+        laws.refuse_for_log(mission)
+        how.refuse(f"{mission} is a log to replay; omit {{}}")
         over.refuse_for_log(mission)
-    _check_bag(bag, drives and how.runs is None)
+    if bag is not None and not (drives and how.runs is None):
+        raise UsageError(f"--bag {bag} records one drive of a mission; omit --bag")
     kind = "_replay" if not drives else "" if how.runs is None else "_runs"
     name = f"{mission.stem}{kind}.csv"
-    if log is not None:
-        targets.check(log, "--log")
     target = log or place.missions_dir / name
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"--log {target} would overwrite the input; name another file")
@@ -102,13 +86,6 @@ def simulate(
         show_many(mission, facts, how)
     else:
         show_drive(mission.name, facts)
-
-
-def _check_bag(bag: Path | None, one_drive: bool) -> None:
-    if bag is not None:
-        targets.check(bag, "--bag")
-        if not one_drive:
-            raise UsageError(f"--bag {bag} records one drive of a mission; omit --bag")
 
 
 def load_plant(place: Workspace, plant: Path | None, accept_changes: bool) -> "Package":
@@ -154,6 +131,8 @@ def _driven(
         facts = _drive(path, package.plant(), log, None, bag, single_run)
     facts |= {"measured": measured, "warnings": [*facts["warnings"], *warnings]}
     if plot is not None:
+        from sysid.report.missions.drives import draw_measured
+
         draw_measured(plot, path.stem, mission, comparison)
         facts["plot"] = plot
     return facts
@@ -188,7 +167,7 @@ def _guided(
     """Once, with the robot at the other end of ROS."""
     from sysid.robot.mission.spec import load_mission
 
-    refuse_many(how)
+    how.refuse("{} does not apply with --ros; the other node drives the robot")
     mission = laws.applied(load_mission(path))
     result, notes = guide_over_ros(path, mission, package, over)
     return facts_of(path, mission, result, files, 0) | {"warnings": list(notes)}
@@ -198,8 +177,7 @@ def _replay(
     path: Path, plant: "Plant", log: Path, plot: Path | None, read: "ReadOptions"
 ) -> dict[str, Any]:
     from sysid.plant.replay import read_for, replay, write_replay
-
-    from ..pictures import draw_replay
+    from sysid.report.fits import draw_replay
 
     result = replay(plant, read_for(plant, path, read))
     facts = result.summary() | {"log": write_replay(result, log)}

@@ -3,20 +3,21 @@
 from dataclasses import dataclass
 from math import isinf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
-from ..mission_options import AcceptChanges
-from .filter_tuning import SensorOptions, sensor_options, tune_filter
+from ..mission_options import accept_changes as changes_accepted
+from ..options import argument, command, group, option
+from .filter_tuning import tune_filter
 from .law_options import LawChoice
+from .localize import sensor_option, sensor_reading
 from .simulate import load_plant
 
 if TYPE_CHECKING:
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.robot.mission.tuning.tuned import GainSet, Tuning
 
 
@@ -24,87 +25,56 @@ if TYPE_CHECKING:
 class Effort:
     """How much is driven: sets of gains, plants for each, and the seed of all of it."""
 
-    trials: int
-    robust: int
-    seed: int
-
-
-def effort(
-    trials: Annotated[
-        int, typer.Option("--trials", "--runs", metavar="N", help="Sets of gains to drive.")
-    ] = 256,
-    robust: Annotated[
-        int,
-        typer.Option(
-            metavar="N",
-            help="Number of plants for each set of gains, drawn from the parameter covariance; 1: "
-            "the estimated plant.",
-        ),
-    ] = 8,
-    seed: Annotated[int, typer.Option(metavar="N", help="Of sets, plants and sensor noise.")] = 0,
-) -> Effort:
-    """The options of how much is driven."""
-    return Effort(trials, robust, seed)
+    trials: int = option("N", "Sets of gains to drive.", "--trials", "--runs", default=256)
+    robust: int = option(
+        "N",
+        "Number of plants for each set of gains, drawn from the parameter covariance; 1: "
+        "the estimated plant.",
+        default=8,
+    )
+    seed: int = option("N", "Of sets, plants and sensor noise.", default=0)
 
 
 @dataclass(frozen=True)
 class Outputs:
     """Files to write; None for those not asked for: the mission with the gains, a picture."""
 
-    to: Path | None
-    plot: Path | None
-
-
-def outputs(
-    to: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write the mission with the proposed gains: .yaml."),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the choice: .svg or .png.")
-    ] = None,
-) -> Outputs:
-    """The options of what is written."""
-    return Outputs(to, plot)
+    to: Path | None = targets.target(
+        "FILE",
+        "Write the mission with the proposed gains: .yaml.",
+        "--to",
+        new_folder=False,
+        suffixes=targets.YAML,
+    )
+    plot: Path | None = targets.picture("Draw the choice: .svg or .png.")
 
 
 @dataclass(frozen=True)
 class Loop:
     """What is driven; None for what the workspace and the mission say."""
 
-    plant: Path | None
-    control: str | None
-    accept_changes: bool
+    plant: Path | None = option("PATH", "Plant package, folder or zip [WORKSPACE/plant].")
+    control: str | None = option(
+        "KIND", "Tune another controller than the mission's: pid, or speed=KIND,yaw=KIND."
+    )
+    accept_changes: bool = changes_accepted()
 
 
-def loop_options(
-    plant: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Plant package, folder or zip [WORKSPACE/plant]."),
-    ] = None,
-    control: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KIND",
-            help="Tune another controller than the mission's: pid, or speed=KIND,yaw=KIND.",
-        ),
-    ] = None,
-    accept_changes: AcceptChanges = False,
-) -> Loop:
-    """The options of what is driven."""
-    return Loop(plant, control, accept_changes)
-
-
-@reading.composed(loop=loop_options, how=effort, files=outputs, sensors=sensor_options)
+@command
 def tune(
-    mission: Annotated[Path, typer.Argument(metavar="MISSION", help="A mission (YAML).")],
-    *,
-    loop: Loop,
-    how: Effort,
-    files: Outputs,
-    sensors: SensorOptions,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    mission: Path = argument("MISSION", "A mission (YAML)."),
+    loop: Loop = group(Loop),
+    how: Effort = group(Effort),
+    files: Outputs = group(Outputs),
+    navigation: Path | None = option(
+        "LOG", "Estimate the filter's noise from this sensor log instead."
+    ),
+    sensor: dict[str, str] | None = sensor_option(
+        "With --navigation: column that holds a measurement."
+    ),
+    read: "ReadOptions" = sensor_reading(),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Tune the gains of a mission's controller: sets to choose from, one of them proposed.
 
@@ -112,23 +82,23 @@ def tune(
     Beside them stand the present gains, and those that rules read off the plant. With --navigation
     it is the noise of the mission's filter that is tuned, to a log of its sensors.
     """
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.robot.mission.spec import load_mission
     from sysid.robot.mission.tuning.search import SearchOptions
     from sysid.robot.mission.tuning.search import tune as search
     from sysid.robot.mission.tuning.written import write_mission
 
-    if sensors.log is not None:
+    if files.to is not None and files.to.exists() and files.to.samefile(mission):
+        raise UsageError(f"--to {files.to} would overwrite the mission; name another file")
+    if navigation is not None:
         unused = (("plant", loop.plant), ("control", loop.control), ("plot", files.plot))
-        for option, value in unused:
+        for name, value in unused:
             if value is not None:
-                raise UsageError(f"--navigation tunes a filter; omit --{option}")
-        _check_target(files.to, mission)
-        tune_filter(mission, sensors.log, sensors, files.to, json)
+                raise UsageError(f"--navigation tunes a filter; omit --{name}")
+        tune_filter(mission, navigation, sensor or {}, read, files.to, json)
         return
-    if sensors != SensorOptions():
+    if sensor or read != ReadOptions():
         raise UsageError("options that read a log belong to --navigation LOG")
-    targets.check_picture(files.plot)
-    _check_target(files.to, mission)
     options = SearchOptions(how.trials, how.robust, how.seed)
     given = LawChoice(control=loop.control).applied(load_mission(mission))
     package = load_plant(Workspace(workspace), loop.plant, loop.accept_changes)
@@ -139,26 +109,11 @@ def tune(
     if files.to is not None:
         facts["to"] = write_mission(mission, files.to, tuning.mission)
     if files.plot is not None:
-        from .tuning_picture import draw_tuning
+        from sysid.report.missions.tuning import draw_tuning
 
         draw_tuning(files.plot, mission.stem, given, tuning, package.model())
         facts["plot"] = files.plot
     render.document(facts) if json else _show(mission.name, tuning, facts)
-
-
-def _check_target(to: Path | None, mission: Path) -> None:
-    """Refuse a mission file that cannot be written.
-
-    Raises:
-        UsageError: it has another ending, is the mission itself, or its folder is not there.
-    """
-    if to is None:
-        return
-    if to.suffix.lower() not in (".yaml", ".yml"):
-        raise UsageError(f"--to {to}: a mission file ends in .yaml")
-    targets.check(to, "--to", new_folder=False)
-    if to.exists() and mission.exists() and to.samefile(mission):
-        raise UsageError(f"--to {to} would overwrite the mission; name another file")
 
 
 def _show(name: str, tuning: "Tuning", facts: dict[str, Any]) -> None:
@@ -175,11 +130,8 @@ def _show(name: str, tuning: "Tuning", facts: dict[str, Any]) -> None:
         ("set", "gains", *axes), [(words, _gains(s), *_margins(s)) for words, s in sets.items()]
     )
     render.say(tuning.sentence)
-    for warning in facts["warnings"]:
-        render.warn(f"! {warning}")
-    for what, key in (("Mission", "to"), ("Picture", "plot")):
-        if key in facts:
-            render.say(f"{what}: {facts[key]}")
+    render.cautions(facts["warnings"])
+    render.files(facts, to="Mission", plot="Picture")
 
 
 _COLUMNS = (

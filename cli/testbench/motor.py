@@ -1,82 +1,66 @@
 """``sysid bench motor``: the constants of a motor from its experiments."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
+from ..options import argument, command, group, option, pairs
 
 if TYPE_CHECKING:
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.testbench.motor.characterise import MotorBench
 
 
+def _value(text: str) -> tuple[float, float | None]:
+    value, _, error = text.replace("+-", "±").partition("±")
+    return float(value), float(error) if error else None
+
+
+def _known(given: Sequence[str]) -> dict[str, tuple[float, float | None]]:
+    """``R=3.1±0.05`` as value and standard error, None without one."""
+    return pairs(given, "--known", "R=3.1 or R=3.1±0.05", _value)
+
+
+@command
 def motor(
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="FILE...", help="Tables of experiments and values: CSV, see docs/bench.md."
-        ),
-    ],
-    known: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--known",
-            metavar="NAME=VALUE",
-            help="A constant known from elsewhere: R=3.1 or R=3.1±0.05.",
-        ),
-    ] = None,
-    gear: Annotated[
-        float | None,
-        typer.Option("--gear", metavar="TURNS", help="Gear ratio: motor turns per output turn."),
-    ] = None,
-    method: Annotated[
-        str,
-        typer.Option(
-            "--method",
-            metavar="HOW",
-            help="separate: one experiment at a time; joint: all at once; auto: joint if a drive "
-            "log is given.",
-        ),
-    ] = "auto",
-    pulses_per_turn: Annotated[
-        float,
-        typer.Option(
-            "--pulses", metavar="N", help="Pulses of the sensor per turn of the output shaft."
-        ),
-    ] = 1.0,
-    units: reading.Units = None,
-    ts: Annotated[
-        float | None,
-        typer.Option("--ts", metavar="SECONDS", help="Sample time of the model [drive's, or 0.1]."),
-    ] = None,
-    inputs: Annotated[
-        str | None,
-        typer.Option("--input", metavar="NAME", help="The model's input [drive's, or voltage]."),
-    ] = None,
-    outputs: Annotated[
-        str | None,
-        typer.Option("--output", metavar="NAME", help="The model's output [drive's, or omega]."),
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option("--plot", metavar="FILE", help="Draw the characteristics: .svg or .png."),
-    ] = None,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-    json: reading.Json = False,
+    files: list[Path] = argument(
+        "FILE...", "Tables of experiments and values: CSV, see docs/bench.md."
+    ),
+    known: dict[str, tuple[float, float | None]] | None = option(
+        "NAME=VALUE",
+        "A constant known from elsewhere: R=3.1 or R=3.1±0.05.",
+        parse=_known,
+        kind=list[str] | None,
+    ),
+    gear: float | None = option("TURNS", "Gear ratio: motor turns per output turn."),
+    method: str = option(
+        "HOW",
+        "separate: one experiment at a time; joint: all at once; auto: joint if a drive "
+        "log is given.",
+        default="auto",
+    ),
+    pulses_per_turn: float = option(
+        "N", "Pulses of the sensor per turn of the output shaft.", "--pulses", default=1.0
+    ),
+    read: "ReadOptions" = group(reading.Reading, "units"),
+    ts: float | None = option("SECONDS", "Sample time of the model [drive's, or 0.1]."),
+    inputs: str | None = option("NAME", "The model's input [drive's, or voltage].", "--input"),
+    outputs: str | None = option("NAME", "The model's output [drive's, or omega].", "--output"),
+    plot: Path | None = targets.picture("Draw the characteristics: .svg or .png."),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
 ) -> None:
     """Characterise a DC motor: R, Kem, Kc, f, C0, J with errors, and a model of it."""
     from sysid.testbench.motor.characterise import MotorOptions, characterise_motor
     from sysid.testbench.motor.model import bench_model
 
-    targets.check_picture(plot)
     options = MotorOptions(
-        known=known_of(known or []),
+        known=known or {},
         gear=gear,
-        units=reading.units_of(units or []),
+        units=read.units,
         pulses_per_turn=pulses_per_turn,
         method=method,
     )
@@ -94,23 +78,6 @@ def motor(
         write_picture(plot, motor_picture(bench))
         facts["plot"] = plot
     render.document(facts) if json else _show(bench, facts)
-
-
-def known_of(given: list[str]) -> dict[str, tuple[float, float | None]]:
-    """Constants as ``R=3.1`` or ``R=3.1±0.05``: value and standard error, None without one.
-
-    Raises:
-        UsageError: one has another form.
-    """
-    known = {}
-    for pair in (p for item in given for p in item.split(",")):
-        name, _, number = (part.strip() for part in pair.partition("="))
-        value, _, error = number.replace("+-", "±").partition("±")
-        try:
-            known[name] = float(value), float(error) if error else None
-        except ValueError:
-            raise UsageError(f"--known cannot read {pair!r}; write R=3.1 or R=3.1±0.05") from None
-    return known
 
 
 def _show(bench: "MotorBench", facts: dict[str, Any]) -> None:
@@ -131,11 +98,9 @@ def _show(bench: "MotorBench", facts: dict[str, Any]) -> None:
     render.table([*heads, "meaning"], rows, title="Motor")
     for p in bench.parameters:
         render.say(f"{p.name}: {p.reason}.")
-    for note in bench.notes:
-        render.warn(f"! {note}")
+    render.cautions(bench.notes)
     if facts["model"] is None:
         render.warn("! No model: J is not known.")
     else:
-        if plot := facts.get("plot"):
-            render.say(f"Picture: {plot}")
+        render.files(facts, plot="Picture")
         render.say(f"Kept as {facts['model']}. Next: sysid compare, sysid export.", "bold")

@@ -1,146 +1,98 @@
 """``sysid bench pendulum``: the inertia of a body from its swing on a bar."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 
 from .. import reading, render, targets
+from ..options import argument, changed, command, group, in_panel, option, pairs
 
 if TYPE_CHECKING:
+    from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
     from sysid.testbench.pendulum.inertia import Hanging
     from sysid.testbench.pendulum.study import PendulumStudy
 
-_hanging = reading.in_panel("The suspended body [the thesis's robot]")
+_hanging = in_panel("The suspended body [the thesis's robot]")
 
 
-def hanging(
-    m: Annotated[float | None, _hanging("--m", "KG", "Mass of the body.")] = None,
-    l: Annotated[  # noqa: E741  the thesis's letter
-        float | None, _hanging("--l", "M", "Distance of its centre of gravity from the hinge.")
-    ] = None,
-    m1: Annotated[float | None, _hanging("--m1", "KG", "Mass of the bar.")] = None,
-    l1: Annotated[
-        float | None,
-        _hanging("--l1", "M", "Distance of the bar's centre of gravity from the hinge."),
-    ] = None,
-    I1: Annotated[float | None, _hanging("--I1", "KG_M2", "The bar's own inertia.")] = None,
-    g: Annotated[float | None, _hanging("--g", "M_S2", "Acceleration of gravity.")] = None,
-    errors: Annotated[
-        list[str] | None,
-        _hanging(
-            "--std-error",
-            "NAME=VALUE",
-            "Standard error of one of these or of the period: l=0.002; repeat (or a,b) for more "
-            "[1 mm, 1 g, 1e-4 kg m², 0.005 m/s², 5 ms].",
-        ),
-    ] = None,
-) -> "tuple[Hanging, float | None]":
-    """What hangs and the period's own error, as the library takes them.
-
-    Raises:
-        UsageError: a number cannot be.
-    """
-    from sysid.testbench.pendulum.inertia import Hanging
-
-    given = {"m": m, "l": l, "m1": m1, "l1": l1, "I1": I1, "g": g}
-    stated = _std_errors(errors or [])
-    period = stated.pop("period", None)
-    letters = {name: value for name, value in given.items() if value is not None}
-    return Hanging(**letters, errors=stated), period
+def _std_errors(given: Sequence[str]) -> dict[str, float]:
+    return pairs(given, "--std-error", "NAME=VALUE such as l=0.002", float)
 
 
-def _std_errors(given: list[str]) -> dict[str, float]:
-    errors: dict[str, float] = {}
-    for pair in (p for item in given for p in item.split(",")):
-        name, sign, number = (part.strip() for part in pair.partition("="))
-        try:
-            errors[name] = float(number)
-        except ValueError:
-            sign = ""
-        if not sign:
-            raise UsageError(f"--std-error cannot read {pair!r}; write NAME=VALUE such as l=0.002")
-    return errors
+@dataclass(frozen=True)
+class Hung:
+    """What hangs, and the errors of its numbers."""
 
-
-def swing_options(
-    outputs: Annotated[
-        str | None,
-        reading.in_panel("Reading the log")(
-            "--output", "NAME", "Column of the angle [found by name]."
-        ),
-    ] = None,
-    time: reading.Time = None,
-    ts: reading.SampleTime = None,
-    units: reading.Units = None,
-    delimiter: reading.Delimiter = None,
-    decimal: reading.Decimal = None,
-    map: reading.Map = None,
-    stamps: reading.Stamps = "auto",
-    latency: reading.Latency = None,
-) -> "ReadOptions":
-    """The options of reading that a swing needs."""
-    return reading.read_options(
-        outputs=[outputs] if outputs else None,
-        time=time,
-        ts=ts,
-        units=units,
-        delimiter=delimiter,
-        decimal=decimal,
-        map=map,
-        stamps=stamps,
-        latency=latency,
+    m: float | None = _hanging("KG", "Mass of the body.")
+    l: float | None = _hanging(  # noqa: E741  the thesis's letter
+        "M", "Distance of its centre of gravity from the hinge."
+    )
+    m1: float | None = _hanging("KG", "Mass of the bar.")
+    l1: float | None = _hanging("M", "Distance of the bar's centre of gravity from the hinge.")
+    I1: float | None = _hanging("KG_M2", "The bar's own inertia.")
+    g: float | None = _hanging("M_S2", "Acceleration of gravity.")
+    errors: list[str] | None = _hanging(
+        "NAME=VALUE",
+        "Standard error of one of these or of the period: l=0.002; repeat (or a,b) for more "
+        "[1 mm, 1 g, 1e-4 kg m², 0.005 m/s², 5 ms].",
+        "--std-error",
+        parse=_std_errors,
     )
 
+    def made(self) -> "tuple[Hanging, float | None]":
+        """What hangs and the period's own error, as the library takes them.
 
-@reading.composed(body=hanging, read=swing_options)
+        Raises:
+            UsageError: a number cannot be.
+        """
+        from sysid.testbench.pendulum.inertia import Hanging
+
+        given = changed(self)
+        stated = given.pop("errors", {})
+        period = stated.pop("period", None)
+        return Hanging(**given, errors=stated), period
+
+
+@command
 def pendulum(
-    logs: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="[LOG...]",
-            help="CSV, Parquet or bag: time and angle, quaternion or position; several together.",
-        ),
-    ] = None,
-    period: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="The period, where there is no log.")
-    ] = None,
-    amplitude: Annotated[
-        float | None,
-        typer.Option(metavar="DEG", help="Amplitude that belongs to --period [10]."),
-    ] = None,
-    size: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LxW",
-            help="Length and width of the body in m, to compare J with a box of its mass.",
-        ),
-    ] = None,
-    *,
-    body: "tuple[Hanging, float | None]",
-    trim: reading.Trim = None,
-    read: "ReadOptions",
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw swing, fit and periods: .svg, .png.")
-    ] = None,
-    json: reading.Json = False,
+    logs: list[Path] | None = argument(
+        "[LOG...]",
+        "CSV, Parquet or bag: time and angle, quaternion or position; several together.",
+        default=None,
+    ),
+    period: float | None = option("SECONDS", "The period, where there is no log."),
+    amplitude: float | None = option("DEG", "Amplitude that belongs to --period [10]."),
+    size: str | None = option(
+        "LxW", "Length and width of the body in m, to compare J with a box of its mass."
+    ),
+    body: "tuple[Hanging, float | None]" = group(Hung),
+    steps: "Preparation" = group(reading.Preparing, "trim"),
+    outputs: str | None = in_panel("Reading the log")(
+        "NAME", "Column of the angle [found by name].", "--output"
+    ),
+    read: "ReadOptions" = group(
+        reading.Reading, "time", "ts", "units", "delimiter", "decimal", "map", "stamps", "latency"
+    ),
+    plot: Path | None = targets.picture("Draw swing, fit and periods: .svg, .png."),
+    json: bool = reading.JSON,
 ) -> None:
     """Inertia of a robot from its free swing on a bar (thesis 2.51, 5.7), with its error.
 
     Each log is fitted with a fading swing; periods counted without a model check it. Give a log,
     or the period that was read off one.
     """
-    targets.check_picture(plot)
-    study = _study(logs or [], period, amplitude, size, body, trim, read)
+    read = replace(read, outputs=(outputs,) if outputs else ())
+    study = _study(logs or [], period, amplitude, size, body, steps, read)
     facts = study.summary()
     if plot is not None:
         if not study.logs:
             raise UsageError("--plot draws the swing of a log; omit it with --period")
-        from .pictures import draw_swing
+        from sysid.report.bench import draw_swing
 
         draw_swing(plot, study)
         facts["plot"] = plot
@@ -153,7 +105,7 @@ def _study(
     amplitude: float | None,
     size: str | None,
     body: "tuple[Hanging, float | None]",
-    trim: str | None,
+    steps: "Preparation",
     read: "ReadOptions",
 ) -> "PendulumStudy":
     from sysid.testbench.pendulum import study
@@ -170,10 +122,10 @@ def _study(
             amplitude=study.AMPLITUDE if amplitude is None else math.radians(amplitude),
             size=box,
         )
-    for option, value in (("--amplitude", amplitude), ("--std-error period", error)):
+    for name, value in (("--amplitude", amplitude), ("--std-error period", error)):
         if value is not None:
-            raise UsageError(f"{option} belongs to --period; a log already contains it")
-    seconds = reading.seconds_to_trim(trim) if trim is not None else (0.0, 0.0)
+            raise UsageError(f"{name} belongs to --period; a log already contains it")
+    seconds = steps.trim_start, steps.trim_end
     return study.inertia_of_logs(logs, what, read, trim=seconds, size=box)
 
 
@@ -211,8 +163,7 @@ def _show(study: "PendulumStudy", facts: dict[str, Any]) -> None:
     for sentence in facts["sentences"]:
         render.say(sentence)
     render.findings(study.findings)
-    if "plot" in facts:
-        render.say(f"Picture: {facts['plot']}")
+    render.files(facts, plot="Picture")
 
 
 _HEADINGS = ("log", "period", "std. error", "counted", "T₀", "amplitude [°]", "damping", "periods")

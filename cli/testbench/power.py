@@ -1,50 +1,44 @@
 """``sysid bench power``: battery and H-bridge before the robot drives."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
-
-from sysid.errors import UsageError
+from typing import TYPE_CHECKING, Any
 
 from .. import reading, render, targets
+from ..options import argument, command, group, option
 
 if TYPE_CHECKING:
+    from sysid.data.reading.read_options import ReadOptions
     from sysid.testbench.power.study import PowerBench
 
 
+@command
 def power(
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="FILE...",
-            help="CSV, Parquet or bag: battery's voltage and current at rest and under load, or a "
-            "staircase of PWM with the motor's voltage, speed or current, or all in one.",
-        ),
-    ],
-    full_current: Annotated[
-        float | None,
-        typer.Option(
-            metavar="A", help="Current of both motors at full drive [the largest of the logs]."
-        ),
-    ] = None,
-    to: Annotated[
-        Path | None,
-        typer.Option(metavar="MISSION", help="Mission in which to fill in vehicle.supply: .yaml."),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help="Write it for sysid diagnose --bench."),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw data and fits: .svg or .png.")
-    ] = None,
-    units: reading.Units = None,
-    pwm_max: reading.PwmMax = None,
-    map: reading.Map = None,
-    stamps: reading.Stamps = "auto",
-    latency: reading.Latency = None,
-    json: reading.Json = False,
+    files: list[Path] = argument(
+        "FILE...",
+        "CSV, Parquet or bag: battery's voltage and current at rest and under load, or a "
+        "staircase of PWM with the motor's voltage, speed or current, or all in one.",
+    ),
+    full_current: float | None = option(
+        "A", "Current of both motors at full drive [the largest of the logs]."
+    ),
+    to: Path | None = targets.target(
+        "MISSION",
+        "Mission in which to fill in vehicle.supply: .yaml.",
+        "--to",
+        suffixes=targets.YAML,
+    ),
+    output: Path | None = targets.target(
+        "FILE",
+        "Write it for sysid diagnose --bench.",
+        "-o",
+        "--out",
+        new_folder=False,
+        suffixes=(".json",),
+    ),
+    plot: Path | None = targets.picture("Draw data and fits: .svg or .png."),
+    read: "ReadOptions" = group(reading.Reading, "units", "pwm_max", "map", "stamps", "latency"),
+    json: bool = reading.JSON,
 ) -> None:
     """Battery from rests and loads, H-bridge from a staircase of PWM, with standard errors.
 
@@ -55,22 +49,15 @@ def power(
     from sysid.data.files import write_atomic
     from sysid.testbench.power.study import bench_power, write_supply
 
-    targets.check_picture(plot)
-    if output is not None:
-        targets.check(output, "-o", new_folder=False)
-        if output.suffix.lower() != ".json":
-            raise UsageError(f"-o {output}: name a file that ends in .json")
-    if to is not None and to.suffix.lower() not in (".yaml", ".yml"):
-        raise UsageError(f"--to {to}: a mission file ends in .yaml")
-    bags = reading.read_options(map=map, stamps=stamps, latency=latency)
-    bench = bench_power(files, reading.units_of(units or []), pwm_max, full_current, bags)
+    bags = replace(read, units={}, pwm_max=None)
+    bench = bench_power(files, read.units, read.pwm_max, full_current, bags)
     facts: dict[str, Any] = bench.summary()
     if output is not None:
         facts["file"] = write_atomic(output, text(facts))
     if to is not None:
         facts["mission"] = write_supply(to, bench)
     if plot is not None:
-        from .pictures import draw_power
+        from sysid.report.bench import draw_power
 
         draw_power(plot, bench)
         facts["plot"] = plot
@@ -90,9 +77,7 @@ def _show(bench: "PowerBench", facts: dict[str, Any]) -> None:
             ],
         )
     render.findings(bench.findings)
-    for what, key in (("Bench file", "file"), ("Mission", "mission"), ("Picture", "plot")):
-        if key in facts:
-            render.say(f"{what}: {facts[key]}")
+    render.files(facts, file="Bench file", mission="Mission", plot="Picture")
 
 
 _UNITS = {"voltage": "V", "loss": "1/s"}

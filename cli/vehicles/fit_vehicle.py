@@ -1,18 +1,17 @@
 """``sysid fit-vehicle``: radii, width, slip, lags and lever arm from logs with a pose."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
 from ..mission_options import given_lengths
+from ..options import argument, command, group, option
 from ..read_as import decided
-from .fit_vehicle_picture import drawn
 from .fit_vehicle_report import show, show_squares
 
 if TYPE_CHECKING:
@@ -23,89 +22,54 @@ if TYPE_CHECKING:
     from sysid.vehicle.kinematics import Geometry
 
 
-@dataclass(frozen=True)
-class Squares:
-    """A table of where squares ended, and their side [m]."""
-
-    returns: Path
-    side: float
+_yaml = partial(targets.target, "FILE", new_folder=False, suffixes=targets.YAML)
 
 
 @dataclass(frozen=True)
 class Files:
-    """Files beside the logs: what is written, and where squares ended; None for none."""
-
-    section: Path | None
-    mission: Path | None
-    to: Path | None
-    plot: Path | None
-    squares: Squares | None = None
-
-
-def files(
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--out",
-            metavar="FILE",
-            help="Write the vehicle as sections of a mission (.yaml).",
-        ),
-    ] = None,
-    mission: Annotated[
-        Path | None,
-        typer.Option("--mission", metavar="M.yaml", help="Mission to write again with --to."),
-    ] = None,
-    to: Annotated[
-        Path | None,
-        typer.Option("--to", metavar="FILE", help="Write the mission with the fitted vehicle."),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw paths and slip: .svg or .png.")
-    ] = None,
-    returns: Annotated[
-        Path | None,
-        typer.Option(
-            "--returns",
-            metavar="FILE",
-            help="Instead of logs: where squares driven both ways ended (direction, x, y).",
-        ),
-    ] = None,
-    side: Annotated[
-        float | None,
-        typer.Option("--side", metavar="M", help="Side of these squares [m]."),
-    ] = None,
-) -> Files:
-    """Where the results go, and where squares come from.
+    """Files beside the logs: what is written, and where squares ended; None for none.
 
     Raises:
         UsageError: a place cannot be written to, or one of two options that go together is missing.
     """
-    targets.check_picture(plot)
-    for path, option in ((output, "-o"), (to, "--to")):
-        if path is not None:
-            if path.suffix not in (".yaml", ".yml"):
-                raise UsageError(f"{option} {path}: a file with a vehicle ends in .yaml")
-            targets.check(path, option, new_folder=False)
-    if (to is None) != (mission is None):
-        lacks = "--mission M.yaml to write it from" if mission is None else "--to FILE to write to"
-        raise UsageError(f"a mission with the new vehicle needs {lacks}, too")
-    if to is not None and mission is not None and to.exists() and to.samefile(mission):
-        raise UsageError(f"--to {to} would overwrite the mission; name another file")
-    if (returns is None) != (side is None):
-        lacks = "--side, the squares' side in metres" if side is None else "--returns FILE"
-        raise UsageError(f"squares need {lacks}, too")
-    runs = None if returns is None or side is None else Squares(returns, side)
-    return Files(output, mission, to, plot, runs)
+
+    output: Path | None = _yaml(
+        "Write the vehicle as sections of a mission (.yaml).", "-o", "--out"
+    )
+    mission: Path | None = option("M.yaml", "Mission to write again with --to.")
+    to: Path | None = _yaml("Write the mission with the fitted vehicle.", "--to")
+    plot: Path | None = targets.picture("Draw paths and slip: .svg or .png.")
+    returns: Path | None = option(
+        "FILE", "Instead of logs: where squares driven both ways ended (direction, x, y)."
+    )
+    side: float | None = option("M", "Side of these squares [m].")
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        to, mission = self.to, self.mission
+        if (to is None) != (mission is None):
+            lacks = "--to FILE to write to" if mission else "--mission M.yaml to write it from"
+            raise UsageError(f"a mission with the new vehicle needs {lacks}, too")
+        if to is not None and mission is not None and to.exists() and to.samefile(mission):
+            raise UsageError(f"--to {to} would overwrite the mission; name another file")
+        if (self.returns is None) != (self.side is None):
+            lacks = "--returns FILE" if self.side else "--side, the squares' side in metres"
+            raise UsageError(f"squares need {lacks}, too")
 
 
 @dataclass(frozen=True)
 class Torque:
     """What is known of the motors, as the line says it."""
 
-    motors: str | None
-    torque_constant: float | None
-    workspace: Path
+    motors: str | None = option(
+        "MODEL",
+        "Motors of --motion dynamic: id of a dc-motor (of `sysid bench motor`), or a "
+        ".yaml with resistance, back_emf, torque_constant, viscous, inertia, friction, gear.",
+    )
+    torque_constant: float | None = option(
+        "NM", "Torque at the wheel per unit of the command or current, if known."
+    )
+    workspace: Path = reading.WORKSPACE
 
     def known(self) -> "KnownMotors | None":
         """The motors; None where nothing was said.
@@ -132,62 +96,25 @@ class Torque:
         return motors_of_model(Workspace(self.workspace).load(self.motors).model)
 
 
-def torque(
-    motors: Annotated[
-        str | None,
-        typer.Option(
-            "--motors",
-            metavar="MODEL",
-            help="Motors of --motion dynamic: id of a dc-motor (of `sysid bench motor`), or a "
-            ".yaml with resistance, back_emf, torque_constant, viscous, inertia, friction, gear.",
-        ),
-    ] = None,
-    torque_constant: Annotated[
-        float | None,
-        typer.Option(
-            "--torque-constant",
-            metavar="NM",
-            help="Torque at the wheel per unit of the command or current, if known.",
-        ),
-    ] = None,
-    workspace: reading.WorkspaceRoot = reading.DEFAULT_WORKSPACE,
-) -> Torque:
-    """What drives a vehicle that has mass."""
-    return Torque(motors, torque_constant, workspace)
-
-
-@reading.composed(files=files, drive=torque, steps=reading.preparation, read=reading.read_options)
+@command
 def fit_vehicle(
-    logs: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="LOG...", help="CSV or Parquet with wheel speeds and a pose."),
-    ] = None,
-    geometry: Annotated[
-        str | None,
-        typer.Option(
-            "--geometry",
-            metavar="r=M,B=M",
-            help="Wheel or sprocket radius and distance of wheels or tracks [m], r=0.30,B=1.08, "
-            "or a file written by -o [the bundled robot's]; the basis of `before`.",
-        ),
-    ] = None,
-    motion: Annotated[
-        str, typer.Option("--motion", metavar="KIND", help="What moves it: slip or dynamic.")
-    ] = "slip",
-    validation: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--val",
-            metavar="LOG",
-            help="Validation log; repeat for more [the last 30 % of the logs].",
-        ),
-    ] = None,
-    *,
-    files: Files,
-    drive: Torque,
-    steps: "Preparation",
-    read: "ReadOptions",
-    json: reading.Json = False,
+    logs: list[Path] | None = argument(
+        "LOG...", "CSV or Parquet with wheel speeds and a pose.", default=None
+    ),
+    geometry: str | None = option(
+        "r=M,B=M",
+        "Wheel or sprocket radius and distance of wheels or tracks [m], r=0.30,B=1.08, "
+        "or a file written by -o [the bundled robot's]; the basis of `before`.",
+    ),
+    motion: str = option("KIND", "What moves it: slip or dynamic.", default="slip"),
+    validation: list[Path] | None = option(
+        "LOG", "Validation log; repeat for more [the last 30 % of the logs].", "--val"
+    ),
+    files: Files = group(Files),
+    drive: Torque = group(Torque),
+    steps: "Preparation" = group(reading.Preparing),
+    read: "ReadOptions" = group(reading.Reading),
+    json: bool = reading.JSON,
 ) -> None:
     """Find radii, width, slip, lags and lever arm of a vehicle from logs that hold its pose.
 
@@ -196,8 +123,8 @@ def fit_vehicle(
     that were not used.
     """
     given = None if geometry is None else given_lengths(geometry)
-    if files.squares is not None:
-        _returned(files.squares, given, logs or [], json)
+    if files.returns is not None and files.side is not None:
+        _returned(files.returns, files.side, given, logs or [], json)
         return
     _refuse_without(logs or [])
     motors = drive.known()
@@ -216,7 +143,9 @@ def fit_vehicle(
     render.document(document) if json else show(fitted, document)
 
 
-def _returned(given: Squares, geometry: "Geometry | None", logs: list[Path], json: bool) -> None:
+def _returned(
+    returns: Path, side: float, geometry: "Geometry | None", logs: list[Path], json: bool
+) -> None:
     """Report the errors that the returns of squares determine, without a log.
 
     Raises:
@@ -227,8 +156,8 @@ def _returned(given: Squares, geometry: "Geometry | None", logs: list[Path], jso
 
     if logs:
         raise UsageError("--returns replaces a LOG; give one of them")
-    squares = square_result(read_returns(given.returns, given.side, geometry or Geometry()))
-    render.document({"squares": squares.to_json()}) if json else show_squares(squares)
+    squares = square_result(read_returns(returns, side, geometry or Geometry()))
+    render.document({"squares": squares}) if json else show_squares(squares)
 
 
 def _refuse_without(logs: list[Path]) -> None:
@@ -251,11 +180,13 @@ def _written(files: Files, fitted: "VehicleFit", name: str) -> dict[str, Any]:
     from sysid.robot.mission.tuning.written import write_sections, write_vehicle
 
     document: dict[str, Any] = {}
-    if files.section is not None:
-        document["output"] = write_sections(files.section, fitted.mission)
+    if files.output is not None:
+        document["output"] = write_sections(files.output, fitted.mission)
     if files.mission is not None and files.to is not None:
         document["to"] = write_vehicle(files.mission, files.to, fitted.mission)
     if files.plot is not None:
-        drawn(files.plot, name, fitted)
+        from sysid.report.vehicles import draw_vehicle_fit
+
+        draw_vehicle_fit(files.plot, name, fitted)
         document["plot"] = files.plot
     return document

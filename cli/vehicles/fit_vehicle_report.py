@@ -30,13 +30,10 @@ def show(fitted: "VehicleFit", document: dict[str, Any]) -> None:
     _show_errors(fitted)
     if fitted.squares is not None:
         show_squares(fitted.squares)
-    for note in document["notes"]:
-        render.warn(f"! {note}")
+    render.cautions(document["notes"])
     acting = fitted.acting
     render.say(f"As a vehicle without slip: r = {acting.r:.4g} m, B = {acting.B:.4g} m.")
-    for key, word in (("output", "Vehicle"), ("to", "Mission"), ("plot", "Picture")):
-        if key in document:
-            render.say(f"{word}: {document[key]}")
+    render.files(document, output="Vehicle", to="Mission", plot="Picture")
 
 
 def show_squares(squares: "SquareResult") -> None:

@@ -2,13 +2,12 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 
 from .. import reading, render, targets
+from ..options import argument, command, option
 
 if TYPE_CHECKING:
     from sysid.vehicle.ground.assessment import Quantity, SoilAssessment
@@ -16,50 +15,30 @@ if TYPE_CHECKING:
     from sysid.vehicle.soil import Soil
 
 
+@command
 def soil(
-    ground: Annotated[
-        str | None,
-        typer.Argument(metavar="[SOIL]", help="A preset's name, or a YAML file with a soil."),
-    ] = None,
-    vehicle: Annotated[
-        Path | None,
-        typer.Option(
-            "--vehicle",
-            metavar="FILE",
-            help="YAML with r, B, L, track_width, centre, height, mass, as sysid vehicle reads it, "
-            "or a mission [the bundled robot].",
-        ),
-    ] = None,
-    numbers: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="NAME=VALUE",
-            help="A parameter of the soil: cohesion=500, friction_angle_deg=31.",
-        ),
-    ] = None,
-    slope: Annotated[
-        float | None, typer.Option("--slope", metavar="DEG", help="A slope to climb [°].")
-    ] = None,
-    slips: Annotated[
-        str | None,
-        typer.Option(
-            "--slip", metavar="I,I", help="Slips at which to state the drawbar pull, 0 to 1."
-        ),
-    ] = None,
-    wheels: Annotated[
-        int | None,
-        typer.Option(
-            "--road-wheels",
-            metavar="N",
-            help="Number of road wheels of a track, which cause pressure peaks [a rigid track].",
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option("--plot", metavar="FILE", help="Draw shear, pull and turning (svg or png)."),
-    ] = None,
-    json: reading.Json = False,
+    ground: str | None = argument(
+        "[SOIL]", "A preset's name, or a YAML file with a soil.", default=None
+    ),
+    vehicle: Path | None = option(
+        "FILE",
+        "YAML with r, B, L, track_width, centre, height, mass, as sysid vehicle reads it, "
+        "or a mission [the bundled robot].",
+    ),
+    numbers: list[str] | None = option(
+        "NAME=VALUE", "A parameter of the soil: cohesion=500, friction_angle_deg=31.", "--set"
+    ),
+    slope: float | None = option("DEG", "A slope to climb [°]."),
+    slips: str | None = option(
+        "I,I", "Slips at which to state the drawbar pull, 0 to 1.", "--slip"
+    ),
+    wheels: int | None = option(
+        "N",
+        "Number of road wheels of a track, which cause pressure peaks [a rigid track].",
+        "--road-wheels",
+    ),
+    plot: Path | None = targets.picture("Draw shear, pull and turning (svg or png)."),
+    json: bool = reading.JSON,
 ) -> None:
     """List soils with their sources, or assess a tracked vehicle on one."""
     from sysid.vehicle.ground.assessment import RADII, SLIPS, assess
@@ -67,7 +46,6 @@ def soil(
     if ground is None and vehicle is None and not numbers:
         _list(json)
         return
-    targets.check_picture(plot)
     traction = _traction(ground, vehicle, numbers or [], wheels)
     assessment = assess(
         traction,
@@ -80,7 +58,7 @@ def soil(
     else:
         _show(assessment, ground or str(vehicle))
     if plot is not None:
-        from .soil_picture import draw_soil
+        from sysid.report.vehicles import draw_soil
 
         draw_soil(plot, ground or str(vehicle), assessment)
 
@@ -280,8 +258,7 @@ def _show(assessment: "SoilAssessment", name: str) -> None:
         title="Turning",
     )  # fmt: skip
     render.say(f"Soil: {assessment.traction.soil.source}.", "dim")
-    for note in assessment.notes:
-        render.warn(f"! {note}")
+    render.cautions(assessment.notes)
 
 
 def _turned(q: "Quantity") -> str:

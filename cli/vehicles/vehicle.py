@@ -2,59 +2,40 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 
 from .. import reading, render, targets
+from ..options import argument, command, option
 
 if TYPE_CHECKING:
     from sysid.vehicle.wheels.vehicle import Vehicle
 
 
+@command
 def vehicle(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A vehicle (YAML), a mission or a URDF.")
-    ],
-    angles: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME=RAD,…", help="Steering angles [rad] instead of the file's, by wheel."
-        ),
-    ] = None,
-    twist: Annotated[
-        str | None,
-        typer.Option(
-            metavar="VX,VY,WZ",
-            help="Wanted motion [m/s, m/s, rad/s]: speeds and angles of the wheels for it.",
-        ),
-    ] = None,
-    speeds: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME=RAD/S,…",
-            help="Speeds of wheels [rad/s], by name or in the file's order; gives the motion.",
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Draw wheels, axles and centre: .svg or .png."),
-    ] = None,
-    urdf: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the vehicle as a URDF.")
-    ] = None,
-    mjcf: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the vehicle as a MuJoCo model.")
-    ] = None,
-    json: reading.Json = False,
+    file: Path = argument("FILE", "A vehicle (YAML), a mission or a URDF."),
+    angles: str | None = option(
+        "NAME=RAD,…", "Steering angles [rad] instead of the file's, by wheel."
+    ),
+    twist: str | None = option(
+        "VX,VY,WZ", "Wanted motion [m/s, m/s, rad/s]: speeds and angles of the wheels for it."
+    ),
+    speeds: str | None = option(
+        "NAME=RAD/S,…",
+        "Speeds of wheels [rad/s], by name or in the file's order; gives the motion.",
+    ),
+    plot: Path | None = targets.picture("Draw wheels, axles and centre: .svg or .png."),
+    urdf: Path | None = targets.target(
+        "FILE", "Write the vehicle as a URDF.", "--urdf", new_folder=False
+    ),
+    mjcf: Path | None = targets.target(
+        "FILE", "Write the vehicle as a MuJoCo model.", "--mjcf", new_folder=False
+    ),
+    json: bool = reading.JSON,
 ) -> None:
     """Say what the wheels of a vehicle let it do, and turn motions into wheel speeds and back."""
-    targets.check_picture(plot)
-    for target, option in ((urdf, "--urdf"), (mjcf, "--mjcf")):
-        if target is not None:
-            targets.check(target, option, new_folder=False)
     from sysid.vehicle.wheels.description import load_vehicle
     from sysid.vehicle.wheels.summary import forward_document, inverse_document, summary
 
@@ -70,9 +51,9 @@ def vehicle(
         )
         facts["forward"] = forward_document(loaded, loaded.forward(wheel_speeds or {}, at))
     if plot is not None:
-        from .vehicle_picture import draw
+        from sysid.report.vehicles import draw_vehicle
 
-        draw(plot, loaded, facts)
+        draw_vehicle(plot, loaded, facts)
         facts["plot"] = plot
     _write(loaded, facts, {"urdf": urdf, "mjcf": mjcf})
     if json:

@@ -39,11 +39,8 @@ def show(facts: dict[str, Any]) -> None:
     for key, shown in (("inverse", _show_inverse), ("forward", _show_forward)):
         if key in facts:
             shown(facts[key])
-    for note in facts["notes"]:
-        render.warn(f"! {note}")
-    for key, word in (("plot", "Picture"), ("urdf", "URDF"), ("mjcf", "MuJoCo model")):
-        if key in facts:
-            render.say(f"{word}: {facts[key]}")
+    render.cautions(facts["notes"])
+    render.files(facts, plot="Picture", urdf="URDF", mjcf="MuJoCo model")
 
 
 def _show_wheels(wheels: list[dict[str, Any]]) -> None:

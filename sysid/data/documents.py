@@ -1,9 +1,14 @@
-"""Values as JSON text, for the documents of commands and the files of the workspace."""
+"""Values as JSON text, for the documents of commands and the files of the workspace.
+
+A dataclass is an object of its fields. A field that a file calls otherwise says so:
+``field(metadata={"alias": "sample_time"})``; pydantic, with which :mod:`sysid.data.schema` reads
+the file, knows that word too. A class whose document is none of its fields alone has ``to_json``.
+"""
 
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import Field, fields, is_dataclass
 from enum import Enum
 from os import PathLike, fspath
 from typing import Any
@@ -20,41 +25,61 @@ def plain(value: Any) -> Any:
     Raises:
         TypeError: there is something in it that JSON cannot say.
     """
-    if value is None or (isinstance(value, bool | int) and not isinstance(value, Enum)):
+    if isinstance(value, Enum) or hasattr(value, "to_json"):
+        return plain(_inside(value))
+    if value is None or isinstance(value, bool | int):
         return value
-    if isinstance(value, Enum):
-        return plain(value.value)
     if isinstance(value, str):
         return visible(str(value))
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {visible(str(key)): plain(item) for key, item in value.items()}
+        return plain_object(value)
     if isinstance(value, list | tuple | set | frozenset):
         return [plain(item) for item in value]
+    return plain(_inside(value))
+
+
+def plain_object(pairs: Mapping[Any, Any]) -> dict[str, Any]:
+    """A mapping whose values are made plain; see :func:`plain`."""
+    return {visible(str(key)): plain(item) for key, item in pairs.items()}
+
+
+def _inside(value: Any) -> Any:
+    """What is written of an object.
+
+    Raises:
+        TypeError: JSON has no words for it.
+    """
+    if hasattr(value, "to_json"):
+        return value.to_json()
+    if isinstance(value, Enum):
+        return value.value
     if isinstance(value, PathLike):
-        return visible(str(fspath(value)))
+        return str(fspath(value))
     if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value))
+        return by_field(value)
     if hasattr(value, "tolist"):  # NumPy, without importing it for commands that need none
-        return plain(value.tolist())
+        return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be written as JSON")
 
 
-class Document:
-    """A dataclass that is its own document: its fields, as they are in JSON."""
-
-    def to_json(self) -> dict[str, Any]:
-        """{name of a field: its value}, documents within it as they write themselves."""
-        return {f.name: _held(getattr(self, f.name)) for f in fields(self)}  # type: ignore[arg-type]
+def name_in_file(field: "Field[Any]") -> str:
+    """What a file calls a field of a dataclass."""
+    return str(field.metadata.get("alias", field.name))
 
 
-def _held(value: Any) -> Any:
-    if isinstance(value, Document):
-        return value.to_json()
-    if isinstance(value, Mapping):
-        return {key: _held(item) for key, item in value.items()}
-    return [_held(item) for item in value] if isinstance(value, list | tuple) else value
+def by_field(value: Any, *, defaults: bool = True) -> dict[str, Any]:
+    """The fields of a dataclass as a file calls them; their values as they are.
+
+    Args:
+        defaults: whether fields are among them that have the value of ``type(value)()``.
+    """
+    kept = {name_in_file(f): getattr(value, f.name) for f in fields(value)}
+    if defaults:
+        return kept
+    usual = by_field(type(value)())
+    return {k: v for k, v in kept.items() if v != usual[k]}
 
 
 MAX_BYTES = 64 * 1024**2

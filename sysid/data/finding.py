@@ -18,6 +18,10 @@ class Severity(IntEnum):
         """The severity as printed and stored: ok, note, warning or fatal."""
         return self.name.lower()
 
+    def to_json(self) -> str:
+        """Its word."""
+        return self.word
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -43,17 +47,6 @@ class Finding:
     def text(self) -> str:
         """Sentence and advice in one string."""
         return f"{self.sentence} {self.advice}".strip()
-
-    def to_json(self) -> dict[str, str | None]:
-        """The finding as a JSON object."""
-        return {
-            "code": self.code,
-            "severity": self.severity.word,
-            "sentence": self.sentence,
-            "advice": self.advice,
-            "channel": self.channel,
-            "record": self.record,
-        }
 
 
 def notes(findings: Iterable[Finding]) -> tuple[str, ...]:

@@ -1,16 +1,16 @@
 """Operating point of a model: zero, the rest, an estimate, or means that were removed."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
 from sysid.data.decision import Decision
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
-from sysid.errors import ModelError
+from sysid.data.schema import Null
 
 
 class Origin(Enum):
@@ -22,6 +22,9 @@ class Origin(Enum):
     MEANS = "means"
     LINES = "lines"
     INSIDE = "inside"
+
+
+_Error = Annotated[float, Null(np.inf)]
 
 
 @dataclass(frozen=True)
@@ -37,8 +40,8 @@ class OperatingPoint:
     """
 
     origin: Origin = Origin.ZERO
-    u_error: tuple[float, ...] = ()
-    y_error: tuple[float, ...] = ()
+    u_error: tuple[_Error, ...] = field(default=(), metadata={"alias": "u_std_error"})
+    y_error: tuple[_Error, ...] = field(default=(), metadata={"alias": "y_std_error"})
     estimated: int = 0
     why: str = ""
 
@@ -47,43 +50,13 @@ class OperatingPoint:
         """The origin as one of the decisions on a log."""
         return Decision("offsets", _DECIDED[self.origin], ("detrend",))
 
-    def to_json(self) -> dict[str, Any]:
-        """JSON-able values; infinite errors as null."""
-        return {
-            "origin": self.origin.value,
-            "u_std_error": [_finite(e) for e in self.u_error],
-            "y_std_error": [_finite(e) for e in self.y_error],
-            "estimated": self.estimated,
-            "why": self.why,
-        }
-
-    @staticmethod
-    def from_json(raw: Mapping[str, Any]) -> "OperatingPoint":
-        """Undo ``to_json``.
-
-        Raises:
-            ModelError: a key is missing or a value is of another kind.
-        """
-        try:
-            u, y = (
-                tuple(np.inf if e is None else float(e) for e in raw[f"{side}_std_error"])
-                for side in ("u", "y")
-            )
-            return OperatingPoint(
-                Origin(raw["origin"]), u, y, int(raw["estimated"]), str(raw["why"])
-            )
-        except (KeyError, TypeError, ValueError):
-            raise ModelError(
-                "the operating point stored with the model is damaged; fit again"
-            ) from None
-
     @staticmethod
     def of_detrend(detrend: Detrend) -> "OperatingPoint":
         """The operating point of a model that only knows what was removed, as in files of "
         "version 0.1.0."""
         if detrend.is_none:
             return OperatingPoint()
-        sloped = any(detrend.to_json()[k] and any(detrend.to_json()[k]) for k in _SLOPES)
+        sloped = np.any(detrend.u_slope) or np.any(detrend.y_slope)
         return OperatingPoint(Origin.LINES if sloped else Origin.MEANS)
 
     def sentence(
@@ -126,8 +99,6 @@ _DECIDED = {
     Origin.INSIDE: "none removed",
 }
 
-_SLOPES = ("u_slope", "y_slope")
-
 
 def shifted(channels: Sequence[Channel], offsets: Sequence[float]) -> tuple[Channel, ...]:
     """The channels named as an equation in physical numbers needs them: ``(y - 71.3)``."""
@@ -164,7 +135,3 @@ def value_with_error(value: float, error: float) -> str:
     if digits > 8:
         return f"{value:.6g} ± {error:.2g}"
     return f"{value:.{digits}f} ± {error:.{digits}f}" if digits else f"{value:.0f} ± {error:.2g}"
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -1,19 +1,21 @@
 """Trimming, filtering, decimation and drift of records before a fit, stored with the model."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from sysid.data.common_step import common_step
 from sysid.data.decision import Decision
+from sysid.data.documents import by_field
 from sysid.data.facts import without_drift
 from sysid.data.finding import Finding
 from sysid.data.io import ReadOptions, read_files
 from sysid.data.preprocess import decimate, low_pass, trim
 from sysid.data.record import Record
+from sysid.data.schema import STORED
 from sysid.errors import UsageError
 
 
@@ -30,6 +32,8 @@ class Preparation:
     Raises:
         UsageError: a number cannot be.
     """
+
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
 
     trim_start: float = 0.0
     trim_end: float = 0.0
@@ -68,20 +72,7 @@ class Preparation:
 
     def to_json(self) -> dict[str, Any]:
         """The steps as a JSON object; what is not done is left out."""
-        plain = Preparation()
-        return {k: v for k, v in asdict(self).items() if v != getattr(plain, k)}
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> "Preparation":
-        """The steps that ``to_json`` wrote.
-
-        Raises:
-            UsageError: they are damaged.
-        """
-        try:
-            return cls(**data)
-        except TypeError:
-            raise UsageError("the preparation stored with the model is damaged") from None
+        return by_field(self, defaults=False)
 
 
 def read_prepared(

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sysid.data.documents import by_field, plain
 from sysid.data.record import Array, Record
+from sysid.data.schema import STORED
 from sysid.errors import DataError, ModelError, UsageError
 
 
@@ -25,6 +27,8 @@ class Detrend:
     Raises:
         ModelError: shapes do not fit together, or a number is not finite.
     """
+
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
 
     u_offset: Array
     y_offset: Array
@@ -44,7 +48,7 @@ class Detrend:
             object.__setattr__(self, f"{side}_slope", slope)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Detrend) and self.to_json() == other.to_json()
+        return isinstance(other, Detrend) and plain(self) == plain(other)
 
     def __hash__(self) -> int:
         return hash((self.u_offset.tobytes(), self.y_offset.tobytes()))
@@ -83,7 +87,7 @@ class Detrend:
     @property
     def is_none(self) -> bool:
         """Whether nothing is taken away."""
-        return not any(np.any(v) for v in self._vectors().values())
+        return not any(np.any(v) for v in by_field(self).values())
 
     def remove(self, record: Record) -> Record:
         """The record without its offsets and slopes; hash and name stay.
@@ -110,30 +114,6 @@ class Detrend:
     def restore_output(self, y: ArrayLike, t: ArrayLike) -> Array:
         """Outputs (N, ny) at the instants t (N,) [s], with their offsets and slopes put back."""
         return self._shift(y, t, "y", +1.0)
-
-    def to_json(self) -> dict[str, list[float]]:
-        """The vectors as a JSON object."""
-        return {k: [float(x) for x in v] for k, v in self._vectors().items()}
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> "Detrend":
-        """The detrending that ``to_json`` wrote.
-
-        Raises:
-            ModelError: a key is missing or unknown, or a value is no vector of finite numbers.
-        """
-        try:
-            return cls(**{k: np.asarray(v, dtype=np.float64) for k, v in data.items()})
-        except (TypeError, ValueError, AttributeError):
-            raise ModelError("the offsets stored with the model are damaged; fit again") from None
-
-    def _vectors(self) -> dict[str, Array]:
-        return {
-            "u_offset": self.u_offset,
-            "y_offset": self.y_offset,
-            "u_slope": self._slope("u"),
-            "y_slope": self._slope("y"),
-        }
 
     def _slope(self, side: str) -> Array:
         slope = self.u_slope if side == "u" else self.y_slope

@@ -4,16 +4,18 @@ import hashlib
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.data.column_words import is_drive, is_wheel_speed
 from sysid.data.decision import Decision
+from sysid.data.schema import Null
 from sysid.errors import DataError
 from sysid.outside_text import name_of
 
-Array = NDArray[np.float64]
+Array = Annotated[NDArray[np.float64], Null()]
 Index = NDArray[np.intp]
 HARDLY = 1e-6
 """Weight of an error that a fit does not look at although nothing is wrong with its sample: it was

@@ -5,11 +5,14 @@ they are: what only writes files, or only asks for help, does not wait for it.
 """
 
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import cache
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
+
+from sysid.data.documents import name_in_file
 
 STORED: Mapping[str, Any] = MappingProxyType({"extra": "forbid", "allow_inf_nan": False})
 """``__pydantic_config__`` of a schema: no key it does not know, no number that JSON cannot say."""
@@ -18,6 +21,47 @@ DAMAGED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, 
 """What reading a document raises that is not what it should be, where no schema has caught it."""
 
 Schema = TypeVar("Schema")
+
+
+@dataclass(frozen=True)
+class Null:
+    """What null in a file stands for, in a number or in an array of them.
+
+    ``Annotated[float, Null()]`` is NaN, a number that is not defined; infinity is one that is not
+    known or not bounded. An array is stored as lists of numbers and is read as float64.
+    """
+
+    stands_for: float = math.nan
+
+    def __get_pydantic_core_schema__(self, source: Any, _: Any) -> Any:
+        """How pydantic reads it."""
+        from pydantic_core import core_schema as kinds
+
+        if source is not float:
+            return kinds.no_info_plain_validator_function(self._array)
+        number = kinds.nullable_schema(kinds.float_schema(allow_inf_nan=False))
+        return kinds.no_info_after_validator_function(
+            lambda value: self.stands_for if value is None else value, number
+        )
+
+    def _array(self, raw: Any) -> Any:
+        import numpy as np
+
+        def cells(part: Any) -> Any:
+            if isinstance(part, list):
+                return [cells(p) for p in part]
+            if part is None:
+                return self.stands_for
+            if type(part) not in (int, float) or not math.isfinite(part):
+                raise ValueError
+            return part
+
+        try:
+            if isinstance(raw, list):
+                return np.array(cells(raw), dtype=np.float64)
+        except (ValueError, OverflowError):
+            pass
+        raise ValueError("should be a list of numbers, or of rows that are as long")
 
 
 def checked(schema: type[Schema], raw: object, *, others: bool = False) -> Schema:
@@ -31,19 +75,46 @@ def checked(schema: type[Schema], raw: object, *, others: bool = False) -> Schem
     Raises:
         ValueError: what does not fit, and where in the file.
     """
+    if others and isinstance(raw, Mapping):
+        known = [name_in_file(f) for f in fields(schema)]  # type: ignore[arg-type]
+        raw = {name: raw[name] for name in known if name in raw}
+    value: Schema = _valid(schema, raw)
+    return value
+
+
+def completed(schema: type[Schema], raw: Mapping[str, Any], **given: Any) -> Schema:
+    """A dataclass of which a file holds some fields, each of them needed; the others are given.
+
+    Args:
+        schema: a frozen dataclass.
+        raw: as ``json.loads`` gives it; it may hold more.
+        given: fields that the file describes in words of its own.
+
+    Raises:
+        ValueError: what does not fit, and where in the file.
+    """
+    hints = get_type_hints(schema, include_extras=True)
+    names = {f.name: name_in_file(f) for f in fields(schema)}  # type: ignore[arg-type]
+    read = {name: key for name, key in names.items() if name not in given}
+    for key in read.values():
+        if key not in raw:
+            raise ValueError(f"{key!r} is missing")
+    return schema(
+        **{name: _valid(hints[name], raw[key], key) for name, key in read.items()}, **given
+    )
+
+
+def _valid(schema: Any, raw: object, *place: str) -> Any:
     from pydantic import ValidationError
 
-    if others and isinstance(raw, Mapping):
-        raw = {f.name: raw[f.name] for f in fields(schema) if f.name in raw}  # type: ignore[arg-type]
-    kind: Any = schema
     try:
         # as text: only there lists may stand for tuples and objects for dataclasses, no more
-        value: Schema = _adapter(kind).validate_json(json.dumps(raw), strict=True)
+        return _adapter(schema).validate_json(json.dumps(raw), strict=True)
     except ValidationError as error:
-        raise ValueError(_words(error.errors(include_url=False)[0])) from None
+        problem = error.errors(include_url=False)[0]
+        raise ValueError(_words({**problem, "loc": (*place, *problem["loc"])})) from None
     except (TypeError, RecursionError):
         raise ValueError("it is not what JSON can hold") from None
-    return value
 
 
 @cache
@@ -79,5 +150,5 @@ def _words(problem: Mapping[str, Any]) -> str:
         return f"{where}: a number is missing"
     if kind == "finite_number":
         return f"{where}: a number is not finite"
-    message = str(problem["msg"]).removeprefix("Input ")
+    message = str(problem["msg"]).removeprefix("Input ").removeprefix("Value error, ")
     return f"{where}: it {message}" if where else f"it {message}"

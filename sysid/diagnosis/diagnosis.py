@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from sysid.data.documents import Document
+from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import Gap
 from sysid.diagnosis.several.results import SeveralLogs
@@ -101,13 +101,13 @@ class Value:
 
     def to_json(self) -> dict[str, Any]:
         """{name, value, std_error, unit, interval, visited, on_bound}, and the same ``in_file``."""
-        in_file = {} if self.in_file is None else {"in_file": self.in_file.to_json()}
+        in_file = {} if self.in_file is None else {"in_file": self.in_file}
         return {
             "name": self.name,
-            "value": self.value if self.visited else None,
+            "value": self.value,
             "std_error": self.std_error,
             "unit": self.unit,
-            "interval": None if self.interval is None else list(self.interval),
+            "interval": self.interval,
             "visited": self.visited,
             "on_bound": self.bounded,
             **in_file,
@@ -155,14 +155,14 @@ class NamedEffect:
         return {
             "id": self.id,
             "stage": self.stage,
-            "channels": list(self.channels),
-            "parameters": [p.to_json() for p in self.parameters],
+            "channels": self.channels,
+            "parameters": self.parameters,
             "evidence": {
                 "delta_bic": self.delta_bic,
                 "p_value": self.p_value,
                 "heldout_gain": self.heldout_gain,
             },
-            "indistinguishable": list(self.indistinguishable),
+            "indistinguishable": self.indistinguishable,
             "sentence": self.sentence,
             "error_ratio_without": self.error_ratio_without,
             "remains": self.remains,
@@ -170,7 +170,7 @@ class NamedEffect:
 
 
 @dataclass(frozen=True)
-class RejectedEffect(Document):
+class RejectedEffect:
     """An effect that was selected first and rejected later, with the reason."""
 
     id: str
@@ -178,7 +178,7 @@ class RejectedEffect(Document):
 
 
 @dataclass(frozen=True)
-class Experiment(Document):
+class Experiment:
     """A run that would show what this log cannot.
 
     Attributes:
@@ -270,29 +270,37 @@ class Diagnosis:
         return self.after is not self.before
 
     def to_json(self, before: str = "", after: str = "") -> dict[str, Any]:
-        """The document ``diagnosis.json``."""
-        effects = {k: getattr(self, k) for k in ("effects", "rejected", "where", "where_after")}
-        return {
-            "verdict": self.verdict,
-            "story": self.story,
-            "changes": list(self.changes),
-            "base": self.base_words,
-            "added_to": self.baseline_words or self.base_words,
-            "geometry": None if self.geometry is None else self.geometry.to_json(),
-            **{name: [item.to_json() for item in items] for name, items in effects.items()},
-            "minor": list(self.minor),
-            "excess_error": None if self.excess_error is None else self.excess_error.to_json(),
-            **self.several.to_json(),
-            "candidates": [{"id": k, "score": v} for k, v in self.candidates],
-            "gap": self.gap.to_json(),
-            "detectable": self.detectable,
-            "next_experiments": [e.to_json() for e in self.next_experiments],
-            "original_model": before,
-            "augmented_model": after,
-            "residual_tests": [r.to_json() for r in self.residuals],
-            "description": self.description,
-            "reading": list(self.reading),
-            "warnings": list(self.warnings),
-            "path": self.path,
-            "seconds": self.seconds,
-        }
+        """The document ``diagnosis.json``.
+
+        Args:
+            before, after: ids under which the models are kept in the workspace.
+        """
+        return plain_object(
+            {
+                "verdict": self.verdict,
+                "story": self.story,
+                "changes": self.changes,
+                "base": self.base_words,
+                "added_to": self.baseline_words or self.base_words,
+                "geometry": self.geometry,
+                "effects": self.effects,
+                "minor": self.minor,
+                "rejected": self.rejected,
+                "excess_error": self.excess_error,
+                **by_field(self.several),
+                "candidates": [{"id": k, "score": v} for k, v in self.candidates],
+                "where": self.where,
+                "where_after": self.where_after,
+                "gap": self.gap,
+                "detectable": self.detectable,
+                "next_experiments": self.next_experiments,
+                "original_model": before,
+                "augmented_model": after,
+                "residual_tests": self.residuals,
+                "description": self.description,
+                "reading": self.reading,
+                "warnings": self.warnings,
+                "path": self.path,
+                "seconds": self.seconds,
+            }
+        )

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.data.documents import Document
 from sysid.data.noise import white_noise
 from sysid.data.record import Array
 
@@ -19,7 +18,7 @@ REFUTED = 0.85
 
 
 @dataclass(frozen=True)
-class ChannelGap(Document):
+class ChannelGap:
     """RMSE of one output before and after, and its noise floor with a 95 % interval."""
 
     rmse_before: float
@@ -34,7 +33,7 @@ class ChannelGap(Document):
 
 
 @dataclass(frozen=True)
-class Gap(Document):
+class Gap:
     """Gap = RMSE² − floor² of all outputs (each in units of its base error), before and after.
 
     Attributes:

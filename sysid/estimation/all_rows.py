@@ -26,9 +26,9 @@ from sysid.methods.linear import is_linear, solved_outcome
 from sysid.methods.method import Fitter
 from sysid.methods.outcome import FitOutcome
 from sysid.structures.base import Structure
-from sysid.structures.linear.closed_form import solve_in_blocks
 from sysid.structures.linear.constant_input import with_ones
 from sysid.structures.linear.families import ARX
+from sysid.structures.linear.least_squares import solve_in_blocks
 from sysid.structures.model import Model
 
 BLOCK_ROWS = 500_000

@@ -201,6 +201,20 @@ def solve_triangular_form(R: Array, z: Array) -> LeastSquares:
     return LeastSquares(theta, half @ half.T, loss, vectors[:, values > 0.5])
 
 
+def scaled_lstsq(A: Array, b: Array) -> Array:
+    """argmin ‖A x − b‖², the columns of A brought to unit norm before directions are set aside."""
+    size = np.linalg.norm(A, axis=0)
+    size[size == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(A / size, b, rcond=1e-12)[0] / size)
+
+
+def scaled_solution(H: Array, g: Array) -> Array:
+    """The same from H = AᵀA and g = Aᵀb."""
+    size = np.sqrt(np.maximum(np.diag(H), 0.0))
+    size[size == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-12)[0] / size)
+
+
 RANK_TOLERANCE = 1e-10
 """Relative singular value below which a (scaled) direction counts as without information."""
 

@@ -13,8 +13,8 @@ from sysid.methods.method import Method
 from sysid.methods.outcome import FitOutcome
 from sysid.methods.search import by_search
 from sysid.structures.base import Structure
-from sysid.structures.linear.closed_form import solve
 from sysid.structures.linear.families import ARX
+from sysid.structures.linear.least_squares import solve
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.searchable import LinearSearch
 

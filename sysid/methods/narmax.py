@@ -11,6 +11,7 @@ from sysid.data.record import Array, Record
 from sysid.data.shortened import shortened
 from sysid.errors import DataError, Termination, UsageError, argument
 from sysid.fitting.marquardt import Method as SolverMethod
+from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.fitting.options import EVALUATIONS, FitOptions
 from sysid.fitting.problem import Focus, Parameter, Problem
 from sysid.fitting.robust import huber_widths, weighted
@@ -269,12 +270,10 @@ _SIDES = ("lower", "upper")
 
 
 def _linear(problem: Problem, p: Array, free: NDArray[np.bool_]) -> Array:
-    """Least squares by QR of the columns scaled to unit norm, entries that are not free as in p."""
+    """Least squares of the free entries, the others as in p."""
     fixed_part = np.where(free, 0.0, p)
     J, e = problem.jacobian(fixed_part)[:, free], problem.residual(fixed_part)
-    norms = np.linalg.norm(J, axis=0)
-    norms[norms == 0.0] = 1.0
-    return np.asarray(np.linalg.lstsq(J / norms, -e, rcond=1e-12)[0] / norms)
+    return scaled_lstsq(J, -e)
 
 
 METHOD = Method(by_choice(proposed))

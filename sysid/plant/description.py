@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -54,8 +54,8 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
         "schema": SCHEMA,
         "name": name,
         "sample_time": model.dt,
-        "inputs": [asdict(c) for c in model.inputs],
-        "outputs": [asdict(c) for c in model.outputs],
+        "inputs": model.inputs,
+        "outputs": model.outputs,
         "blocks": [
             {"kind": BLOCKS[0], "offset": model.detrend.u_offset.tolist()},
             core,
@@ -69,7 +69,7 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
         **_ground(model),
         "fit": _fit(report),
         "termination": {"code": model.termination.code, "message": model.termination.value},
-        "data": [asdict(s) for s in model.provenance.data],
+        "data": model.provenance.data,
         "warnings": list(dict.fromkeys((*model.warnings, *report.get("warnings", ())))),
         # not where the logs lay on somebody's disk: their names and hashes are under data
         "options": {k: v for k, v in model.provenance.options.items() if k != "files"},

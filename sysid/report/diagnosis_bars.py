@@ -1,6 +1,6 @@
 """Bars of a diagnosis: errors before and after over the noise floor, and candidates by score."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -45,17 +45,12 @@ _TIED = "#8dbfe0"
 _CANDIDATE_ROW = 0.24
 
 
-def gap_size(lines: Sequence[ChannelLine]) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return WIDTH, 0.4 + legend_height(list(_ERRORS)) + _GAP_ROW * len(lines)
-
-
 def draw_gap(figure: "Figure", lines: Sequence[ChannelLine]) -> None:
     """Two bars an output, RMSE before and after; what lies left of the tick is noise.
 
     Each output has its own unit, so the bars are in per cent of the error before.
     """
-    axes = _panel(figure, len(lines) * _GAP_ROW, len(lines), 0.14, 0.18)
+    axes = _panel(figure, _GAP_ROW, len(lines), (0.14, 0.18), _ERRORS)
     above = LINE / _GAP_ROW
     for k, line in enumerate(lines):
         whole = max(line.rmse_before, line.rmse_after, 1e-300)
@@ -78,14 +73,6 @@ def draw_gap(figure: "Figure", lines: Sequence[ChannelLine]) -> None:
     legend(axes, _ERRORS)
 
 
-def candidates_size(
-    candidates: Sequence[tuple[str, float]], accepted: Sequence[str], tied: Sequence[str]
-) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    top = legend_height(list(_kinds(accepted, tied)))
-    return WIDTH, 0.4 + top + _CANDIDATE_ROW * min(len(candidates), MOST)
-
-
 def draw_candidates(
     figure: "Figure",
     candidates: Sequence[tuple[str, float]],
@@ -94,8 +81,8 @@ def draw_candidates(
 ) -> None:
     """Every effect tried first by its score; accepted ones and their ties in colour."""
     shown = candidates[:MOST]
-    left = 1.5
-    axes = _panel(figure, _CANDIDATE_ROW * len(shown), len(shown), left, 0.6)
+    left, entries = 1.5, _kinds(accepted, tied)
+    axes = _panel(figure, _CANDIDATE_ROW, len(shown), (left, 0.6), entries)
     for k, (id, score) in enumerate(shown):
         colour = style.MEASURED
         if id in accepted:
@@ -113,7 +100,6 @@ def draw_candidates(
     axes.set_xlim(min(0.0, 1.05 * min(scores)), max(1.02 * max(scores), 1e-9))
     axes.locator_params(axis="x", nbins=3)
     axes.set_xlabel("score of the first round")
-    entries = _kinds(accepted, tied)
     if entries:
         legend(axes, entries)
 
@@ -128,9 +114,18 @@ def _kinds(accepted: Sequence[str], tied: Sequence[str]) -> dict[str, tuple[str,
     return {**kinds, "not selected": (style.MEASURED, 5.0)}
 
 
-def _panel(figure: "Figure", inches: float, rows: int, left: float, right: float) -> "Axes":
+def _panel(
+    figure: "Figure",
+    row: float,
+    rows: int,
+    margins: tuple[float, float],
+    entries: Collection[str],
+) -> "Axes":
+    """Rows of a height [in] between margins at the left and the right, below room for a legend."""
     figure.set_layout_engine("none")
-    width, height = figure.get_size_inches()
+    (left, right), inches = margins, row * rows
+    width, height = WIDTH, 0.4 + legend_height(entries) + inches
+    figure.set_size_inches(width, height)
     axes = figure.add_axes(
         (left / width, 0.4 / height, (width - left - right) / width, inches / height)
     )
@@ -152,12 +147,12 @@ def _name(
     right: bool = False,
 ) -> None:
     """Words ``shift`` points beside one end of the bars, cut to the room they have."""
-    text = axes.annotate(
+    text = style.words(
+        axes,
         words,
         (1.0 if right else 0.0, y),
-        xycoords=("axes fraction", "data"),
-        xytext=(shift, 0.0),
-        textcoords="offset points",
+        (shift, 0.0),
+        style.FROM_LEFT,
         ha=side,
         va="center",
         weight="bold" if look.bold else "normal",

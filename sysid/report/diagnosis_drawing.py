@@ -1,6 +1,6 @@
 """Drawing a diagnosis: regimes, residual profiles, the worst places and the paths of a mission."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from sysid.data.record import Array
 from sysid.diagnosis.validation.localise import Region
 from sysid.report import style
 from sysid.report.diagnosis_picture import Profile, RegimeLine, Window, reach
-from sysid.report.layout import LINE, WIDTH, Row, arrange, broken, legend, legend_height
+from sysid.report.layout import LINE, WIDTH, Look, Row, arrange, broken, legend, legend_height
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,14 +23,9 @@ _SHARES = {
 }
 
 
-def regions_size(regions: Sequence[Region]) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return _rows_size([r.region for r in regions], _REGION_ROW, list(_SHARES))
-
-
 def draw_regions(figure: "Figure", regions: Sequence[Region]) -> None:
     """Bars: the share of the excess error in a regime over the share of the samples."""
-    axes, k = _named_rows(figure, [r.region for r in regions], _REGION_ROW)
+    axes, k = _named_rows(figure, [r.region for r in regions], _REGION_ROW, _SHARES)
     excess = 100.0 * np.array([r.share_of_excess for r in regions])
     samples = 100.0 * np.array([r.share_of_samples for r in regions])
     axes.barh(k - 0.14, excess, 0.3, color=BEFORE, alpha=0.9)
@@ -43,11 +38,6 @@ def draw_regions(figure: "Figure", regions: Sequence[Region]) -> None:
     legend(axes, _SHARES)
 
 
-def regimes_size(lines: Sequence[RegimeLine], *, changed: bool) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return _rows_size(_regime_names(lines), _ROW, list(_regime_entries(changed)))
-
-
 def draw_regimes(
     figure: "Figure",
     lines: Sequence[RegimeLine],
@@ -57,7 +47,9 @@ def draw_regimes(
     changed: bool,
 ) -> None:
     """Dumbbells: the RMS error in each regime before and after, over the noise floor."""
-    axes, k = _named_rows(figure, _regime_names(lines), _ROW)
+    entries = {**_models(4.0, changed), "noise floor": (style.MUTED, 1.0)}
+    names = [f"{line.regime}  ·  {100 * line.share:.0f} %" for line in lines]
+    axes, k = _named_rows(figure, names, _ROW, entries)
     for y, line in zip(k, lines, strict=True):
         axes.plot([line.before, line.after], [y, y], color=style.FAINT, linewidth=2.2)
     dots: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5.5}
@@ -67,20 +59,7 @@ def draw_regimes(
     axes.axvline(floor, color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 3)))
     axes.set_xlim(0.0, 1.06 * max([floor, *(max(x.before, x.after) for x in lines)]))
     axes.set_xlabel(style.labelled("RMS error", unit))
-    legend(axes, _regime_entries(changed))
-
-
-def _regime_names(lines: Sequence[RegimeLine]) -> list[str]:
-    return [f"{line.regime}  ·  {100 * line.share:.0f} %" for line in lines]
-
-
-def _regime_entries(changed: bool) -> dict[str, tuple[str, float]]:
-    return {**_models(4.0, changed), "noise floor": (style.MUTED, 1.0)}
-
-
-def _rows_size(names: Sequence[str], row: float, entries: Sequence[str]) -> tuple[float, float]:
-    """Width and height of a picture of named rows [in]."""
-    return WIDTH, 0.42 + float(_row_tops(names, row)[-1]) + legend_height(entries)
+    legend(axes, entries)
 
 
 def _row_tops(names: Sequence[str], row: float) -> Array:
@@ -94,14 +73,18 @@ def _lines(name: str) -> list[str]:
     return broken(name, WIDTH - 0.25)
 
 
-def _named_rows(figure: "Figure", names: Sequence[str], row: float) -> tuple["Axes", Array]:
-    """A panel with a row a name, and the middle of each row's marks; a unit is a row's height.
+def _named_rows(
+    figure: "Figure", names: Sequence[str], row: float, entries: Mapping[str, Look]
+) -> tuple["Axes", Array]:
+    """A panel with a row a name below room for a legend, and the middle of each row's marks; a unit
+    is a row's height.
 
     The names stand above their marks.
     """
     figure.set_layout_engine("none")
-    width, height = figure.get_size_inches()
     tops = _row_tops(names, row)
+    width, height = WIDTH, 0.42 + float(tops[-1]) + legend_height(entries)
+    figure.set_size_inches(width, height)
     left, right = 0.14, 0.16
     axes = figure.add_axes(
         (left / width, 0.42 / height, (width - left - right) / width, tops[-1] / height)
@@ -118,23 +101,9 @@ def _named_rows(figure: "Figure", names: Sequence[str], row: float) -> tuple["Ax
 
 
 def _row_name(axes: "Axes", words: str, y: float) -> None:
-    text = axes.annotate(
-        words,
-        (0.0, y),
-        xycoords=("axes fraction", "data"),
-        xytext=(-4.0, 0.0),
-        textcoords="offset points",
-        ha="left",
-        va="center",
-        size=style.SMALL,
-    )
+    text = style.words(axes, words, (0.0, y), (-4.0, 0.0), style.FROM_LEFT, ha="left", va="center")
     text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})  # over the panel's lines
     text.set_in_layout(False)
-
-
-def profiles_size(profiles: Sequence[Profile], *, changed: bool) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return WIDTH, legend_height(list(_models(2.0, changed))) + 1.45 * len(profiles)
 
 
 def draw_profiles(
@@ -147,6 +116,8 @@ def draw_profiles(
 ) -> None:
     """Residuals against each regime variable: mean and the middle 80 %, before and after."""
     panels: list[Axes] = []
+    top = legend_height(_models(2.0, changed))
+    figure.set_size_inches(WIDTH, top + 1.45 * len(profiles))
     low, high = reach([p.before for p in profiles] + [p.after for p in profiles])
     pad = 0.06 * (high - low)
     for k, p in enumerate(profiles):
@@ -162,17 +133,15 @@ def draw_profiles(
         axes.set_xlabel(p.variable)
         axes.set_ylabel(style.labelled("residual", unit))
     legend(panels[0], _models(2.0, changed))
-    arrange(figure, [Row(0.1)] * len(panels), panels, legend_height(list(_models(2.0, changed))))
-
-
-def worst_size(windows: Sequence[Window], *, changed: bool) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return WIDTH, legend_height(list(_worst_entries(changed))) + 2.75 * len(windows)
+    arrange(figure, [Row(0.1)] * len(panels), panels, top)
 
 
 def draw_worst(figure: "Figure", windows: Sequence[Window], *, changed: bool) -> None:
     """Measured and simulated traces where the original model errs most, the command below."""
     panels: list[Axes] = []
+    entries = {"measured": (style.MEASURED, 3.0), **_models(1.4, changed)}
+    top = legend_height(entries)
+    figure.set_size_inches(WIDTH, top + 2.75 * len(windows))
     for k, w in enumerate(windows):
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), label=f"{k}")
         for values, colour, width in (
@@ -185,7 +154,7 @@ def draw_worst(figure: "Figure", windows: Sequence[Window], *, changed: bool) ->
         title = style.title(axes, style.labelled(w.output, w.unit), 2.6)
         title.set_fontweight("bold")
         if k == 0:
-            legend(axes, _worst_entries(changed))
+            legend(axes, entries)
         below = figure.add_axes((0.0, 0.0, 1.0, 1.0), label=f"command {k}", sharex=axes)
         panels += [axes, below]
         below.plot(w.t, w.command, color=style.INK, linewidth=0.9, drawstyle="steps-post")
@@ -193,12 +162,7 @@ def draw_worst(figure: "Figure", windows: Sequence[Window], *, changed: bool) ->
         below.locator_params(axis="y", nbins=3)
         style.title(below, w.command_name, 2.6, color=style.MUTED, pad=2.0)
         below.set_xlabel(f"time in {w.record} [s]")
-    top = legend_height(list(_worst_entries(changed)))
     arrange(figure, [Row(0.3, 2.3, 0.1), Row(0.2)] * len(windows), panels, top)
-
-
-def _worst_entries(changed: bool) -> dict[str, tuple[str, float]]:
-    return {"measured": (style.MEASURED, 3.0), **_models(1.4, changed)}
 
 
 def _models(width: float, changed: bool) -> dict[str, tuple[str, float]]:
@@ -207,13 +171,9 @@ def _models(width: float, changed: bool) -> dict[str, tuple[str, float]]:
     return both if changed else {"simulated": (BEFORE, width)}
 
 
-def path_size(paths: Sequence[tuple[str, Array]]) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return WIDTH, 3.0 + legend_height([name for name, _ in paths])
-
-
 def draw_path(figure: "Figure", paths: Sequence[tuple[str, Array]]) -> None:
     """Paths over the plane: measured, before and after; others in further colours."""
+    figure.set_size_inches(WIDTH, 3.0 + legend_height([name for name, _ in paths]))
     axes = figure.add_subplot()
     known = {"measured": (style.MEASURED, 3.4), "before": (BEFORE, 1.6), "after": (AFTER, 1.6)}
     entries: dict[str, tuple[str, float]] = {}
@@ -232,13 +192,9 @@ def draw_path(figure: "Figure", paths: Sequence[tuple[str, Array]]) -> None:
     legend(axes, entries)
 
 
-def schedule_size(columns: Sequence[str]) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return WIDTH, 1.6 + legend_height(columns[1:])
-
-
 def draw_schedule(figure: "Figure", columns: Sequence[str], rows: Array) -> None:
     """Commands of an experiment over time, held between the rows."""
+    figure.set_size_inches(WIDTH, 1.6 + legend_height(columns[1:]))
     axes = figure.add_subplot()
     entries = {}
     for j, name in enumerate(columns[1:]):

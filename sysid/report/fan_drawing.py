@@ -7,7 +7,8 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.report import style
-from sysid.report.mission_drawing import MissionPicture, draw_goal, draw_obstacles, draw_way
+from sysid.report.mission_drawing import MissionPicture
+from sysid.report.missions.scene import draw_goal, draw_obstacles, draw_way, plane
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,14 +39,14 @@ class FanPicture:
     """A measured drive over the runs of its mission.
 
     Attributes:
-        scene: the measured drive as a mission's picture shows it: path, goal, obstacles.
+        drive: the measured drive as a mission's picture shows it: path, goal, obstacles.
         ways: x, y of some runs, (K, M, 2) [m].
         t: instants [s], (M,).
         leaves: row at which the drive leaves the fan; None where it stays.
         headline, facts: title and what stands below it.
     """
 
-    scene: MissionPicture
+    drive: MissionPicture
     ways: Array
     t: Array
     panels: tuple[FanPanel, ...]
@@ -54,15 +55,10 @@ class FanPicture:
     facts: str
 
 
-def size_inches(picture: FanPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return style.WIDTH, 5.8
-
-
 def draw(figure: "Figure", picture: FanPicture) -> None:
     """Draw the ways in the plane, and every quantity over time."""
     colour = style.GREEN if picture.leaves is None else style.VERMILION
-    style.heading(figure, picture.headline, picture.facts, colour)
+    style.heading(figure, 5.8, picture.headline, picture.facts, colour)
     grid = figure.add_gridspec(4, 2, width_ratios=(1.25, 1.0))
     _draw_plane(figure.add_subplot(grid[:, 0]), picture)
     for k, panel in enumerate(picture.panels):
@@ -88,10 +84,10 @@ def _deep(share: float) -> str:
 
 
 def _draw_plane(axes: "Axes", picture: FanPicture) -> None:
-    scene = picture.scene
-    draw_obstacles(axes, scene)
-    draw_way(axes, scene)
-    draw_goal(axes, scene)
+    drive = picture.drive
+    draw_obstacles(axes, drive.scene)
+    draw_way(axes, drive.scene)
+    draw_goal(axes, drive.scene)
     for k, way in enumerate(picture.ways):
         axes.plot(
             way[:, 0],
@@ -103,29 +99,17 @@ def _draw_plane(axes: "Axes", picture: FanPicture) -> None:
             zorder=2.8,
         )
     axes.plot(
-        scene.pose[:, 0], scene.pose[:, 1], color=style.INK, linewidth=1.4, label="measured",
+        drive.pose[:, 0], drive.pose[:, 1], color=style.INK, linewidth=1.4, label="measured",
         zorder=4,
     )  # fmt: skip
     if picture.leaves is not None:
-        x, y = scene.pose[picture.leaves, :2]
+        x, y = drive.pose[picture.leaves, :2]
         axes.plot(
             x, y, marker="X", markersize=8, color=style.VERMILION, markeredgecolor="white",
             linestyle="none", label=f"leaves at {picture.t[picture.leaves]:.1f} s", zorder=6,
         )  # fmt: skip
-    axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    handles, names = axes.get_legend_handles_labels()
-    kept = [k for k, n in enumerate(names) if n not in ("goal and tolerance", "range of the field")]
-    legend = axes.legend(
-        [handles[k] for k in kept], [names[k] for k in kept],
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.5,
-    )  # fmt: skip
-    legend.set_in_layout(False)
-    for handle in legend.get_lines():
-        handle.set_alpha(1.0)
-    axes.set_title(" ")
+    plane(axes, unnamed=("goal and tolerance", "range of the field"))
 
 
 def _draw_panel(axes: "Axes", picture: FanPicture, panel: FanPanel) -> None:

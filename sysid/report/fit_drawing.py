@@ -42,17 +42,12 @@ class _InputPanel(NamedTuple):
     scaled: bool
 
 
-def size_inches(picture: FitPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return style.WIDTH, 0.9 + 2.8 * len(picture.outputs) + 1.0 * len(_input_panels(picture))
-
-
 def draw(figure: "Figure", picture: FitPicture) -> None:
     """Draw a block of panels per output, then the inputs, all on one time axis."""
     start = f"initial state {picture.initial_state}" if picture.initial_state else ""
     subtitle = ", ".join(s for s in (picture.horizon, start) if s)
-    style.heading(figure, picture.title, subtitle)
     pieces, panels, ny = _pieces(picture), _input_panels(picture), len(picture.outputs)
+    style.heading(figure, 0.9 + 2.8 * ny + 1.0 * len(panels), picture.title, subtitle)
     kinds = [k for k in (picture.whiteness, picture.independence) if k]
     grid = figure.add_gridspec(
         2 * ny + len(panels),
@@ -220,16 +215,10 @@ def _name_parts(axes: "Axes", pieces: list[_Piece], inches: float) -> None:
     whole = pieces[-1].end - float(pieces[0].t[0])
     for piece in pieces:
         room = inches * (piece.end - float(piece.t[0])) / whole - 0.08
-        text = axes.annotate(
-            " · ".join(s for s in (piece.segment.part, piece.segment.label) if s),
-            (float(piece.t[0]), 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(3.0, -3.0),
-            textcoords="offset points",
-            va="top",
-            size=style.SMALL - 0.5,
-            color=style.MUTED,
-        )
+        name = " · ".join(s for s in (piece.segment.part, piece.segment.label) if s)
+        look = {"va": "top", "size": style.SMALL - 0.5, "color": style.MUTED}
+        at = (float(piece.t[0]), 1.0)
+        text = style.words(axes, name, at, (3.0, -3.0), style.FROM_TOP, **look)
         text.set_in_layout(False)
         style.shorten(text, room)
         if len(text.get_text()) < 4:

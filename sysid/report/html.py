@@ -63,26 +63,26 @@ def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
     if shown:
         drawn["regions"] = inline_svg(
             "regions",
-            diagnosis_drawing.regions_size(shown),
-            lambda figure: diagnosis_drawing.draw_regions(figure, shown),
             "Shares of the excess error by regime",
+            diagnosis_drawing.draw_regions,
+            shown,
         )
     lines = words.channel_lines(diagnosis)
     if diagnosis.grown:
         drawn["gap"] = inline_svg(
             "gap",
-            diagnosis_bars.gap_size(lines),
-            lambda figure: diagnosis_bars.draw_gap(figure, lines),
             "Errors before and after by output, with the noise floor",
+            diagnosis_bars.draw_gap,
+            lines,
         )
     if diagnosis.candidates:
         tied = tuple(i for e in diagnosis.effects for i in e.indistinguishable)
         facts = (diagnosis.candidates, tuple(e.id for e in diagnosis.effects), tied)
         drawn["candidates"] = inline_svg(
             "candidates",
-            diagnosis_bars.candidates_size(*facts),
-            lambda figure: diagnosis_bars.draw_candidates(figure, *facts),
             "Candidates by score",
+            diagnosis_bars.draw_candidates,
+            *facts,
         )
     drawn["paths"] = [_path(k, *entry) for k, entry in enumerate(words.path_lines(diagnosis.path))]
     if words.held_out(diagnosis):
@@ -105,23 +105,30 @@ def _channel(diagnosis: Diagnosis, i: int) -> dict[str, Any]:
         "name": channel.name,
         "worst": inline_svg(
             f"worst{i}",
-            draw.worst_size(windows, changed=changed),
-            lambda figure: draw.draw_worst(figure, windows, changed=changed),
             f"{channel.name} where the original model is worst",
+            draw.draw_worst,
+            windows,
+            changed=changed,
         ),
         "profiles": inline_svg(  # a short log has none
             f"profiles{i}",
-            draw.profiles_size(profiles, changed=changed),
-            lambda figure: draw.draw_profiles(figure, profiles, unit, floor, changed=changed),
             f"Residuals of {channel.name} against the regime variables",
+            draw.draw_profiles,
+            profiles,
+            unit,
+            floor,
+            changed=changed,
         )
         if profiles
         else "",
         "regimes": inline_svg(
             f"regimes{i}",
-            draw.regimes_size(regimes, changed=changed),
-            lambda figure: draw.draw_regimes(figure, regimes, unit, floor, changed=changed),
             f"Errors of {channel.name} by regime before and after",
+            draw.draw_regimes,
+            regimes,
+            unit,
+            floor,
+            changed=changed,
         ),
     }
 
@@ -130,9 +137,9 @@ def _path(k: int, record: str, lines: tuple[tuple[str, Array], ...]) -> dict[str
     """The picture of one replayed path."""
     picture = inline_svg(
         f"path{k}",
-        diagnosis_drawing.path_size(lines),
-        lambda figure: diagnosis_drawing.draw_path(figure, lines),
         f"Paths of {record}: measured, and by both models under its commands",
+        diagnosis_drawing.draw_path,
+        lines,
     )
     return {"record": record, "picture": picture}
 
@@ -149,9 +156,10 @@ def _schedule(k: int, e: Experiment) -> str:
     rows = np.array(e.schedule, dtype=np.float64)
     return inline_svg(
         f"next{k}",
-        diagnosis_drawing.schedule_size(e.columns),
-        lambda figure: diagnosis_drawing.draw_schedule(figure, e.columns, rows),
         f"Schedule of the experiment for {', '.join(e.effects)}",
+        diagnosis_drawing.draw_schedule,
+        e.columns,
+        rows,
     )
 
 

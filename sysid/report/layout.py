@@ -4,7 +4,7 @@ A wide window shows several such pictures beside one another, magnified.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 WIDTH = 3.28
 """Of a picture [in]: a phone 360 px wide less the page's margins of 16 px, so that 7.5 pt text is
 10.4 px high."""
+
+Look = tuple[str, float]
+"""Colour and width [pt] of a line."""
 
 LINE = 0.17
 """Height of a line of text [in]."""
@@ -54,12 +57,12 @@ def broken(words: str, inches: float) -> list[str]:
     return [line for line in lines if line] or [""]
 
 
-def legend_height(entries: Sequence[str]) -> float:
+def legend_height(entries: Collection[str]) -> float:
     """Room at a picture's top that its legend needs [in]."""
     return LINE * len(_legend_rows(entries)) + 0.07 if entries else 0.0
 
 
-def _legend_rows(entries: Sequence[str]) -> list[list[str]]:
+def _legend_rows(entries: Iterable[str]) -> list[list[str]]:
     """Names of a legend by line, as many on each as fit."""
     rows: list[list[str]] = []
     used = 0.0
@@ -73,18 +76,18 @@ def _legend_rows(entries: Sequence[str]) -> list[list[str]]:
     return rows
 
 
-def legend(axes: "Axes", entries: Mapping[str, tuple[str, float]]) -> None:
+def legend(axes: "Axes", entries: Mapping[str, Look]) -> None:
     """Name lines by colour and width above the panels, on as many lines as the names need."""
     figure = axes.get_figure(root=True)
     assert figure is not None
-    for row, names in enumerate(_legend_rows(list(entries))):
+    for row, names in enumerate(_legend_rows(entries)):
         left = 0.06
         for name in names:
             left = _entry(axes, name, entries[name], left, (row + 0.5) * LINE)
-    reserve_top(figure, legend_height(list(entries)))
+    reserve_top(figure, legend_height(entries))
 
 
-def _entry(axes: "Axes", name: str, look: tuple[str, float], left: float, down: float) -> float:
+def _entry(axes: "Axes", name: str, look: Look, left: float, down: float) -> float:
     """Draw a line and its name ``left`` from the edge and ``down`` from the top [in].
 
     Returns:

@@ -11,6 +11,7 @@ from sysid.report import style
 from sysid.report.envelope import envelope
 from sysid.report.missions import localization_drawing
 from sysid.report.missions.localization_drawing import PoseEstimate
+from sysid.report.missions.scene import Scene, draw_goal, draw_obstacles, draw_way, plane
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,9 +23,6 @@ _PATH_POINTS = 1500
 _WIDE = 2.2
 """A scene this many times wider than high is drawn above the time plots, not beside them."""
 
-_SOLID = "#8d99a6"
-"""What must not be touched."""
-
 _ENDINGS = {
     "arrived": ("arrived after", style.GREEN),
     "missed": ("missed the goal after", style.VERMILION),
@@ -32,21 +30,6 @@ _ENDINGS = {
     "collision": ("collided after", style.VERMILION),
     "stuck": ("stuck after", style.VERMILION),
 }
-
-
-@dataclass(frozen=True)
-class Obstacle:
-    """A round obstacle.
-
-    Attributes:
-        x, y, radius: its centre at the beginning, and its radius [m].
-        moved: how far its centre has come by the end, in x and y [m].
-    """
-
-    x: float
-    y: float
-    radius: float
-    moved: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +42,6 @@ class MissionPicture:
         pose: x [m], y [m], ψ [rad, counter-clockwise], shape (N, 3).
         speed: forward speed Vx [m/s], shape (N,).
         pwm: left and right pulse width [µs], shape (N, 2).
-        goal: x, y [m].
-        tolerance: distance to the goal at which the robot has arrived [m].
-        walls, polygons: lines and areas to keep clear of, each by its points, shape (n, 2) [m].
-        waypoints, course: points to pass, and those of the line to follow, shape (n, 2) [m].
-        influence: range of the repulsive field around an obstacle's centre [m]; 0 draws none.
         speed_reference: Vd [m/s], shape (N,), or None.
         heading_reference: ψd [rad], shape (N,), any winding, or None.
         min_clearance: smallest distance of the robot's centre to a surface [m], or None.
@@ -79,14 +57,7 @@ class MissionPicture:
     pose: Array
     speed: Array
     pwm: Array
-    goal: tuple[float, float]
-    tolerance: float
-    obstacles: tuple[Obstacle, ...] = ()
-    walls: tuple[Array, ...] = ()
-    polygons: tuple[Array, ...] = ()
-    waypoints: Array | None = None
-    course: Array | None = None
-    influence: float = 0.0
+    scene: Scene
     speed_reference: Array | None = None
     heading_reference: Array | None = None
     min_clearance: float | None = None
@@ -106,14 +77,6 @@ class MissionPicture:
             raise DataError(f"the signals of a mission must be equally long, got {sorted(lengths)}")
 
 
-def size_inches(picture: MissionPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    if not _is_wide(picture):
-        return style.WIDTH, 5.6
-    left, right, bottom, top = _scene(picture)
-    return style.WIDTH, 4.6 + min(8.3 * (top - bottom) / (right - left), 3.4)
-
-
 def draw(figure: "Figure", picture: MissionPicture) -> None:
     """Draw the scene, and speed, heading, PWM and distance to the goal over time."""
     words, colour = _ENDINGS.get(picture.outcome, (f"{picture.outcome} after", style.INK))
@@ -125,8 +88,11 @@ def draw(figure: "Figure", picture: MissionPicture) -> None:
     if picture.min_clearance is not None:
         facts.append(f"{picture.min_clearance:.2f} m clear of the nearest obstacle")
     title = f"{picture.name}: {words} {picture.t[-1] - picture.t[0]:.1f} s"
-    style.heading(figure, title, ", ".join(facts), colour)
-    scene, panels = (_wide_layout if _is_wide(picture) else _square_layout)(figure, picture)
+    left, right, bottom, top = _scene(picture)
+    wide = right - left > _WIDE * (top - bottom)
+    height = 4.6 + min(8.3 * (top - bottom) / (right - left), 3.4) if wide else 5.6
+    style.heading(figure, height, title, ", ".join(facts), colour)
+    scene, panels = (_wide_layout if wide else _square_layout)(figure)
     _draw_scene(scene, picture)
     for axes, fill in zip(
         panels, (_draw_speed, _draw_heading, _draw_pwm, _draw_distance), strict=True
@@ -136,7 +102,7 @@ def draw(figure: "Figure", picture: MissionPicture) -> None:
         axes.locator_params(axis="y", nbins=5)
 
 
-def _square_layout(figure: "Figure", picture: MissionPicture) -> "tuple[Axes, list[Axes]]":
+def _square_layout(figure: "Figure") -> "tuple[Axes, list[Axes]]":
     grid: GridSpecBase = figure.add_gridspec(4, 2, width_ratios=(1.25, 1.0))
     panels = [figure.add_subplot(grid[k, 1]) for k in range(4)]
     for axes in panels[:-1]:
@@ -145,7 +111,7 @@ def _square_layout(figure: "Figure", picture: MissionPicture) -> "tuple[Axes, li
     return figure.add_subplot(grid[:, 0]), panels
 
 
-def _wide_layout(figure: "Figure", picture: MissionPicture) -> "tuple[Axes, list[Axes]]":
+def _wide_layout(figure: "Figure") -> "tuple[Axes, list[Axes]]":
     height = float(figure.get_size_inches()[1])
     grid: GridSpecBase = figure.add_gridspec(3, 2, height_ratios=(height - 3.9, 1.55, 1.55))
     panels = [figure.add_subplot(grid[1 + k % 2, k // 2]) for k in range(4)]
@@ -156,36 +122,21 @@ def _wide_layout(figure: "Figure", picture: MissionPicture) -> "tuple[Axes, list
     return figure.add_subplot(grid[0, :]), panels
 
 
-def _is_wide(picture: MissionPicture) -> bool:
-    left, right, bottom, top = _scene(picture)
-    return right - left > _WIDE * (top - bottom)
-
-
 def _scene(picture: MissionPicture) -> tuple[float, float, float, float]:
     """The part of the plane that matters: path, goal with tolerance, obstacles [m]."""
-    circles = [(*picture.goal, picture.tolerance)]
-    circles += [(o.x, o.y, o.radius) for o in picture.obstacles]
     points = picture.pose[np.isfinite(picture.pose[:, :2]).all(axis=1), :2]
-    lines = (*picture.walls, *picture.polygons, picture.waypoints, picture.course)
-    lines += (picture.estimate.path,) if picture.estimate else ()
-    points = np.vstack([points, *(line for line in lines if line is not None)])
-    centres, radii = np.array(circles)[:, :2], np.array(circles)[:, 2:]
-    corners = np.vstack([points, centres - radii, centres + radii])
+    estimate = [picture.estimate.path] if picture.estimate else []
+    corners = np.vstack([points, *estimate, picture.scene.corners()])
     left, bottom = (float(v) for v in corners.min(axis=0))
     right, top = (float(v) for v in corners.max(axis=0))
     pad = 0.05 * max(right - left, top - bottom, 0.1)
     return left - pad, right + pad, bottom - pad, top + pad
 
 
-def _circle(x: float, y: float, radius: float) -> tuple[Array, Array]:
-    angle = np.linspace(0.0, 2.0 * np.pi, 73)
-    return x + radius * np.cos(angle), y + radius * np.sin(angle)
-
-
 def _draw_scene(axes: "Axes", picture: MissionPicture) -> None:
-    draw_obstacles(axes, picture)
-    draw_way(axes, picture)
-    draw_goal(axes, picture)
+    draw_obstacles(axes, picture.scene)
+    draw_way(axes, picture.scene)
+    draw_goal(axes, picture.scene)
     every = max(1, len(picture.pose) // _PATH_POINTS)
     path = np.vstack([picture.pose[::every], picture.pose[-1:]])
     axes.plot(path[:, 0], path[:, 1], color=style.BLUE, linewidth=1.6, label="path", zorder=3)
@@ -206,77 +157,7 @@ def _draw_scene(axes: "Axes", picture: MissionPicture) -> None:
     left, right, bottom, top = _scene(picture)
     axes.set_xlim(left, right, auto=True)  # "auto": the equal scale may widen the view
     axes.set_ylim(bottom, top, auto=True)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.5
-    ).set_in_layout(False)
-    axes.set_title(" ")
-
-
-def draw_goal(axes: "Axes", picture: MissionPicture) -> None:
-    """The goal with its tolerance."""
-    goal = _circle(*picture.goal, picture.tolerance)
-    axes.fill(*goal, color=style.GREEN, alpha=0.18, linewidth=0, zorder=2)
-    axes.plot(*goal, color=style.GREEN, linewidth=1.0, label="goal and tolerance", zorder=2)
-    axes.plot(*picture.goal, color=style.GREEN, marker="+", markersize=6, linestyle="none")
-
-
-def draw_obstacles(axes: "Axes", picture: MissionPicture) -> None:
-    """Obstacles, walls and areas; one that moves where it began, and fainter where it ended."""
-    for polygon in picture.polygons:
-        axes.fill(*polygon.T, color=_SOLID, linewidth=0, zorder=2)
-    for wall in picture.walls:
-        axes.plot(*wall.T, color=_SOLID, linewidth=2.2, solid_capstyle="round", zorder=2)
-    range_named = False
-    for o in picture.obstacles:
-        axes.fill(*_circle(o.x, o.y, o.radius), color=_SOLID, linewidth=0, zorder=2)
-        if any(o.moved):
-            end = o.x + o.moved[0], o.y + o.moved[1]
-            axes.fill(*_circle(*end, o.radius), color=_SOLID, alpha=0.45, linewidth=0, zorder=2)
-            axes.annotate(
-                "",
-                end,
-                (o.x, o.y),
-                arrowprops={"arrowstyle": "->", "color": "#5d6b79", "linewidth": 1.0},
-                annotation_clip=True,
-                zorder=2.5,
-            )
-        elif picture.influence > 0:
-            ring = _circle(o.x, o.y, picture.influence)
-            axes.plot(
-                *ring,
-                color="#9fb0bf",
-                linewidth=0.8,
-                linestyle=(0, (4, 3)),
-                label="_" if range_named else "range of the field",
-            )
-            range_named = True
-
-
-def draw_way(axes: "Axes", picture: MissionPicture) -> None:
-    """The line to follow and the places to pass."""
-    if picture.course is not None:
-        axes.plot(
-            *picture.course.T,
-            color=style.VERMILION,
-            linewidth=1.0,
-            linestyle=(0, (5, 3)),
-            label="line to follow",
-            zorder=2.6,
-        )
-    if picture.waypoints is not None:
-        axes.plot(
-            *picture.waypoints.T,
-            color=style.VERMILION,
-            marker="D",
-            markersize=5,
-            markerfacecolor="white",
-            linestyle="none",
-            label="waypoints",
-            zorder=2.7,
-        )
+    plane(axes)
 
 
 def _draw_headings(axes: "Axes", picture: MissionPicture) -> None:
@@ -353,9 +234,9 @@ def _draw_pwm(axes: "Axes", picture: MissionPicture) -> None:
 
 
 def _draw_distance(axes: "Axes", picture: MissionPicture) -> None:
-    gap = picture.pose[:, :2] - np.asarray(picture.goal)
+    gap = picture.pose[:, :2] - np.asarray(picture.scene.goal)
     _signal(axes, picture, np.hypot(gap[:, 0], gap[:, 1]), style.BLUE, 1.3)
-    axes.axhline(picture.tolerance, color=style.GREEN, linewidth=1.0, linestyle=(0, (4, 3)))
+    axes.axhline(picture.scene.tolerance, color=style.GREEN, linewidth=1.0, linestyle=(0, (4, 3)))
     axes.set_ylim(bottom=0.0)
     style.legend_above(axes, {"tolerance": (style.GREEN, 1.2)})
     axes.set_title("distance to goal [m]")

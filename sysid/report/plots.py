@@ -33,7 +33,7 @@ from sysid.report import (
 from sysid.report.correlation_panels import LagTest
 from sysid.report.fan_drawing import FanPanel, FanPicture
 from sysid.report.fit_picture import FitPicture, FitSegment
-from sysid.report.mission_drawing import MissionPicture, Obstacle
+from sysid.report.mission_drawing import MissionPicture
 from sysid.report.missions import (
     front_drawing,
     plan_drawing,
@@ -44,6 +44,7 @@ from sysid.report.missions.front_drawing import FrontPicture, Mark, Trade
 from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
 from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.report.missions.runs_drawing import RunsPicture
+from sysid.report.missions.scene import Obstacle, Scene
 from sysid.report.ranking_drawing import RankingPicture, RankingRow
 from sysid.report.vehicle_drawing import VehiclePicture, WheelMark
 
@@ -69,6 +70,7 @@ __all__ = [
     "RankingRow",
     "ResponsePicture",
     "RunsPicture",
+    "Scene",
     "Trade",
     "VehiclePicture",
     "WheelMark",
@@ -120,7 +122,7 @@ _DRAWN_BY: Mapping[type, Any] = {
     ResponsePicture: response_drawing,
     VehiclePicture: vehicle_drawing,
 }
-"""Kind of picture → the module that knows its size (``size_inches``) and draws it (``draw``)."""
+"""Kind of picture → the module whose ``draw`` gives a figure its size and draws it."""
 
 
 def write_picture(path: Path, picture: Picture) -> None:
@@ -129,23 +131,20 @@ def write_picture(path: Path, picture: Picture) -> None:
     Raises:
         UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
     """
-    drawing = _DRAWN_BY[type(picture)]
-    kind = picture_format(path)
-    size = drawing.size_inches(picture)
-    write_atomic(path, _render(kind, size, lambda figure: drawing.draw(figure, picture)))
+    write_atomic(path, _render(picture_format(path), _DRAWN_BY[type(picture)].draw, picture))
 
 
 def inline_svg(
-    name: str, size: tuple[float, float], draw: Callable[["Figure"], None], label: str
+    name: str, label: str, draw: Callable[..., None], *shown: Any, **options: Any
 ) -> str:
     """A picture as an ``<svg>`` element that can stand in a page beside others.
 
     Args:
         name: letters that no other picture of the page has: they head its ids.
-        size: width and height [in].
         label: what it shows, for those who do not see it.
+        draw: gives a figure its size and draws what is shown on it.
     """
-    svg = _render("svg", size, draw).decode()
+    svg = _render("svg", draw, *shown, **options).decode()
     svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.S)
     used = set(re.findall(r"url\(#([^)]+)\)|xlink:href=\"#([^\"]+)\"", svg))
     kept = {a or b for a, b in used}
@@ -192,9 +191,7 @@ def share_letters(page: str) -> str:
     return page.replace("<body>\n", f"<body>\n{shared}</defs></svg>\n", 1)
 
 
-def _render(
-    kind: PictureFormat, size: tuple[float, float], draw: Callable[["Figure"], None]
-) -> bytes:
+def _render(kind: PictureFormat, draw: Callable[..., None], *shown: Any, **options: Any) -> bytes:
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -207,9 +204,9 @@ def _render(
         matplotlib.rcParams.update(look)
         # A name in a script DejaVu Sans lacks shows as boxes; that is no reason to warn.
         warnings.filterwarnings("ignore", message=r"Glyph .* missing from", category=UserWarning)
-        figure = Figure(figsize=size, layout="constrained")
+        figure = Figure(layout="constrained")
         FigureCanvasAgg(figure)  # measures text, whatever the format
-        draw(figure)
+        draw(figure, *shown, **options)
         _make_printable(figure)
         if kind == "svg":
             # savefig draws twice where panels find their own places: once only to place them.

@@ -84,18 +84,15 @@ class RankingPicture:
                 )
 
 
-def size_inches(picture: RankingPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    shown = min(len(picture.rows), _MOST_ROWS)
-    return style.WIDTH, _TOP + _HEADER + _ROW * shown + _BOTTOM
-
-
 def draw(figure: "Figure", picture: RankingPicture) -> None:
     """Draw the table; bars take the room that the texts around them leave."""
     rows = picture.rows[:_MOST_ROWS]
     hidden = len(picture.rows) - len(rows)
     subtitle = f"best first; fit in % of {picture.fit_of}"
-    style.heading(figure, picture.title, subtitle + (f"; {hidden} more not shown" * bool(hidden)))
+    height = _TOP + _HEADER + _ROW * len(rows) + _BOTTOM
+    style.heading(
+        figure, height, picture.title, subtitle + (f"; {hidden} more not shown" * bool(hidden))
+    )
     figure.set_layout_engine("none")  # every panel is placed by the width of the texts
     page = _page(figure, len(rows))
     left = _write_names(page, rows)
@@ -212,15 +209,8 @@ def _draw_bars(axes: "Axes", picture: RankingPicture, rows: tuple[RankingRow, ..
     if finite[0] and picture.from_best:
         axes.plot(0.0, 0.5, marker="o", color=style.BLUE, markersize=6.0, clip_on=False, zorder=5)
     for i in k[~finite]:
-        axes.annotate(
-            "not comparable",
-            (0.0, i + 0.5),
-            xytext=(4.0, 0.0),
-            textcoords="offset points",
-            va="center",
-            size=style.SMALL,
-            color=style.MUTED,
-        )
+        at = (0.0, i + 0.5)
+        style.words(axes, "not comparable", at, (4.0, 0.0), va="center", color=style.MUTED)
     if not finite.any() or not np.any(values[finite]):
         axes.set_xlim(0.0, 1.0)
     elif not spread:

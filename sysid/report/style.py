@@ -98,9 +98,11 @@ def percent(value: float) -> str:
     return f"{value:.1f} %" if np.isfinite(value) else "–"
 
 
-def heading(figure: "Figure", title: str, subtitle: str, colour: str = INK) -> None:
-    """Write title and subtitle at the top left and keep their room free of panels."""
-    width, height = figure.get_size_inches()
+def heading(figure: "Figure", height: float, title: str, subtitle: str, colour: str = INK) -> None:
+    """Give a picture its height [in]; write title and subtitle at the top left and keep their room
+    free of panels.
+    """
+    figure.set_size_inches(width := WIDTH, height)
     top = 0.62 if subtitle else 0.42
     left = 0.10 / width
     lines = [figure.text(left, 1 - 0.10 / height, title, size=LARGE, weight="bold", color=colour)]
@@ -158,6 +160,36 @@ def title(axes: "Axes", words: str, inches: float, **options: Any) -> "Text":
     text = axes.set_title(words, **options)
     shorten(text, inches)
     return text
+
+
+def words(
+    axes: "Axes",
+    text: str,
+    at: tuple[float, float],
+    shift: tuple[float, float] = (0.0, 0.0),
+    frame: tuple[str, str] = ("data", "data"),
+    **look: Any,
+) -> "Text":
+    """Write small words beside a place of a panel.
+
+    Args:
+        at: the place, in units of ``frame``: data, or the fraction of the panel's axes.
+        shift: from there to the words [pt].
+    """
+    look = {"size": SMALL, **look}
+    return axes.annotate(text, at, xycoords=frame, xytext=shift, textcoords="offset points", **look)
+
+
+def arrow(
+    axes: "Axes", tail: Any, tip: Any, head: str = "->", zorder: float = 2.0, **line: Any
+) -> None:
+    """Draw an arrow between two places of a panel."""
+    props = {"arrowstyle": head, "linewidth": 1.0, **line}
+    axes.annotate("", tip, tail, arrowprops=props, annotation_clip=False, zorder=zorder)
+
+
+FROM_TOP, FROM_LEFT = ("data", "axes fraction"), ("axes fraction", "data")
+"""Frames of :func:`words`: the height, or the place across, in parts of the panel."""
 
 
 def legend_above(axes: "Axes", entries: dict[str, tuple[str, float]], room: float = 0.0) -> None:

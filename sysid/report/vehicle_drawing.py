@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -78,14 +78,9 @@ class VehiclePicture:
     tracks: Sequence[tuple[float, float, float, float]] = ()
 
 
-def size_inches(picture: VehiclePicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return style.WIDTH, 0.7 + _HEIGHT
-
-
 def draw(figure: "Figure", picture: VehiclePicture) -> None:
     """Draw the vehicle with x to the right and y up, in metres."""
-    style.heading(figure, picture.title, picture.subtitle)
+    style.heading(figure, 0.7 + _HEIGHT, picture.title, picture.subtitle)
     axes = figure.add_subplot()
     low, high = _extent(picture)
     axes.set_xlim(low[0], high[0])
@@ -148,21 +143,14 @@ def _draw_body(axes: "Axes", picture: VehiclePicture) -> None:
         across = np.array([-1, 1, 1, -1]) * length / 2
         up = np.array([-1, -1, 1, 1]) * width / 2
         axes.fill(x + across, y + up, facecolor=colour, edgecolor=style.MUTED, zorder=1)
-    arrow: dict[str, Any] = {"color": style.MUTED, "zorder": 2, "linewidth": 1.0}
     reach = 0.12 * _size(picture)
     for tip, word in (((reach, 0.0), "x"), ((0.0, reach), "y")):
-        axes.annotate(
-            "", tip, (0.0, 0.0), arrowprops={"arrowstyle": "->", **arrow}, annotation_clip=False
-        )
-        axes.annotate(
-            word, tip, xytext=(3, 3), textcoords="offset points", color=style.MUTED, size=7.5
-        )
+        style.arrow(axes, (0.0, 0.0), tip, color=style.MUTED)
+        style.words(axes, word, tip, (3, 3), color=style.MUTED)
     if picture.mass_centre is not None:
         axes.plot(*picture.mass_centre, "P", markersize=7, color=style.INK, zorder=4)
-        axes.annotate(
-            "centre of mass", picture.mass_centre, xytext=(6, -6), textcoords="offset points",
-            va="top", size=style.SMALL, color=style.MUTED,
-        )  # fmt: skip
+        at = picture.mass_centre
+        style.words(axes, "centre of mass", at, (6, -6), va="top", color=style.MUTED)
 
 
 def _draw_wheel(axes: "Axes", mark: WheelMark, size: float) -> None:
@@ -200,16 +188,9 @@ def _draw_names(axes: "Axes", picture: VehiclePicture) -> None:
         reach += abs(math.cos(mark.direction)) * mark.width / 2
         for k, words in enumerate((mark.note, mark.name) if up else (mark.name, mark.note)):
             away = 4 + (k if mark.note else 0) * 1.3 * style.SMALL
-            axes.annotate(
-                words,
-                (mark.contact[0], mark.contact[1] + (reach if up else -reach)),
-                xytext=(0, away if up else -away),
-                textcoords="offset points",
-                ha="center",
-                va="bottom" if up else "top",
-                size=style.SMALL,
-                zorder=6,
-            )
+            at = (mark.contact[0], mark.contact[1] + (reach if up else -reach))
+            shift, side = (0, away if up else -away), "bottom" if up else "top"
+            style.words(axes, words, at, shift, ha="center", va=side, zorder=6)
 
 
 def _draw_velocities(axes: "Axes", picture: VehiclePicture) -> None:
@@ -219,14 +200,8 @@ def _draw_velocities(axes: "Axes", picture: VehiclePicture) -> None:
     scale = 0.3 * _size(picture) / fastest
     for mark in picture.wheels:
         if mark.velocity is not None:
-            tip = (
-                mark.contact[0] + scale * mark.velocity[0],
-                mark.contact[1] + scale * mark.velocity[1],
-            )
-            axes.annotate(
-                "", tip, mark.contact, zorder=7,
-                arrowprops={"arrowstyle": "-|>", "color": style.INK, "linewidth": 1.4},
-            )  # fmt: skip
+            tip = np.array(mark.contact) + scale * np.array(mark.velocity)
+            style.arrow(axes, mark.contact, tip, "-|>", 7, color=style.INK, linewidth=1.4)
 
 
 def _draw_centre(axes: "Axes", picture: VehiclePicture, low: Array, high: Array) -> None:
@@ -241,18 +216,11 @@ def _draw_centre(axes: "Axes", picture: VehiclePicture, low: Array, high: Array)
         axes.plot(
             *picture.centre, marker="X", markersize=9, color=style.INK, linestyle="none", zorder=6
         )
-        axes.annotate(
-            "centre of turning", picture.centre, xytext=(8, 6), textcoords="offset points",
-            size=style.SMALL, zorder=6,
-        )  # fmt: skip
+        style.words(axes, "centre of turning", picture.centre, (8, 6), zorder=6)
         return
     middle = (low + high) / 2
     way = np.array(picture.centre) - middle
     tip = middle + 0.46 * float((high - low).min()) * way / float(np.linalg.norm(way))
     x, y = picture.centre
-    axes.annotate(
-        "", tuple(tip), tuple(middle), arrowprops={"arrowstyle": "->", "color": style.INK}
-    )
-    axes.annotate(
-        f"centre of turning at ({x:.3g}, {y:.3g}) m", tuple(tip), size=style.SMALL, ha="center"
-    )
+    style.arrow(axes, middle, tip, color=style.INK)
+    style.words(axes, f"centre of turning at ({x:.3g}, {y:.3g}) m", tuple(tip), ha="center")

@@ -1,9 +1,9 @@
 """Model: a structure with parameters, their covariance, and provenance."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from sysid.data.operating_point import OperatingPoint, shifted
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.data.same_kind import SAME_CLOCK, difference
-from sysid.data.schema import DAMAGED, STORED, checked
+from sysid.data.schema import DAMAGED, Null, checked, completed
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
 from sysid.fitting.searchable import StartReport
@@ -84,53 +84,22 @@ class Provenance:
 
 @dataclass(frozen=True)
 class _StoredParameter:
-    """A parameter in a model file; a bound that is null is none."""
+    """A parameter in a model file."""
 
     name: str
     value: float
     unit: str
-    lower: float | None
-    upper: float | None
+    lower: Annotated[float, Null(-np.inf)]
+    upper: Annotated[float, Null(np.inf)]
     fixed: bool
 
     def parameter(self) -> Parameter:
         """The parameter, fixed at its value or free between its bounds."""
-        low = -np.inf if self.lower is None else self.lower
-        high = np.inf if self.upper is None else self.upper
-        return Parameter(self.name, self.unit, low, high, self.value if self.fixed else None)
+        fixed = self.value if self.fixed else None
+        return Parameter(self.name, self.unit, self.lower, self.upper, fixed)
 
 
-@dataclass(frozen=True)
-class _ModelFile:
-    """What a model file holds beside its structure; see Model, whose ``to_json`` writes it."""
-
-    __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
-
-    parameters: tuple[_StoredParameter, ...]
-    covariance: tuple[tuple[float | None, ...], ...]
-    sample_time: float
-    inputs: tuple[Channel, ...]
-    outputs: tuple[Channel, ...]
-    detrend: Mapping[str, Any]
-    noise_covariance: tuple[tuple[float | None, ...], ...]
-    n_estimated: int
-    criteria: Mapping[str, float | None]
-    termination: str
-    initial_states: tuple[tuple[float | None, ...], ...]  # null: the run overflowed there
-    ranges: tuple[tuple[float | None, float | None], ...]
-    at_bound: tuple[str, ...]
-    null_directions: tuple[Mapping[str, float], ...]
-    starts: tuple[StartReport, ...]
-    warnings: tuple[str, ...]
-    provenance: Provenance
-    level: Mapping[str, Any] | None = None  # of 0.1.0, the first models had none
-
-
-_AS_THEY_ARE = (
-    *("inputs", "outputs", "n_estimated", "at_bound", "null_directions"),
-    *("starts", "warnings", "provenance"),
-)
-"""Fields that a file holds under the same name and in the same form as the model."""
+_Covariance = Annotated[Array, Null(np.inf)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,15 +127,15 @@ class Model:
 
     structure: Structure
     theta: Array
-    covariance: Array
+    covariance: _Covariance
     parameters: tuple[Parameter, ...]
-    dt: float
+    dt: float = field(metadata={"alias": "sample_time"})
     inputs: tuple[Channel, ...]
     outputs: tuple[Channel, ...]
     detrend: Detrend
     noise_covariance: Array
     n_estimated: int
-    criteria: Mapping[str, float]
+    criteria: Mapping[str, Annotated[float, Null()]]
     termination: Termination
     initial_states: tuple[Array, ...] = ()
     ranges: Array = field(default_factory=lambda: np.zeros((0, 2)))
@@ -175,7 +144,9 @@ class Model:
     starts: tuple[StartReport, ...] = ()
     warnings: tuple[str, ...] = ()
     provenance: Provenance = field(default_factory=Provenance)
-    operating_point: OperatingPoint = field(default_factory=OperatingPoint)
+    operating_point: OperatingPoint = field(
+        default_factory=OperatingPoint, metadata={"alias": "level"}
+    )
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit each other."""
@@ -388,34 +359,18 @@ class Model:
             ModelError: a structure of another package does not read back what it writes.
         """
         require_readable(self.structure)
-        described: dict[str, Any] = documents.plain(
-            {
-                "schema": SCHEMA,
-                **structure_to_json(self.structure),
-                "parameters": [
-                    {
-                        "name": p.name,
-                        "value": float(v),
-                        "unit": p.unit,
-                        "lower": p.lower,
-                        "upper": p.upper,
-                        "fixed": p.fixed is not None,
-                    }
-                    for p, v in zip(self.parameters, self.theta, strict=True)
-                ],
-                "covariance": self.covariance,
-                "sample_time": self.dt,
-                "detrend": self.detrend.to_json(),
-                "level": self.operating_point.to_json(),
-                "noise_covariance": self.noise_covariance,
-                "criteria": self.criteria,
-                "termination": self.termination.code,
-                "initial_states": self.initial_states,
-                "ranges": self.ranges,
-                **{name: getattr(self, name) for name in _AS_THEY_ARE},
-            }
+        parameters = [
+            _StoredParameter(p.name, float(v), p.unit, p.lower, p.upper, p.fixed is not None)
+            for p, v in zip(self.parameters, self.theta, strict=True)
+        ]
+        own = documents.by_field(self)
+        del own["structure"], own["theta"]
+        return documents.plain_object(
+            {"schema": SCHEMA}
+            | structure_to_json(self.structure)
+            | own
+            | {"parameters": parameters}
         )
-        return described
 
     @staticmethod
     def from_json(raw: Mapping[str, Any]) -> "Model":
@@ -427,34 +382,31 @@ class Model:
         if not isinstance(raw, Mapping) or raw.get("schema") != SCHEMA:
             raise ModelError(f"this is not a model of schema {SCHEMA}; fit it again")
         try:
-            file = checked(_ModelFile, raw, others=True)  # the structure's own keys stand beside
-            theta = np.array([p.value for p in file.parameters], dtype=np.float64)
-            structure, detrend = structure_from_json(raw), Detrend.from_json(file.detrend)
-            names = [p.name for p in structure.parameters(file.inputs, file.outputs)]
-            if names != [p.name for p in file.parameters]:
-                raise ValueError("its parameters do not fit its orders")
-            model = Model(
+            stored = checked(tuple[_StoredParameter, ...], raw["parameters"])
+            structure, detrend = structure_from_json(raw), checked(Detrend, raw["detrend"])
+            n = len(stored)
+            given: dict[str, Any] = {}
+            if raw.get("level") is None:  # as version 0.1.0 wrote it
+                given["operating_point"] = OperatingPoint.of_detrend(detrend)
+            model = completed(
+                Model,
+                raw,
                 structure=structure,
-                theta=theta,
-                covariance=_array(file.covariance, len(theta), np.inf),
-                parameters=tuple(p.parameter() for p in file.parameters),
-                dt=file.sample_time,
+                theta=np.array([p.value for p in stored], dtype=np.float64),
+                parameters=tuple(p.parameter() for p in stored),
+                covariance=checked(_Covariance, raw["covariance"]).reshape(n, n),
                 detrend=detrend,
-                noise_covariance=_array(file.noise_covariance, len(file.outputs), np.nan),
-                criteria={k: np.nan if v is None else v for k, v in file.criteria.items()},
-                termination=_termination(file.termination),
-                initial_states=tuple(np.array(x, dtype=np.float64) for x in file.initial_states),
-                ranges=np.array(file.ranges, dtype=np.float64).reshape(-1, 2),
-                operating_point=(
-                    OperatingPoint.of_detrend(detrend)
-                    if file.level is None
-                    else OperatingPoint.from_json(file.level)
-                ),
-                **{name: getattr(file, name) for name in _AS_THEY_ARE},
+                termination=_termination(raw["termination"]),
+                ranges=checked(Array, raw["ranges"]).reshape(-1, 2),
+                **given,
             )
+            names = [p.name for p in structure.parameters(model.inputs, model.outputs)]
+            if names != [p.name for p in stored]:
+                raise ValueError("its parameters do not fit its orders")
             return model.tried()
         except DAMAGED as error:
-            raise ModelError(f"the model is damaged ({error}); fit it again") from None
+            what = f"{error} is missing" if isinstance(error, KeyError) else error
+            raise ModelError(f"the model is damaged ({what}); fit it again") from None
 
     def save(self, path: Path) -> None:
         """Write the model as readable JSON (temporary name first, then renamed)."""
@@ -479,11 +431,6 @@ class Model:
             return Model.from_json(raw)
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from None
-
-
-def _array(rows: Sequence[Sequence[float | None]], n: int, missing: float) -> Array:
-    cells = [[missing if c is None else c for c in row] for row in rows]
-    return np.array(cells, dtype=np.float64).reshape(n, n)
 
 
 def _termination(code: str) -> Termination:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Le
 
-from sysid.data.documents import plain
+from sysid.data.documents import plain_object
 from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, UsageError
 from sysid.extensions import loaded, points, unusable
@@ -90,13 +90,15 @@ class _Described:
 
 def structure_to_json(structure: Structure) -> dict[str, Any]:
     """{structure, orders, settings, nu, ny}: what ``structure_from_json`` needs."""
-    return {
-        "structure": structure.name,
-        "orders": structure.order_values(),
-        "settings": structure.settings(),
-        "nu": structure.nu,
-        "ny": structure.ny,
-    }
+    return plain_object(
+        {
+            "structure": structure.name,
+            "orders": structure.order_values(),
+            "settings": structure.settings(),
+            "nu": structure.nu,
+            "ny": structure.ny,
+        }
+    )
 
 
 def _upgraded(raw: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -126,7 +128,7 @@ def structure_from_json(raw: Mapping[str, Any]) -> Structure:
         cls = _load(MADE[name]) if name in MADE else structure_class(name)
         raw = _upgraded(raw)
         structure = cls.from_json(raw)
-        written = plain(structure_to_json(structure))
+        written = structure_to_json(structure)
         for key in ("nu", "ny", "settings"):
             if raw.get(key) and not _holds(written[key], raw[key]):
                 raise ValueError(f"its {key} are not those of {name}")
@@ -159,9 +161,9 @@ def require_readable(structure: Structure) -> None:
     """
     if type(structure).__module__.startswith("sysid."):
         return
-    written = plain(structure_to_json(structure))
+    written = structure_to_json(structure)
     try:
-        same = plain(structure_to_json(structure_from_json(written))) == written
+        same = structure_to_json(structure_from_json(written)) == written
     except ModelError:
         same = False
     if not same:

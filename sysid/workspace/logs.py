@@ -33,12 +33,33 @@ def as_fitted(
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
 
-    options = {} if stored is None else stored.model.provenance.options
-    if read == ReadOptions():
-        read = ReadOptions.from_json(options.get("read", {}))
-    if steps == Preparation():
-        steps = Preparation.from_json(options.get("prepare", {}))
-    return read, steps
+    stored_read, stored_steps = _stored(stored.model.provenance.options if stored else {})
+    return (
+        stored_read if read == ReadOptions() else read,
+        stored_steps if steps == Preparation() else steps,
+    )
+
+
+def _stored(options: Mapping[str, Any]) -> "tuple[ReadOptions, Preparation]":
+    """How the logs of a model were read and prepared.
+
+    Raises:
+        UsageError: what the model holds of it is damaged.
+    """
+    from sysid.data.preparation import Preparation
+    from sysid.data.reading.read_options import ReadOptions
+    from sysid.data.schema import checked
+    from sysid.errors import UsageError
+
+    try:
+        return (
+            checked(ReadOptions, options.get("read", {})),
+            checked(Preparation, options.get("prepare", {})),
+        )
+    except ValueError as error:
+        raise UsageError(
+            f"the options stored with the model are damaged ({error}); fit it again"
+        ) from None
 
 
 class StoredData:
@@ -96,14 +117,12 @@ class StoredData:
     ) -> "tuple[Record, ...]":
         from json import dumps
 
-        from sysid.data.preparation import Preparation, read_prepared
-        from sysid.data.reading.read_options import ReadOptions
+        from sysid.data.preparation import read_prepared
 
         how = {"read": options.get("read", {}), "prepare": options.get("prepare", {})}
         key = dumps([files, how, dt], sort_keys=True, default=str)
         if key not in self._read:
-            steps = Preparation.from_json(how["prepare"])
-            read = ReadOptions.from_json(how["read"])
+            read, steps = _stored(how)
             self._read[key], _ = read_prepared([Path(f) for f in files], read, steps, dt)
         return self._read[key]
 

@@ -141,10 +141,10 @@ class Workspace:
         """
         from sysid.data.files import write_atomic
 
-        described = documents.plain(model.to_json())
+        described = model.to_json()
         canonical = json.dumps(_identity(described), sort_keys=True, separators=(",", ":"))
         digest = hashlib.sha256(canonical.encode()).hexdigest()
-        kept = documents.plain(dict(report))
+        kept = documents.plain_object(report)
         with self.locked():
             ids = self._ids()
             id = self._free_id(model.structure.name, digest, described)

@@ -1,7 +1,9 @@
 """Options that several commands share: declared once, present and meaning the same everywhere."""
 
+from dataclasses import fields
 from inspect import signature
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from command_line import Capture, robot_log, run
@@ -12,10 +14,14 @@ from sysid.errors import UsageError
 
 @pytest.mark.parametrize("command", [fit.fit, inspect.inspect, diagnose.diagnose])
 def test_every_command_with_a_log_has_every_option_of_reading_and_preparing(command) -> None:
-    for build in (reading.read_options, reading.preparation):
-        for name, declared in signature(build).parameters.items():
-            own = signature(command).parameters[name]
-            assert (own.default, own.annotation) == (declared.default, declared.annotation)
+    for shared in (reading.Reading, reading.Preparing):
+        for field in fields(shared):
+            own = signature(command).parameters[field.name]
+            words = get_args(own.annotation)[1]
+            assert (own.default, words.help) == (
+                field.default,
+                field.metadata["declared"].words["help"],
+            )
 
 
 def test_a_log_is_inspected_as_it_will_be_fitted(tmp_path: Path, capsys: Capture) -> None:

@@ -11,7 +11,9 @@ from data_io_cases import GOOD, put, table
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sysid.data import documents
 from sysid.data.io import ReadOptions, read_files, read_log, read_logs
+from sysid.data.schema import checked
 from sysid.errors import DataError, SysidError, UsageError
 
 BAD_FILES: dict[str, tuple[str | bytes, str]] = {
@@ -185,18 +187,16 @@ def test_experiments_must_agree(tmp_path: Path, other: str, expected: str) -> No
 
 
 def test_options_survive_json(tmp_path: Path) -> None:
-    import json
-
     options = ReadOptions(
         inputs=("u",), units={"y": "rpm"}, ts=0.1, pwm_max=255, resample="fill", delimiter=";"
     )
-    assert ReadOptions.from_json(json.loads(json.dumps(options.to_json()))) == options
-    assert ReadOptions.from_json({}) == ReadOptions()
+    assert checked(ReadOptions, documents.plain(options)) == options
+    assert checked(ReadOptions, {}) == ReadOptions()
     assert ReadOptions().to_json() == {}
-    with pytest.raises(UsageError, match="unknown read option 'colour'"):
-        ReadOptions.from_json({"colour": "red"})
-    with pytest.raises(UsageError, match="damaged"):
-        ReadOptions.from_json({"inputs": 3})
+    with pytest.raises(ValueError, match="'colour' is not known"):
+        checked(ReadOptions, {"colour": "red"})
+    with pytest.raises(ValueError, match="inputs: it should be"):
+        checked(ReadOptions, {"inputs": 3})
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from sysid_datasets.hidden_logs import Request, hide
 
+from sysid.data.documents import plain
 from sysid.data.integrating import integrates
 from sysid.data.io import read_log
 from sysid.data.record import Channel, Record
@@ -348,4 +349,4 @@ def test_a_share_of_the_largest_command_is_told_in_the_unit_of_the_input() -> No
     value = values_of(base, node, "input-saturation", {at: Interval(0.7, 0.8)})[0]
     assert (value.value, value.unit) == (0.75, "drive")
     assert value.in_log_units.shown == "= 60 (56 to 64) %"
-    assert value.to_json()["in_file"]["interval"] == pytest.approx([56.0, 64.0])
+    assert plain(value)["in_file"]["interval"] == pytest.approx([56.0, 64.0])

@@ -262,7 +262,7 @@ def test_a_level_is_stored_and_damaged_ones_refused(tmp_path: Path) -> None:
     raw = m.to_json()
     raw.pop("level")  # as version 0.1.0 wrote it
     assert Model.from_json(raw).operating_point.origin is Origin.MEANS
-    with pytest.raises(ModelError, match="operating point"):
+    with pytest.raises(ModelError, match=r"level\.origin: it should be"):
         Model.from_json(m.to_json() | {"level": {"origin": "somewhere"}})
     assert OperatingPoint.of_detrend(Detrend.none(1, 1)).origin is Origin.ZERO
 

@@ -5,6 +5,7 @@ import pytest
 
 from sysid.data.preparation import Preparation
 from sysid.data.record import Record
+from sysid.data.schema import checked
 from sysid.errors import UsageError
 
 
@@ -15,7 +16,7 @@ def record() -> Record:
 
 def test_steps_survive_json_and_do_the_same_again() -> None:
     steps = Preparation(trim_start=1.0, trim_end=0.5, low_pass=5.0, decimate=4)
-    again = Preparation.from_json(steps.to_json())
+    again = checked(Preparation, steps.to_json())
     assert again == steps
     one, two = steps.apply(record()), again.apply(record())
     assert one.dt == pytest.approx(0.04)

@@ -8,6 +8,7 @@ from command_line import Capture, run, write_log
 from scipy.signal import cont2discrete, lfilter
 
 from sysid.data.record import Channel, Record
+from sysid.data.schema import checked
 from sysid.estimation.assessment.step_response import StepResponse, step_responses
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
@@ -179,7 +180,7 @@ def test_fit_and_models_show_begin_with_what_the_model_means(tmp_path, capsys: C
     for part in ("u_V → y_rpm: gain", "Poles at", "Fit of y_rpm"):
         assert part in shown
     document = run(capsys, "models", "show", name, "--json", *place).document
-    kept = [StepResponse.from_json(s) for s in document["report"]["step_response"]]
+    kept = checked(tuple[StepResponse, ...], document["report"]["step_response"])
     assert step_sentences(kept)[0] in out
 
 

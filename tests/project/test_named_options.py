@@ -15,6 +15,7 @@ from named_fields import MARKED, messages
 from sysid_cli import reading
 from sysid_cli.app import app
 from sysid_cli.field_options import every_command, fields_in, options_of, with_options
+from sysid_cli.options import group
 
 import sysid
 from sysid.data.excitation import DESIGNS
@@ -181,10 +182,9 @@ def test_what_a_message_tells_a_script_and_a_person_is_the_same(given: dict[str,
     with inspect.make_context("inspect", [], resilient_parsing=True, obj=GROUP):
         words = shlex.split(with_options(argument(**given)))
     typed = inspect.make_context("inspect", ["log.csv", *words]).params
-    own = signature(reading.read_options).parameters
-    assert reading.read_options(**{n: v for n, v in typed.items() if n in own}) == (
-        sysid.ReadOptions(**given)
-    )
+    options = group(reading.Reading)
+    own = {p.name: typed[p.name] for p in options.parameters()}
+    assert options.built(own) == sysid.ReadOptions(**given)
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mission_cases import Robot, goal
-from sysid_cli.pictures import draw_mission
 
 from sysid.errors import DataError
+from sysid.report.missions.drives import draw_mission
 from sysid.report.missions.localization_drawing import PoseEstimate, ellipse
-from sysid.report.plots import MissionPicture
+from sysid.report.plots import MissionPicture, Scene
 from sysid.robot.mission.registry import law_class
 from sysid.robot.mission.simulator import simulate
 
@@ -35,6 +35,6 @@ def test_an_estimate_of_another_length_is_refused() -> None:
     t = np.arange(3.0)
     with pytest.raises(DataError, match="equally long"):
         MissionPicture(
-            "m", "arrived", t, np.zeros((3, 3)), t, np.zeros((3, 2)), (1.0, 0.0), 0.1,
+            "m", "arrived", t, np.zeros((3, 3)), t, np.zeros((3, 2)), Scene((1.0, 0.0), 0.1),
             estimate=PoseEstimate(np.zeros((2, 2)), np.zeros((2, 3))),
         )  # fmt: skip

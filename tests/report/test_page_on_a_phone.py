@@ -130,37 +130,22 @@ REGIMES = tuple(
 )
 PATHS = tuple((name, np.column_stack([T, T])) for name in ("measured", "before", "after", LONG))
 COLUMNS = ("t", *(f"pwm_of_motor_{k}" for k in range(9)))
-ODD: dict[str, tuple[tuple[float, float], Callable[["Figure"], None]]] = {
-    "regions": (
-        diagnosis_drawing.regions_size([REGION] * 2),
-        lambda figure: diagnosis_drawing.draw_regions(figure, [REGION] * 2),
+STEPS = np.ones((3, 10)) * [[0.0], [1.0], [2.0]]
+ODD: dict[str, Callable[["Figure"], None]] = {
+    "regions": lambda figure: diagnosis_drawing.draw_regions(figure, [REGION] * 2),
+    "regimes": lambda figure: diagnosis_drawing.draw_regimes(
+        figure, REGIMES, "rad/s", 0.1, changed=True
     ),
-    "regimes": (
-        diagnosis_drawing.regimes_size(REGIMES, changed=True),
-        lambda figure: diagnosis_drawing.draw_regimes(figure, REGIMES, "rad/s", 0.1, changed=True),
-    ),
-    "worst": (
-        diagnosis_drawing.worst_size([WINDOW], changed=True),
-        lambda figure: diagnosis_drawing.draw_worst(figure, [WINDOW], changed=True),
-    ),
-    "gap": (diagnosis_bars.gap_size(LINES), lambda figure: diagnosis_bars.draw_gap(figure, LINES)),
-    "path": (
-        diagnosis_drawing.path_size(PATHS),
-        lambda figure: diagnosis_drawing.draw_path(figure, PATHS),
-    ),
-    "schedule": (
-        diagnosis_drawing.schedule_size(COLUMNS),
-        lambda figure: diagnosis_drawing.draw_schedule(
-            figure, COLUMNS, np.ones((3, 10)) * [[0.0], [1.0], [2.0]]
-        ),
-    ),
+    "worst": lambda figure: diagnosis_drawing.draw_worst(figure, [WINDOW], changed=True),
+    "gap": lambda figure: diagnosis_bars.draw_gap(figure, LINES),
+    "path": lambda figure: diagnosis_drawing.draw_path(figure, PATHS),
+    "schedule": lambda figure: diagnosis_drawing.draw_schedule(figure, COLUMNS, STEPS),
 }
 
 
 @pytest.mark.parametrize("case", ODD)
 def test_long_names_and_many_of_them_keep_their_room(case: str) -> None:
-    size, draw = ODD[case]
-    check_picture(inline_svg(case, size, draw, "odd names"))
+    check_picture(inline_svg(case, "odd names", ODD[case]))
 
 
 def test_no_effect_of_the_catalogue_is_cut() -> None:
@@ -173,8 +158,7 @@ def test_no_effect_of_the_catalogue_is_cut() -> None:
         diagnosis_bars.draw_candidates(figure, candidates, ids, ())
         shown.extend(text.get_text() for text in figure.axes[0].texts)
 
-    size = diagnosis_bars.candidates_size(candidates, ids, ())
-    check_picture(inline_svg("candidates", size, draw, "candidates"))
+    check_picture(inline_svg("candidates", "candidates", draw))
     assert set(ids) <= set(shown)
 
 

@@ -24,6 +24,7 @@ from sysid.report.plots import (
     Obstacle,
     RankingPicture,
     RankingRow,
+    Scene,
 )
 
 
@@ -81,10 +82,7 @@ def mission_picture(n: int = 60, width: float = 3.0) -> MissionPicture:
         pose=pose,
         speed=np.full(n, 0.2),
         pwm=np.stack([9000 + 100 * s, 9000 - 100 * s], axis=1),
-        goal=(6.0, width),
-        tolerance=0.1,
-        obstacles=(Obstacle(3.0, 1.0, 0.15),),
-        influence=0.7,
+        scene=Scene((6.0, width), 0.1, (Obstacle(3.0, 1.0, 0.15),), influence=0.7),
         speed_reference=np.full(n, 0.22),
         heading_reference=pose[:, 2] + 2 * np.pi,
         min_clearance=0.18,
@@ -293,8 +291,12 @@ def test_the_outcome_is_in_the_title(outcome: str, tmp_path: Path) -> None:
 
 
 def test_every_kind_of_mission_is_drawn(tmp_path: Path) -> None:
+    alone = mission_picture(1)
     bare = dataclasses.replace(
-        mission_picture(1), obstacles=(), speed_reference=None, heading_reference=None
+        alone,
+        scene=Scene(alone.scene.goal, alone.scene.tolerance),
+        speed_reference=None,
+        heading_reference=None,
     )
     svg_of(bare, tmp_path)
     svg_of(mission_picture(60, 0.03), tmp_path)

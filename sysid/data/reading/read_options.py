@@ -1,17 +1,19 @@
 """ReadOptions: how to read a log, in a form that a model can store."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
+from sysid.data.documents import by_field
 from sysid.data.reading.dates import ORDERS
 from sysid.data.reading.decoding import check_encoding
 from sysid.data.reading.missing_codes import given_codes
 from sysid.data.reading.stale import check_held
 from sysid.data.reading.time_column import unit_of
 from sysid.data.reading.timing import ResamplePolicy, check_policy
+from sysid.data.schema import STORED
 from sysid.data.units import conversion, pwm_conversion
 from sysid.errors import UsageError
 
@@ -53,6 +55,8 @@ class ReadOptions:
     Raises:
         UsageError: an option cannot be.
     """
+
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = STORED
 
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
@@ -118,24 +122,7 @@ class ReadOptions:
 
     def to_json(self) -> dict[str, Any]:
         """The options as a JSON object; defaults are left out."""
-        default = ReadOptions()
         return {
             k: list(v) if isinstance(v, tuple) else v
-            for k, v in asdict(self).items()
-            if v != getattr(default, k)
+            for k, v in by_field(self, defaults=False).items()
         }
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> "ReadOptions":
-        """The options that ``to_json`` wrote.
-
-        Raises:
-            UsageError: a key is unknown or its value is of the wrong kind.
-        """
-        unknown = set(data) - {f.name for f in fields(cls)}
-        if unknown:
-            raise UsageError(f"unknown read option {min(unknown)!r} in the stored model")
-        try:
-            return cls(**data)
-        except (TypeError, ValueError, AttributeError):
-            raise UsageError("the read options stored with the model are damaged") from None

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.data.documents import Document
+from sysid.data.documents import by_field
 
 SIGNIFICANT, ABSENT, INCONCLUSIVE = "significant", "absent", "inconclusive"
 """What a log says of an effect: it shows it; it would show it and does not; it cannot show it."""
@@ -24,7 +24,7 @@ def chance(p: float) -> str:
 
 
 @dataclass(frozen=True)
-class LogParameter(Document):
+class LogParameter:
     """A parameter as one log alone has it, its output in brackets; None: not determined by it."""
 
     name: str
@@ -44,7 +44,7 @@ class LogParameter(Document):
 
 
 @dataclass(frozen=True)
-class LogEffect(Document):
+class LogEffect:
     """What one log shows of one effect.
 
     Attributes:
@@ -59,7 +59,7 @@ class LogEffect(Document):
 
 
 @dataclass(frozen=True)
-class LogView(Document):
+class LogView:
     """One log beside the others.
 
     Attributes:
@@ -75,12 +75,11 @@ class LogView(Document):
 
     def to_json(self) -> dict[str, Any]:
         """Its fields, the effects by id."""
-        effects = {e.id: e.to_json() for e in self.effects}
-        return {**super().to_json(), "effects": effects}
+        return by_field(self) | {"effects": {e.id: e for e in self.effects}}
 
 
 @dataclass(frozen=True)
-class Constancy(Document):
+class Constancy:
     """Whether the estimates of a parameter agree across logs.
 
     Attributes:
@@ -104,7 +103,7 @@ class Constancy(Document):
 
 
 @dataclass(frozen=True)
-class Difference(Document):
+class Difference:
     """What differs between logs and is no effect: admitted by the rule that effects are, too.
 
     Attributes:
@@ -122,7 +121,7 @@ class Difference(Document):
 
 
 @dataclass(frozen=True)
-class SeveralLogs(Document):
+class SeveralLogs:
     """What several logs say together; empty for one: constancy of what two logs determine."""
 
     logs: tuple[LogView, ...] = ()

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.documents import Document
 from sysid.data.record import Array, Record
 from sysid.robot.calibration.windows import track_channels
 
@@ -23,7 +22,7 @@ STANDS_OUT = 1.15
 
 
 @dataclass(frozen=True)
-class Region(Document):
+class Region:
     """One regime of one output.
 
     Attributes:

@@ -216,7 +216,8 @@ class _Replay:
 
     def by_wheels(self, after: Model) -> dict[str, float]:
         """Path errors of the measured speeds, without and with the effects of the vehicle."""
-        ground, errors = ground_effects(after.structure, after.theta), {}
+        ground = ground_effects(after.structure, after.theta)
+        errors: dict[str, float] = {}
         for name, acting in (("before", Ground()), ("after", ground)):
             rms, end, _ = _apart(self.path(self.record.y, acting), self.measured)
             errors |= {f"rms_{name}_m": rms, f"end_{name}_m": end}

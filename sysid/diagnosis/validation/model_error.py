@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.criteria.coloured import ar_fit
-from sysid.data.documents import Document
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index, Record
 from sysid.diagnosis.policies import VERDICT
@@ -48,7 +47,7 @@ PROVEN = 0.05
 
 
 @dataclass(frozen=True)
-class ResidualVerdict(Document):
+class ResidualVerdict:
     """Whether the errors of a model on held-out data still depend on what is known.
 
     Attributes:

@@ -73,8 +73,8 @@ class Figures:
             "initial_state": self.initial_state,
             "samples": self.samples,
             "left_out": self.left_out,
-            "fit_percent": {k: _finite(v) for k, v in self.fit_percent.items()},
-            "rmse": {k: _finite(v) for k, v in self.rmse.items()},
+            "fit_percent": self.fit_percent,
+            "rmse": self.rmse,
         }
 
 

@@ -1,10 +1,11 @@
 """Assessment of a fitted model as one JSON-able document."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from sysid.criteria.verdicts import ResidualReport
+from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Record
 from sysid.estimation.assessment.advice import advice
 from sysid.estimation.assessment.figures import (
@@ -34,28 +35,22 @@ class DataFigures:
 
     def to_json(self) -> dict[str, Any]:
         """Free-run figures at the top, the others beside them."""
-        return {
-            **self.free_run.to_json(),
-            "one_step": self.one_step.to_json(),
-            "k_step": [f.to_json() for f in self.k_step],
-        }
+        return plain_object(
+            {
+                **self.free_run.to_json(),
+                "one_step": self.one_step,
+                "k_step": self.k_step,
+            }
+        )
 
 
 @dataclass(frozen=True)
 class Policy:
     """How figures are made: initial states, skipped samples, further horizons."""
 
-    start: Start = Start.ESTIMATED
+    start: Start = field(default=Start.ESTIMATED, metadata={"alias": "initial_state"})
     skip: int = 0
     horizons: tuple[int, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """{initial_state, skip, horizons}."""
-        return {
-            "initial_state": self.start.value,
-            "skip": self.skip,
-            "horizons": list(self.horizons),
-        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,46 +75,46 @@ class Assessment:
     def to_json(self) -> dict[str, Any]:
         """The fit report without the model's id and path; non-finite numbers may occur."""
         m = self.model
-        return {
-            "structure": m.structure.name,
-            "orders": m.structure.order_values(),
-            "parameters": [
-                {
-                    "name": p.name,
-                    "value": p.value if p.visited else None,
-                    "std_error": p.std_error,
-                    "unit": p.unit,
-                    "fixed": p.fixed,
-                    "at_bound": p.at_bound,
-                }
-                for p in m.parameter_table()
-            ],
-            "policy": self.policy.to_json(),
-            "estimation": self.estimation.to_json(),
-            "validation": None if self.validation is None else self.validation.to_json(),
-            "one_step": {
-                "estimation": self.estimation.one_step.to_json(),
-                "validation": (
-                    None if self.validation is None else self.validation.one_step.to_json()
-                ),
-            },
-            "criteria": dict(m.criteria),
-            "residuals": self.residuals.as_dict(),
-            "termination": {"code": m.termination.code, "message": m.termination.value},
-            "properties": m.structure.properties(m.theta, m.dt),
-            "own_modes": [mode.to_json() for mode in own_modes(m)],
-            "step_response": [s.to_json() for s in self.steps],
-            "equations": list(m.equations()),
-            "sample_time": m.dt,
-            "offsets": m.detrend.to_json()
-            | m.operating_point.to_json()
-            | {"text": m.operating_point_sentence()},
-            "n_estimated": m.n_estimated,
-            "starts": [asdict(s) for s in m.starts],
-            "order_search": dict(self.chosen),
-            "seconds": self.seconds,
-            "warnings": list(self.warnings),
-        }
+        return plain_object(
+            {
+                "structure": m.structure.name,
+                "orders": m.structure.order_values(),
+                "parameters": [
+                    {
+                        "name": p.name,
+                        "value": p.value if p.visited else None,
+                        "std_error": p.std_error,
+                        "unit": p.unit,
+                        "fixed": p.fixed,
+                        "at_bound": p.at_bound,
+                    }
+                    for p in m.parameter_table()
+                ],
+                "policy": self.policy,
+                "estimation": self.estimation,
+                "validation": self.validation,
+                "one_step": {
+                    "estimation": self.estimation.one_step,
+                    "validation": self.validation and self.validation.one_step,
+                },
+                "criteria": m.criteria,
+                "residuals": self.residuals.as_dict(),
+                "termination": {"code": m.termination.code, "message": m.termination.value},
+                "properties": m.structure.properties(m.theta, m.dt),
+                "own_modes": own_modes(m),
+                "step_response": self.steps,
+                "equations": m.equations(),
+                "sample_time": m.dt,
+                "offsets": by_field(m.detrend)
+                | by_field(m.operating_point)
+                | {"text": m.operating_point_sentence()},
+                "n_estimated": m.n_estimated,
+                "starts": m.starts,
+                "order_search": self.chosen,
+                "seconds": self.seconds,
+                "warnings": self.warnings,
+            }
+        )
 
 
 def figures_on(model: Model, records: Sequence[Record], data: str, policy: Policy) -> DataFigures:

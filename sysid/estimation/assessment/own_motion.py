@@ -1,6 +1,6 @@
 """Natural modes of a signal without inputs: frequencies and time constants."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,10 +25,6 @@ class OwnMode:
     frequency: Estimate | None
     damping: Estimate | None
     time_constant: Estimate | None
-
-    def to_json(self) -> dict[str, Any]:
-        """The mode as a JSON object."""
-        return asdict(self)
 
 
 def own_modes(model: Model) -> tuple[OwnMode, ...]:

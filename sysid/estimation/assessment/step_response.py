@@ -4,13 +4,14 @@ These are the numbers by which a person knows their machine. Each comes with a s
 the delta method.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 
 from sysid.data.record import Array, Channel
+from sysid.data.schema import Null
 from sysid.data.unit_words import bracketed
 from sysid.estimation.assessment.delta_method import delta_errors
 from sysid.structures.linear.polynomial import PolynomialStructure
@@ -42,12 +43,15 @@ MOVES = 1e-6
 """Share of the final change from which a response has begun."""
 
 
+Number = Annotated[float, Null()]
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A number and its standard error; infinite where the data say nothing about it."""
 
-    value: float
-    std_error: float
+    value: Number
+    std_error: Number
 
 
 @dataclass(frozen=True)
@@ -73,8 +77,8 @@ class StepResponse:
 
     input: str
     output: str
-    start: float
-    level: float
+    start: Number
+    level: Number
     share: float | None
     gain: Estimate
     unit: str
@@ -82,7 +86,7 @@ class StepResponse:
     file_unit: str
     time_constants: tuple[Estimate, ...]
     oscillation: tuple[Estimate, Estimate] | None
-    dead_time: float
+    dead_time: Number
     rise: Estimate
     settling: Estimate
     integrates: bool
@@ -98,31 +102,6 @@ class StepResponse:
         """
         return abs(self.gain.value) * (
             self.span if self.share is None else abs(self.level - self.start)
-        )
-
-    def to_json(self) -> dict[str, Any]:
-        """All of it as a JSON object; numbers that are not finite are left to the writer."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, raw: Mapping[str, Any]) -> "StepResponse":
-        """Undo ``to_json``; null is a number that is not defined."""
-
-        def estimate(pair: Mapping[str, Any]) -> Estimate:
-            return Estimate(
-                *(np.nan if pair[k] is None else pair[k] for k in ("value", "std_error"))
-            )
-
-        pair = raw["oscillation"]
-        dead = raw["dead_time"]
-        return cls(
-            **{
-                **raw,
-                **{k: estimate(raw[k]) for k in ("gain", "rise", "settling")},
-                "dead_time": np.nan if dead is None else dead,
-                "time_constants": tuple(estimate(t) for t in raw["time_constants"]),
-                "oscillation": pair and (estimate(pair[0]), estimate(pair[1])),
-            }
         )
 
 

@@ -17,10 +17,10 @@ from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import hold_out, longest_of
 from sysid.methods.held_out_error import free_run_error
-from sysid.structures.linear import closed_form
-from sysid.structures.linear.arx_at_once import promising, solved_at_once
+from sysid.structures.linear import least_squares
 from sysid.structures.linear.constant_input import constant_places, with_constant, with_ones
 from sysid.structures.linear.families import ARX
+from sysid.structures.linear.least_squares import promising, solved_at_once
 
 POLICIES = ("auto", "none", "mean", "linear", "level")
 
@@ -253,7 +253,7 @@ class _Evidence:
         along[places, range(ny)] = 1.0
         for i in range(ny):  # A(1) of each output's own
             along[wide.row_index(i)[wide.layout(i).slices()[0][i]], ny + i] = 1.0
-        theta, covariance, _ = closed_form.solve(wide, records, along)
+        theta, covariance, _ = least_squares.solve(wide, records, along)
         errors, own_error = np.split(np.sqrt(np.maximum(np.diag(covariance), 0.0)), 2)
         if not np.all(np.isfinite(errors)):
             return None

@@ -1,11 +1,12 @@
 """State of a followed plant at one moment, and its changes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from sysid.data.documents import by_field, plain_object
 from sysid.estimation.assessment.step_response import Estimate, StepResponse
 from sysid.estimation.online.dead_zone import DeadZone
 from sysid.estimation.online.excitation import Excitation
@@ -123,10 +124,10 @@ class LiveState:
 
     def to_json(self) -> dict[str, Any]:
         """All of it as a JSON object; numbers that are not finite are left to the writer."""
-        document = asdict(self)
-        for shown, e in zip(document["excitation"], self.excitation, strict=True):
-            shown["enough"] = e.enough
-        return {**document, "excitation_enough": self.enough}
+        excitation = [{**by_field(e), "enough": e.enough} for e in self.excitation]
+        return plain_object(
+            {**by_field(self), "excitation": excitation, "excitation_enough": self.enough}
+        )
 
 
 def time_constant(response: StepResponse) -> Estimate:

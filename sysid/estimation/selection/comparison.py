@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.criteria import table
 from sysid.criteria.information import information_criteria, on_common_samples
+from sysid.data.documents import plain
 from sysid.data.record import Record, names_of
 from sysid.errors import ModelError
 from sysid.estimation.assessment.figures import residual_tests
@@ -67,7 +68,7 @@ class Ranked:
             "rmse": self.figures["rmse"],
             "figures": self.figures,
             "residuals": self.residuals,
-            "doubts": list(doubts_about(m).clauses),
+            "doubts": doubts_about(m).clauses,
             "step_time_s": self.step_time,
             "tells": m.structure.traits.tells,
         }
@@ -272,7 +273,7 @@ def _figures_made(c: Contender, role: str, policy: Policy) -> dict[str, Any]:
     part, held_out = c.report.get(role), role == "validation"
     if not isinstance(part, Mapping):
         raise ModelError(f"{c.id} holds no figures; fit it again")
-    if c.report.get("policy") == policy.to_json():
+    if c.report.get("policy") == plain(policy):
         return {**part, "held_out": held_out}
     records = c.validation if held_out else c.records
     if records is not None:

@@ -19,9 +19,9 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.methods.held_out_error import free_run_error
 from sysid.structures.base import Structure
-from sysid.structures.linear.arx_at_once import promising, solved_at_once
 from sysid.structures.linear.constant_input import with_constant, with_ones, without_constant
 from sysid.structures.linear.families import ARX
+from sysid.structures.linear.least_squares import promising, solved_at_once
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.motion import initial_state_window
 from sysid.structures.orders import orders_text

@@ -72,19 +72,15 @@ class FrontPicture:
     answers: tuple[Panel, ...]
 
 
-def size_inches(picture: FrontPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return style.WIDTH, 7.0 if picture.answers else 3.8
-
-
 def draw(figure: "Figure", picture: FrontPicture) -> None:
     """Draw the trades in the first row, the answers in the second."""
-    style.heading(figure, picture.title, picture.subtitle)
+    height = 7.0 if picture.answers else 3.8
+    style.heading(figure, height, picture.title, picture.subtitle)
     rows = 2 if picture.answers else 1
     grid = figure.add_gridspec(rows, 1, height_ratios=(1.15, 1.0)[:rows])
     engine = figure.get_layout_engine()
     if engine is not None:  # a strip for the legend of all panels
-        top = (_LEGEND + 0.22) / figure.get_size_inches()[1]
+        top = (_LEGEND + 0.22) / height
         engine.set(rect=(0.0, 0.0, 1.0, 1.0 - top))  # type: ignore[call-arg]
     upper = grid[0].subgridspec(1, len(picture.trades))
     panels = [figure.add_subplot(upper[0, k]) for k in range(len(picture.trades))]
@@ -93,7 +89,6 @@ def draw(figure: "Figure", picture: FrontPicture) -> None:
     bar.set_label(picture.shade_name, size=style.SMALL)
     bar.outline.set_visible(False)
     handles, names = panels[0].get_legend_handles_labels()
-    height = figure.get_size_inches()[1]
     legend = figure.legend(
         handles, names, loc="upper left", ncols=len(names),
         bbox_to_anchor=(0.1 / style.WIDTH, 1.0 - _LEGEND / height),
@@ -135,10 +130,8 @@ def _trade(axes: "Axes", trade: Trade, picture: FrontPicture) -> "PathCollection
         colour, shape = (style.INK, "D") if is_present else (style.GREEN, "s")
         axes.scatter(mark.x, mark.y, s=26, marker=shape, color=colour, label=label, zorder=5)
         if not is_present:
-            axes.annotate(
-                mark.name, (mark.x, mark.y), textcoords="offset points", xytext=(5, 3),
-                size=style.SMALL - 1.0, color=style.GREEN, zorder=7,
-            )  # fmt: skip
+            size, place = style.SMALL - 1.0, (mark.x, mark.y)
+            style.words(axes, mark.name, place, (5, 3), size=size, color=style.GREEN, zorder=7)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_title(trade.title)

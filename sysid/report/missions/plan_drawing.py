@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.report import style
+from sysid.report.missions.scene import circle, plane
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,15 +71,11 @@ class PlanPicture:
     panels: tuple[CurvePanel, ...]
 
 
-def size_inches(picture: PlanPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return style.WIDTH, 0.7 + _FIRST_ROW + _OTHER_ROW * len(_rows(picture))
-
-
 def draw(figure: "Figure", picture: PlanPicture) -> None:
     """Draw the map and the potential above the forces and the references of speed."""
-    style.heading(figure, picture.title, picture.subtitle)
     rows = _rows(picture)
+    height = 0.7 + _FIRST_ROW + _OTHER_ROW * len(rows)
+    style.heading(figure, height, picture.title, picture.subtitle)
     grid = figure.add_gridspec(
         1 + len(rows), 6, height_ratios=[_FIRST_ROW, *(_OTHER_ROW,) * len(rows)]
     )
@@ -108,13 +105,11 @@ def _draw_map(axes: "Axes", picture: PlanPicture) -> None:
     axes.streamplot(
         picture.x, picture.y, u, v, density=1.1, color=style.MUTED, linewidth=0.6, arrowsize=0.7
     )
-    angle = np.linspace(0.0, 2.0 * np.pi, 73)
     for x, y, radius in picture.discs:
-        axes.fill(x + radius * np.cos(angle), y + radius * np.sin(angle), color="#52606d", zorder=3)
+        axes.fill(*circle(x, y, radius), color="#52606d", zorder=3)
     for ax, ay, bx, by in picture.walls:
         axes.plot([ax, bx], [ay, by], color="#52606d", linewidth=2.5, zorder=3)
-    (gx, gy), reach = picture.goal, picture.tolerance
-    axes.fill(gx + reach * np.cos(angle), gy + reach * np.sin(angle), color=style.GREEN, zorder=3)
+    axes.fill(*circle(*picture.goal, picture.tolerance), color=style.GREEN, zorder=3)
     axes.plot([], [], color=style.GREEN, linewidth=5, label="goal and tolerance")
     bold: dict[str, Any] = {"color": style.VERMILION, "zorder": 4, "linewidth": 1.8}
     axes.plot(*picture.way.T, label="way from the start", **bold)
@@ -125,14 +120,9 @@ def _draw_map(axes: "Axes", picture: PlanPicture) -> None:
         axes.plot(*end, label=label, linestyle="none", **cross)
     axes.set_xlim(picture.x[0], picture.x[-1])
     axes.set_ylim(picture.y[0], picture.y[-1])
-    axes.set_aspect("equal", adjustable="box")
     axes.grid(visible=False)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.5
-    ).set_in_layout(False)
-    axes.set_title(" ")
+    plane(axes, columns=3)
+    axes.set_aspect("equal", adjustable="box")
 
 
 def _levels(potential: Array) -> Array:

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from sysid.data.record import Array
 from sysid.report import style
+from sysid.report.missions.scene import circle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,16 +62,10 @@ class ResponsePicture:
     columns: int = 3
 
 
-def size_inches(picture: ResponsePicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    rows = -(-len(picture.panels) // picture.columns)
-    return style.WIDTH, 0.7 + _ROW * rows
-
-
 def draw(figure: "Figure", picture: ResponsePicture) -> None:
     """Draw every panel."""
-    style.heading(figure, picture.title, picture.subtitle)
     rows = -(-len(picture.panels) // picture.columns)
+    style.heading(figure, 0.7 + _ROW * rows, picture.title, picture.subtitle)
     grid = figure.add_gridspec(rows, picture.columns)
     for k, panel in enumerate(picture.panels):
         draw_panel(figure.add_subplot(grid[k // picture.columns, k % picture.columns]), panel)
@@ -80,9 +73,8 @@ def draw(figure: "Figure", picture: ResponsePicture) -> None:
 
 def draw_panel(axes: "Axes", panel: Panel) -> None:
     """Draw one panel."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 73)
     for x, y, radius, colour in panel.discs:
-        axes.fill(x + radius * np.cos(angle), y + radius * np.sin(angle), color=colour, zorder=2)
+        axes.fill(*circle(x, y, radius), color=colour, zorder=2)
     for x_out, y_out in panel.outlines:
         axes.fill(x_out, y_out, facecolor=style.BLUE, alpha=0.15, linewidth=0.8, edgecolor="none")
     colours = iter(style.SERIES)

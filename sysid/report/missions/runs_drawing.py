@@ -7,13 +7,11 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.report import style
+from sysid.report.missions.scene import Scene, draw_goal, draw_obstacles, plane
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-_SOLID = "#8d99a6"
-"""What must not be touched."""
 
 _BARS = 40
 _MOST_DRIVERS = 8
@@ -26,9 +24,6 @@ class RunsPicture:
     Attributes:
         paths: X, Y of some runs, (n, 2) each [m].
         worst: figures of the worst runs.
-        goal, tolerance: X, Y and distance at which the robot has arrived [m].
-        discs: round obstacles as the mission has them, (x, y, radius) [m].
-        walls, polygons: lines and areas to keep clear of, (n, 2) each [m].
         times: of the runs that arrived [s].
         clearances: of all runs [m]; empty without obstacles.
         drivers: names of what varies, and their share of the variance of the time.
@@ -38,24 +33,15 @@ class RunsPicture:
     subtitle: str
     paths: tuple[Array, ...]
     worst: tuple[Array, ...]
-    goal: tuple[float, float]
-    tolerance: float
-    discs: tuple[tuple[float, float, float], ...]
-    walls: tuple[Array, ...]
-    polygons: tuple[Array, ...]
+    scene: Scene
     times: Array
     clearances: Array
     drivers: tuple[tuple[str, float], ...]
 
 
-def size_inches(picture: RunsPicture) -> tuple[float, float]:
-    """Width and height of the picture [in]."""
-    return style.WIDTH, 5.6
-
-
 def draw(figure: "Figure", picture: RunsPicture) -> None:
     """Draw the fan beside the distributions."""
-    style.heading(figure, picture.title, picture.subtitle)
+    style.heading(figure, 5.6, picture.title, picture.subtitle)
     panels = [p for p, shown in ((_times, len(picture.times)), (_clearances,
               len(picture.clearances)), (_drivers, len(picture.drivers))) if shown]  # fmt: skip
     grid = figure.add_gridspec(max(len(panels), 1), 2, width_ratios=(1.35, 1.0))
@@ -65,18 +51,8 @@ def draw(figure: "Figure", picture: RunsPicture) -> None:
 
 
 def _fan(axes: "Axes", picture: RunsPicture) -> None:
-    angle = np.linspace(0.0, 2.0 * np.pi, 73)
-    for polygon in picture.polygons:
-        axes.fill(*polygon.T, color=_SOLID, linewidth=0, zorder=2)
-    for wall in picture.walls:
-        axes.plot(*wall.T, color=_SOLID, linewidth=2.2, solid_capstyle="round", zorder=2)
-    for x, y, radius in picture.discs:
-        outline = x + radius * np.cos(angle), y + radius * np.sin(angle)
-        axes.fill(*outline, color=_SOLID, linewidth=0, zorder=2)
-    x, y = picture.goal
-    goal = x + picture.tolerance * np.cos(angle), y + picture.tolerance * np.sin(angle)
-    axes.fill(*goal, color=style.GREEN, alpha=0.18, linewidth=0, zorder=2)
-    axes.plot(*goal, color=style.GREEN, linewidth=1.0, label="goal and tolerance", zorder=2)
+    draw_obstacles(axes, picture.scene)
+    draw_goal(axes, picture.scene)
     # faint enough that many on one line are no darker than the worst on top of them
     for paths, colour, width, alpha, name in (
         (picture.paths, style.BLUE, 0.8, 0.25, f"{len(picture.paths)} runs"),
@@ -85,15 +61,8 @@ def _fan(axes: "Axes", picture: RunsPicture) -> None:
         for k, path in enumerate(paths):
             label = "_" if k else name
             axes.plot(*path.T, color=colour, linewidth=width, alpha=alpha, label=label, zorder=3)
-    axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.05)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    legend = axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.5)
-    for handle in legend.get_lines():
-        handle.set_alpha(1.0)
-    legend.set_in_layout(False)
-    axes.set_title(" ")
+    plane(axes, columns=3)
 
 
 def _times(axes: "Axes", picture: RunsPicture) -> None:
@@ -119,15 +88,8 @@ def _histogram(axes: "Axes", values: Array, title: str, shares: tuple[float, ...
     for share in shares:
         at = float(np.quantile(values, share))
         axes.axvline(at, color=style.INK, linewidth=0.8, linestyle=(0, (4, 3)))
-        axes.annotate(
-            f"{100 * share:g} %",
-            (at, 1.0),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-            xytext=(2, -7),
-            fontsize=style.SMALL,
-            color=style.MUTED,
-        )
+        percent = f"{100 * share:g} %"
+        style.words(axes, percent, (at, 1.0), (2, -7), style.FROM_TOP, color=style.MUTED)
     axes.set_title(title)
     axes.set_ylabel("runs")
     axes.locator_params(axis="y", nbins=4)

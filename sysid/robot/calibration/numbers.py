@@ -1,8 +1,7 @@
 """Parameters of a vehicle for display: value, standard error, meaning."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,10 +28,6 @@ class VehicleNumber:
     identifiable: bool
     sentence: str
     in_model: bool = True
-
-    def to_json(self) -> dict[str, Any]:
-        """Every field."""
-        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +65,6 @@ class Correlations:
             for j in range(i)
             if abs(self.matrix[i, j]) > beyond
         )
-
-    def to_json(self) -> dict[str, Any]:
-        """{names, matrix}."""
-        return {"names": list(self.names), "matrix": self.matrix.tolist()}
 
 
 def derived(

@@ -7,8 +7,7 @@ radius and the width that say what was rolled.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,10 +40,6 @@ class SlipPoint:
     slip: float
     std_error: float
     windows: int
-
-    def to_json(self) -> dict[str, Any]:
-        """Every field."""
-        return asdict(self)
 
 
 SlipCurves = dict[str, tuple[SlipPoint, ...]]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.documents import plain_object
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
 from sysid.robot.calibration.dynamic_estimate import DynamicFit
@@ -141,34 +142,36 @@ class VehicleFit:
         """The document of ``fit-vehicle``."""
         steps = {"before": self.before, "plain": self.plain, "after": self.after}
         first, last = self.drift
-        return {
-            "motion": self.motion,
-            "parameters": [n.to_json() for n in self.numbers],
-            "correlations": self.correlations.to_json(),
-            "path_error_m": {k: e.path for k, e in steps.items()},
-            "heading_error_rad": {k: e.heading for k, e in steps.items()},
-            "path_error_rms_m": {k: e.path_rms for k, e in steps.items()},
-            "heading_error_rms_rad": {k: e.heading_rms for k, e in steps.items()},
-            "before": self.before_sentence,
-            "drift": {"before": first.to_json(), "after": last.to_json()},
-            "two_fold": [
-                {
-                    "path_error_m": {"before": f.before.path, "after": f.after.path},
-                    "heading_error_rad": {"before": f.before.heading, "after": f.after.heading},
-                    "parameters": dict(f.numbers),
-                }
-                for f in self.folds
-            ],
-            "squares": None if self.squares is None else self.squares.to_json(),
-            "slip": {k: [p.to_json() for p in points] for k, points in self.curves.items()},
-            "windows": {"estimation": self.windows[0], "held_out": self.windows[1]},
-            "geometry": {
-                "given": None if self.given is None else asdict(self.given),
-                "plain": self.lengths.to_json(),
-            },
-            "vehicle": asdict(self.acting),
-            "mission": self.mission,
-        }
+        return plain_object(
+            {
+                "motion": self.motion,
+                "parameters": self.numbers,
+                "correlations": self.correlations,
+                "path_error_m": {k: e.path for k, e in steps.items()},
+                "heading_error_rad": {k: e.heading for k, e in steps.items()},
+                "path_error_rms_m": {k: e.path_rms for k, e in steps.items()},
+                "heading_error_rms_rad": {k: e.heading_rms for k, e in steps.items()},
+                "before": self.before_sentence,
+                "drift": {"before": first, "after": last},
+                "two_fold": [
+                    {
+                        "path_error_m": {"before": f.before.path, "after": f.after.path},
+                        "heading_error_rad": {"before": f.before.heading, "after": f.after.heading},
+                        "parameters": dict(f.numbers),
+                    }
+                    for f in self.folds
+                ],
+                "squares": self.squares,
+                "slip": self.curves,
+                "windows": {"estimation": self.windows[0], "held_out": self.windows[1]},
+                "geometry": {
+                    "given": self.given,
+                    "plain": self.lengths,
+                },
+                "vehicle": self.acting,
+                "mission": self.mission,
+            }
+        )
 
 
 def fit_vehicle(

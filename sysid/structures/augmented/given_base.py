@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array
+from sysid.data.schema import completed
 from sysid.structures.augmented.chain import drive_before
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
@@ -87,18 +89,9 @@ class GivenBase:
 
     def to_json(self) -> dict[str, Any]:
         """JSON-able values."""
-        return {
-            "structure": structure_to_json(self.structure),
-            "theta": self.theta.tolist(),
-            "u0": self.u0.tolist(),
-            "y0": self.y0.tolist(),
-            "gain": self.gain.tolist(),
-            "pole": self.pole.tolist(),
-        }
+        return plain_object(by_field(self) | {"structure": structure_to_json(self.structure)})
 
     @staticmethod
     def from_json(raw: Mapping[str, Any]) -> "GivenBase":
         """Undo ``to_json``."""
-        names = ("theta", "u0", "y0", "gain", "pole")
-        theta, u0, y0, gain, pole = (np.array(raw[n], dtype=np.float64) for n in names)
-        return GivenBase(structure_from_json(raw["structure"]), theta, u0, y0, gain, pole)
+        return completed(GivenBase, raw, structure=structure_from_json(raw["structure"]))

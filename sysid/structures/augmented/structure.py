@@ -86,7 +86,7 @@ class Augmented(Structure):
 
     def settings(self) -> dict[str, Any]:
         settings = {"effects": list(self.effects), "scales": list(self.scales), "dt": self.dt}
-        return settings if self.given is None else {**settings, "given": self.given.to_json()}
+        return settings if self.given is None else {**settings, "given": self.given}
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "Augmented":

@@ -13,6 +13,7 @@ from scipy.linalg import cho_factor, cho_solve, hankel
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
+from sysid.fitting.normal_equations import scaled_solution
 from sysid.fitting.problem import Focus
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.static.functions import IDENTITY
@@ -146,8 +147,7 @@ def _refined(records: Sequence[Record], denominator: Array) -> Array:
             x[lag, :lag], x[lag, lag:] = 0.0, base[: len(r) - lag]
         gram += x @ x.T
         right += x @ r.y[:, 0]
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    b = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
+    b = scaled_solution(gram, right)
     orders = spread({"nb": order + 1, "nf": order, "nk": 0}, "bf", 1, 1, OE.name)
     start = Trial(
         HammersteinWiener((orders,), ((IDENTITY,), (IDENTITY,))),

@@ -166,7 +166,7 @@ class BlockStructure(NamedStructure):
 
     def settings(self) -> dict[str, Any]:
         statics = zip(self.places, self.statics, strict=True)
-        return {place: [s.to_json() for s in at] for place, at in statics}
+        return dict(statics)
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:

@@ -129,12 +129,12 @@ class Path:
         return np.maximum(1.0 - np.cumsum(self.err), 1e-15)
 
 
-def forward(g: TermGram, allowed: Sequence[int], most: int, given: Sequence[int] = ()) -> Path:
-    """Up to ``most`` of the allowed candidates, best first; ``given`` ones come before all others.
+def forward(g: TermGram, allowed: Sequence[int], most: int) -> Path:
+    """Up to ``most`` of the allowed candidates, best first.
 
     It ends early when every candidate left is a combination of the chosen ones.
     """
-    where = np.asarray([*given, *(k for k in allowed if k not in set(given))], dtype=int)
+    where = np.asarray(allowed, dtype=int)
     C, b = g.gram[np.ix_(where, where)], g.right[where].copy()
     unexplained = np.diag(C).copy()
     most = min(most, len(where), g.samples)
@@ -144,15 +144,9 @@ def forward(g: TermGram, allowed: Sequence[int], most: int, given: Sequence[int]
     for k in range(most):
         open_ = unexplained > DEPENDENT
         open_[order] = False
-        forced = k < len(given)
-        if forced:
-            pick = k
-            if not open_[pick]:
-                continue
-        else:
-            if not open_.any():
-                break
-            pick = int(np.argmax(np.where(open_, b**2 / np.where(open_, unexplained, 1.0), -1.0)))
+        if not open_.any():
+            break
+        pick = int(np.argmax(np.where(open_, b**2 / np.where(open_, unexplained, 1.0), -1.0)))
         root = float(np.sqrt(unexplained[pick]))
         row = (C[pick] - factor[:k, pick] @ factor[:k]) / root
         factor[k] = row

@@ -1,12 +1,13 @@
 """ARX, ARMAX, OE, BJ, and without inputs AR, MA, ARMA: which polynomials each has."""
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from typing import Any, ClassVar
 
-from sysid.structures.linear.candidates import arx_grid, denominator_orders, numerators
+from sysid.data.record import Channel
 from sysid.structures.linear.polynomial import PolynomialStructure, linear_traits
 from sysid.structures.traits import Traits
 
@@ -19,9 +20,55 @@ HIGHEST_MIXED = 3
 SAMPLES_EACH = 20
 """Samples an order needs behind it before it is tried."""
 
+EQUATIONS_EACH = 10
+"""Samples that stand behind every coefficient of an output."""
+
+Orders = Mapping[str, Any]
+
+
+def denominator_orders(nu: int, ny: int, samples: int) -> range:
+    """1 … 4 of a single pair, fewer of several or of a short record."""
+    return range(1, _largest(nu, ny, samples) + 1)
+
+
+def numerators(n: int) -> list[int]:
+    """Numbers of numerator coefficients that go with a denominator of order n."""
+    return sorted({max(n - 1, 1), n, n + 1} if n < 3 else {n - 1, n})
+
+
+def _largest(nu: int, ny: int, samples: int) -> int:
+    by_size = 4 if nu * ny == 1 else 3 if nu * ny <= 4 else 2
+    return max(1, min(by_size, samples // (40 * (nu + 1))))
+
 
 @dataclass(frozen=True)
-class ARX(PolynomialStructure):
+class Driven(PolynomialStructure):
+    """What models of an answer to inputs have in common."""
+
+    @classmethod
+    @abstractmethod
+    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Orders]:
+        """Orders that are tried, without delay, whether or not the samples bear them."""
+
+    @classmethod
+    def candidate_orders(cls, nu: int, ny: int, samples: int, delay: Any) -> tuple[Orders, ...]:
+        """The orders of the grid that the data bear, delayed."""
+        inputs = [Channel(f"u{k}") for k in range(nu)]
+        outputs = [Channel(f"y{k}") for k in range(ny)]
+
+        def bears(orders: Orders) -> bool:
+            structure = cls.from_orders(orders, nu, ny)
+            each = len(structure.parameters(inputs, outputs)) / ny
+            return samples >= EQUATIONS_EACH * each + structure.first_sample()
+
+        delayed = [{**o, "nk": delay} for o in cls.order_grid(nu, ny, samples)]
+        # a record that bears no order at all still gets the lowest one: the fit itself will refuse
+        lowest = dict.fromkeys(cls.traits.order_names, 1)
+        return tuple(filter(bears, delayed)) or (lowest,)
+
+
+@dataclass(frozen=True)
+class ARX(Driven):
     """A(q) y(t) = B(q) u(t) + e(t) (Ljung 1999, eq. 4.7; thesis 3.17)."""
 
     letters: ClassVar[str] = "ab"
@@ -37,12 +84,14 @@ class ARX(PolynomialStructure):
     )
 
     @classmethod
-    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
-        return arx_grid(nu, ny, samples)
+    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Orders]:
+        """Every pair up to two more than the others get: it costs next to nothing."""
+        orders = range(1, _largest(nu, ny, samples) + 3)
+        return [{"na": na, "nb": nb} for na, nb in product(orders, repeat=2)]
 
 
 @dataclass(frozen=True)
-class ARMAX(PolynomialStructure):
+class ARMAX(Driven):
     """A(q) y(t) = B(q) u(t) + C(q) e(t) (Ljung 1999, eq. 4.14; thesis 3.19)."""
 
     letters: ClassVar[str] = "abc"
@@ -57,7 +106,7 @@ class ARMAX(PolynomialStructure):
     )
 
     @classmethod
-    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
+    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Orders]:
         """Low orders; the noise as long as the dynamics, or shorter."""
         return [
             {"na": n, "nb": nb, "nc": nc}
@@ -68,7 +117,7 @@ class ARMAX(PolynomialStructure):
 
 
 @dataclass(frozen=True)
-class OE(PolynomialStructure):
+class OE(Driven):
     """y(t) = B(q)/F(q) u(t) + e(t) (Ljung 1999, eq. 4.25; thesis 3.21)."""
 
     letters: ClassVar[str] = "bf"
@@ -83,14 +132,14 @@ class OE(PolynomialStructure):
     )
 
     @classmethod
-    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
+    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Orders]:
         """Low orders, numerators about as long as denominators."""
         sizes = denominator_orders(nu, ny, samples)
         return [{"nb": nb, "nf": n} for n in sizes for nb in numerators(n)]
 
 
 @dataclass(frozen=True)
-class BJ(PolynomialStructure):
+class BJ(Driven):
     """y(t) = B(q)/F(q) u(t) + C(q)/D(q) e(t) (Ljung 1999, eq. 4.31; thesis 3.23)."""
 
     letters: ClassVar[str] = "bcdf"
@@ -106,7 +155,7 @@ class BJ(PolynomialStructure):
     )
 
     @classmethod
-    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
+    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Orders]:
         """Low orders, each with noise of order 1 and 2."""
         sizes = denominator_orders(nu, ny, samples)
         return [{"nb": n, "nc": k, "nd": k, "nf": n} for n in sizes for k in (1, 2)]
@@ -122,9 +171,7 @@ class TimeSeries(PolynomialStructure):
     highest: ClassVar[int] = HIGHEST_MIXED
 
     @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
+    def candidate_orders(cls, nu: int, ny: int, samples: int, delay: Any) -> tuple[Orders, ...]:
         """Every combination of orders from 1 to ``highest``, as far as the samples bear them."""
         names = cls.traits.order_names
         orders = range(1, max(1, min(cls.highest, samples // SAMPLES_EACH)) + 1)

@@ -10,6 +10,7 @@ from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
 from sysid.fitting import normal_equations as ne
 from sysid.fitting.uncertainty import portmanteau_white
+from sysid.structures.linear.least_squares import solved_row
 from sysid.structures.linear.output_error import passing, reflected
 from sysid.structures.linear.predictor import RowErrors, RowLayout
 
@@ -28,10 +29,7 @@ def arx_row(records: Sequence[Record], lay: RowLayout) -> Array:
     """Least squares of one ARX row: [a…, b…] in the row's order."""
     used = {lay.output, *(s for s, _ in lay.terms)}
     gram = ne.lag_gram(records, max(lay.start, 1), lay.start, used)
-    solved = ne.solve(gram, gram.column(lay.output, 0), [gram.column(s, k) for s, k in lay.terms])
-    if solved is None:
-        solved = ne.solve_by_blocks(records, max(lay.start, 1), lay.output, lay.terms)
-    return lay.signs * solved.theta
+    return lay.signs * solved_row(gram, lay, records).theta
 
 
 def plain_row(lay: RowLayout) -> RowLayout:

@@ -1,8 +1,4 @@
-"""The free run of a linear model whose θ is traced by a compiler, and stability of many θ at once.
-
-A polynomial in q⁻¹ is a list of coefficients here, each a number, an array with an entry for every
-θ, or what a compiler traces: products need no array functions.
-"""
+"""The run of a linear model whose θ is traced by a compiler, and stability of many θ at once."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -11,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
+from sysid.structures.linear.polynomials import Coefficients, Matrix, Polynomials
 
 if TYPE_CHECKING:
     from sysid.structures.linear.polynomial import PolynomialStructure
-
-Coefficients = list[Any]
 
 
 def traced_step(
@@ -77,70 +72,10 @@ def all_roots_inside(c: Coefficients) -> NDArray[np.bool_]:
     return inside
 
 
-def _transfer(
-    structure: "PolynomialStructure", theta: Any
-) -> tuple[list[list[Coefficients]], list[list[Coefficients]]]:
+def _transfer(structure: "PolynomialStructure", theta: Any) -> tuple[Matrix, Matrix]:
     """Numerators and denominators of G(q) by [output][input]; θ counts along its first axis."""
-    A, B, F = _polynomials(structure, theta)
-    ny, nu = structure.ny, structure.nu
-    if not structure.orders.coupled:
-        return B, [[_times(A[i][i], F[i][j]) for j in range(nu)] for i in range(ny)]
-    det, adj = _determinant(A), _adjugate(A)
-    num = [
-        [_sum([_times(adj[i][k], B[k][j]) for k in range(ny)]) for j in range(nu)]
-        for i in range(ny)
-    ]
-    return num, [[det] * nu for _ in range(ny)]
-
-
-def _polynomials(structure: "PolynomialStructure", theta: Any) -> Any:
-    A: Any = [[[]] * structure.ny for _ in range(structure.ny)]
-    B: Any = [[[]] * structure.nu for _ in range(structure.ny)]
-    F: Any = [[[1.0]] * structure.nu for _ in range(structure.ny)]
-    for i in range(structure.ny):
-        lay, index = structure.layout(i), structure.row_index(i)
-        part = [theta[int(k)] for k in index]
-        a, b, _, _, f = lay.slices()
-        for j in range(structure.ny):
-            A[i][j] = [1.0 if i == j else 0.0, *part[a[j]]]
-        for j in range(structure.nu):
-            B[i][j] = [0.0] * lay.nk[j] + part[b[j]] if lay.nb[j] else []
-            F[i][j] = [1.0, *part[f[j]]]
-    return A, B, F
-
-
-def _times(p: Coefficients, q: Coefficients) -> Coefficients:
-    product: Coefficients = [0.0] * max(len(p) + len(q) - 1, 0)
-    for i, a in enumerate(p):
-        for j, b in enumerate(q):
-            product[i + j] = product[i + j] + a * b
-    return product if p and q else []
-
-
-def _sum(terms: list[Coefficients]) -> Coefficients:
-    size = max(map(len, terms))
-    return [sum((t[k] for t in terms if k < len(t)), 0.0) for k in range(size)]
-
-
-def _minor(A: list[list[Coefficients]], row: int, column: int) -> list[list[Coefficients]]:
-    return [[p for c, p in enumerate(r) if c != column] for k, r in enumerate(A) if k != row]
-
-
-def _determinant(A: list[list[Coefficients]]) -> Coefficients:
-    if len(A) == 1:
-        return A[0][0]
-    terms = [_times(p, _determinant(_minor(A, 0, j))) for j, p in enumerate(A[0])]
-    return _sum([[-c for c in t] if j % 2 else t for j, t in enumerate(terms)])
-
-
-def _adjugate(A: list[list[Coefficients]]) -> list[list[Coefficients]]:
-    n = len(A)
-    if n == 1:
-        return [[[1.0]]]
-    return [
-        [[(-1.0) ** (i + j) * c for c in _determinant(_minor(A, j, i))] for j in range(n)]
-        for i in range(n)
-    ]
+    layouts = [structure.layout(i) for i in range(structure.ny)]
+    return Polynomials.of(layouts, theta).rational(structure.orders.coupled)
 
 
 def _sized(p: Coefficients, size: int) -> Coefficients:

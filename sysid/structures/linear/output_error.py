@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
+from sysid.fitting.normal_equations import scaled_solution
 from sysid.structures.linear.predictor import RowLayout
 
 POLE_LIMIT = 0.9995
@@ -139,10 +140,8 @@ def _zeros_for(records: Sequence[Record], lay: RowLayout, A: Array) -> tuple[Arr
         x = _regressors(lay, None, lfilter([1.0], A, r.u.T))
         gram += x @ x.T
         right += x @ r.y[lay.start :, lay.output]
-    size = np.sqrt(np.diag(gram))
-    size[size == 0.0] = 1.0
-    b = np.linalg.lstsq(gram / np.outer(size, size), right / size, rcond=1e-12)[0] / size
-    return np.asarray(b), float(right @ b)
+    b = scaled_solution(gram, right)
+    return b, float(right @ b)
 
 
 def own_poles(records: Sequence[Record], lay: RowLayout, theta: Array) -> Array:

@@ -15,25 +15,13 @@ from sysid.fitting.normal_equations import residual_row
 from sysid.fitting.problem import Parameter
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.linear import many_thetas
-from sysid.structures.linear.candidates import affordable
+from sysid.structures.linear.polynomials import Polynomials, adjugate, determinant
 from sysid.structures.linear.predictor import RowErrors, RowLayout
-from sysid.structures.linear.transfer import TransferMatrix, adjugate, determinant
+from sysid.structures.linear.transfer import TransferMatrix
 from sysid.structures.motion import poles
 from sysid.structures.orders import Orders, spread
 from sysid.structures.special_runs import readout, stable_each, stable_parts, traced_step
 from sysid.structures.traits import Traits
-
-
-@dataclass(frozen=True, eq=False)
-class Polynomials:
-    """A, B, C, D, F as coefficient arrays in ascending powers of q⁻¹, indexed [output][input]."""
-
-    A: list[list[Array]]
-    B: list[list[Array]]
-    C: list[Array]
-    D: list[Array]
-    F: list[list[Array]]
-
 
 linear_traits = partial(
     Traits, tells="gain, delay, time constants or poles", linear=True, by_default=True
@@ -68,17 +56,6 @@ class PolynomialStructure(NamedStructure):
 
     def order_values(self) -> dict[str, Any]:
         return {name: self.orders.value(name) for name in self.traits.order_names}
-
-    @classmethod
-    def order_grid(cls, nu: int, ny: int, samples: int) -> Sequence[Mapping[str, Any]]:
-        """Orders that are tried, without delay, whether or not the samples bear them."""
-        return ()
-
-    @classmethod
-    def candidate_orders(
-        cls, nu: int, ny: int, samples: int, delay: Any
-    ) -> tuple[Mapping[str, Any], ...]:
-        return affordable(cls, cls.order_grid(nu, ny, samples), nu, ny, samples, delay)
 
     def layout(self, i: int) -> RowLayout:
         """Orders of the equation of output ``i``."""
@@ -117,45 +94,13 @@ class PolynomialStructure(NamedStructure):
 
     def polynomials(self, theta: Array) -> Polynomials:
         """The coefficient arrays that θ stands for."""
-        ny, nu = self.ny, self.nu
-        A: list[list[Array]] = [[np.zeros(1)] * ny for _ in range(ny)]
-        B: list[list[Array]] = [[np.zeros(1)] * nu for _ in range(ny)]
-        F: list[list[Array]] = [[np.ones(1)] * nu for _ in range(ny)]
-        C, D = [np.ones(1)] * ny, [np.ones(1)] * ny
-        for i in range(ny):
-            lay, part = self.layout(i), theta[self.row_index(i)]
-            a, b, c, d, f = lay.slices()
-            for j in range(ny):
-                A[i][j] = np.concatenate([[1.0 if i == j else 0.0], part[a[j]]])
-            for j in range(nu):
-                if lay.nb[j]:
-                    B[i][j] = np.concatenate([np.zeros(lay.nk[j]), part[b[j]]])
-                F[i][j] = np.concatenate([[1.0], part[f[j]]])
-            C[i] = np.concatenate([[1.0], part[c]])
-            D[i] = np.concatenate([[1.0], part[d]])
-        return Polynomials(A, B, C, D, F)
+        p = Polynomials.of([self.layout(i) for i in range(self.ny)], theta)
+        A, B, F = ([[np.array(q) for q in row] for row in M] for M in (p.A, p.B, p.F))
+        return Polynomials(A, B, [np.array(q) for q in p.C], [np.array(q) for q in p.D], F)
 
     def transfer(self, theta: Array) -> TransferMatrix:
         """G(q) = A⁻¹ [B/F] as a transfer matrix."""
         return _transfer_of(self, np.asarray(theta, dtype=np.float64).tobytes())
-
-    def _transfer(self, theta: Array) -> TransferMatrix:
-        p = self.polynomials(theta)
-        pairs = [(i, j) for i in range(self.ny) for j in range(self.nu)]
-        num = [[np.zeros(1)] * self.nu for _ in range(self.ny)]
-        den = [[np.ones(1)] * self.nu for _ in range(self.ny)]
-        if self.orders.coupled:
-            det, adj = determinant(p.A), adjugate(p.A)
-            for i, j in pairs:
-                terms = [np.convolve(adj[i][k], p.B[k][j]) for k in range(self.ny)]
-                num[i][j] = np.zeros(max(map(len, terms)))
-                for term in terms:
-                    num[i][j][: len(term)] += term
-                den[i][j] = det
-        else:
-            for i, j in pairs:
-                num[i][j], den[i][j] = p.B[i][j], np.convolve(p.A[i][i], p.F[i][j])
-        return TransferMatrix.build(num, den)
 
     def deterministic_index(self) -> Index:
         """Entries of θ that belong to A, B and F."""
@@ -339,7 +284,9 @@ def _text(polynomial: Array) -> str:
 @lru_cache(maxsize=32)
 def _transfer_of(structure: PolynomialStructure, theta: bytes) -> TransferMatrix:
     """G(q) of the last few models: states, run, poles and gains of one are asked for in turn."""
-    return structure._transfer(np.frombuffer(theta))
+    return TransferMatrix.build(
+        *structure.polynomials(np.frombuffer(theta)).rational(structure.orders.coupled)
+    )
 
 
 @poles.register

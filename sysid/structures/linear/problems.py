@@ -8,13 +8,14 @@ from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
 from sysid.fitting.problem import Problem
 from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.polynomials import Polynomials, adjugate, determinant
 from sysid.structures.linear.predictor import (
     HUGE,
     RowErrors,
+    impulse,
     largest_radius,
     roots_inside,
 )
-from sysid.structures.linear.transfer import adjugate, determinant
 
 
 class FreeRunErrors(Problem):
@@ -48,7 +49,7 @@ class FreeRunErrors(Problem):
 
     def residual(self, p: Array) -> Array:
         """y − ŷ, output after output, experiment after experiment."""
-        det = determinant(self._structure.polynomials(self._theta(p)).A)
+        det = np.array(determinant(self._polynomials(p).A))
         if not roots_inside(det[1:], self._radius):
             return np.full(sum(self.lengths), HUGE)
         with np.errstate(all="ignore"):
@@ -61,75 +62,54 @@ class FreeRunErrors(Problem):
 
     def jacobian(self, p: Array) -> Array:
         """∂(y − ŷ)/∂p."""
-        s, n_theta = self._structure, len(self.index)
-        theta = self._theta(p)
-        place = {int(k): c for c, k in enumerate(self.index)}
-        poly = s.polynomials(theta)
-        det, adj = determinant(poly.A), adjugate(poly.A)
-        blocks = []
+        s, A = self._structure, self._polynomials(p).A
+        det, adj = determinant(A), adjugate(A)
+        blocks, state = [], len(self.index)
         with np.errstate(all="ignore"):
-            for k, ((u, y), run) in enumerate(zip(self._data, self._runs(p), strict=True)):
+            for (u, y), run in zip(self._data, self._runs(p), strict=True):
                 n = len(y)
                 block = np.zeros((len(p), s.ny, n))
-                at = n_theta + k * sum(self._states)
                 for m in range(s.ny):
-                    lay, index = s.layout(m), s.row_index(m)
+                    lay, index = s.layout(m), np.searchsorted(self.index, s.row_index(m))
                     a, b, *_ = lay.slices()
-                    sources: list[tuple[int, Array, int]] = []
-                    for j in range(s.ny):
-                        back = lfilter([1.0], det, run[:, j])
-                        sources += [
-                            (place[int(q)], back, lag) for lag, q in enumerate(index[a[j]], 1)
-                        ]
-                    for j in range(s.nu):
-                        drive = lfilter([-1.0], det, u[:, j])
-                        sources += [
-                            (place[int(q)], drive, lag)
-                            for lag, q in enumerate(index[b[j]], lay.nk[j])
-                        ]
-                    impulse = np.zeros(n)
-                    impulse[:1] = -1.0
-                    h = lfilter([1.0], det, impulse)
-                    sources += [(at + q, h, q) for q in range(self._states[m])]
-                    at += self._states[m]
-                    for i in range(s.ny):
-                        if np.any(adj[i][m]):
-                            for column, signal, lag in sources:
-                                if lag < n:
-                                    block[column, i, lag:] = lfilter(
-                                        adj[i][m], [1.0], signal[: n - lag]
-                                    )
+                    sources = [(index[place], run[:, j], 1) for j, place in enumerate(a)]
+                    sources += [(index[q], -u[:, j], lay.nk[j]) for j, q in enumerate(b)]
+                    states = np.arange(state, state + self._states[m])
+                    sources.append((states, -impulse(n), 0))
+                    state += self._states[m]
+                    for columns, signal, first in sources:
+                        responses = np.array([lfilter(row[m], det, signal) for row in adj])
+                        for lag, column in enumerate(columns.tolist(), first):
+                            block[column, :, lag:] = responses[:, : max(n - lag, 0)]
                 blocks.append(block.reshape(len(p), -1))
         out = np.concatenate(blocks, axis=1)
         if not np.isfinite(out).all():
             out = np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE)
         return np.asarray(out.T)
 
-    def _theta(self, p: Array) -> Array:
+    def _polynomials(self, p: Array) -> Polynomials:
         theta = np.zeros(self._n)
         theta[self.index] = p[: len(self.index)]
-        return theta
+        return self._structure.polynomials(theta)
 
     def _runs(self, p: Array) -> list[Array]:
         key = p.tobytes()
         if self._cache is None or self._cache[0] != key:
-            s = self._structure
-            poly = s.polynomials(self._theta(p))
+            s, poly = self._structure, self._polynomials(p)
             det, adj = determinant(poly.A), adjugate(poly.A)
             runs, at = [], len(self.index)
             for u, y in self._data:
-                x = np.zeros((len(y), s.ny))
+                run = np.zeros((len(y), s.ny))
                 for m in range(s.ny):
-                    for j in range(s.nu):
-                        if s.orders.nb[m][j]:
-                            x[:, m] += lfilter(poly.B[m][j], [1.0], u[:, j])
-                    room = x[: self._states[m], m]
+                    x = sum(
+                        (lfilter(poly.B[m][j], [1.0], u[:, j]) for j in range(s.nu)),
+                        np.zeros(len(y)),
+                    )
+                    room = x[: self._states[m]]
                     room += p[at : at + len(room)]
                     at += self._states[m]
-                run = np.zeros((len(y), s.ny))
-                for i in range(s.ny):
-                    for m in range(s.ny):
-                        run[:, i] += lfilter(adj[i][m], det, x[:, m])
+                    for i in range(s.ny):
+                        run[:, i] += lfilter(adj[i][m], det, x)
                 runs.append(run)
             self._cache = (key, runs)
         return self._cache[1]

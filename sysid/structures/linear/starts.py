@@ -84,8 +84,7 @@ def starts_of(structure: PolynomialStructure, records: Sequence[Record], focus: 
         return output_error_starts(structure, records, focus)
     if "c" not in structure.letters:
         return arx_starts(structure, records, focus)
-    own = armax_starts if structure.traits.takes_inputs else time_series_starts
-    return own(structure, records, focus)
+    return armax_starts(structure, records, focus)
 
 
 def arx_starts(structure: PolynomialStructure, records: Sequence[Record], focus: Focus) -> Starts:
@@ -155,9 +154,14 @@ def armax_starts(structure: PolynomialStructure, records: Sequence[Record], focu
     ]
     long = [long_arx_errors(records, plain_row(lay)) for lay in layouts]
     rows = [hannan_rissanen(records, lay, e) for lay, e in zip(layouts, long, strict=True)]
-    starts = [("Hannan-Rissanen", np.concatenate(rows)), ("ARX", np.concatenate(plain))]
-    if focus is Focus.PREDICTION and all(
-        settled(records, lay, row, e) for lay, row, e in zip(layouts, rows, long, strict=True)
+    driven = structure.traits.takes_inputs
+    regression = "ARX" if driven else "AR"
+    starts = [("Hannan-Rissanen", np.concatenate(rows)), (regression, np.concatenate(plain))]
+    if not driven or (
+        focus is Focus.PREDICTION
+        and all(
+            settled(records, lay, row, e) for lay, row, e in zip(layouts, rows, long, strict=True)
+        )
     ):
         return starts
     if focus is Focus.SIMULATION or not structure.orders.coupled:
@@ -197,20 +201,6 @@ def output_error_starts(
     names = dict.fromkeys(kind for row in rows for kind in row)
     # an output that needed no pole grid keeps its SRIV start there
     return [(k, np.concatenate([row.get(k, row["SRIV"]) for row in rows])) for k in names]
-
-
-def time_series_starts(
-    structure: PolynomialStructure, records: Sequence[Record], focus: Focus
-) -> Starts:
-    """Hannan & Rissanen on the signal itself, and what least squares without C gives."""
-    layouts = [structure.layout(i) for i in range(structure.ny)]
-    plain = [
-        np.concatenate([arx_row(records, plain_row(lay)), np.zeros(lay.nc)]) for lay in layouts
-    ]
-    rows = [
-        hannan_rissanen(records, lay, long_arx_errors(records, plain_row(lay))) for lay in layouts
-    ]
-    return [("Hannan-Rissanen", np.concatenate(rows)), ("AR", np.concatenate(plain))]
 
 
 def _split(common: RowLayout, lay: RowLayout, theta: Array) -> Array:

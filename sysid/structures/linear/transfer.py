@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array
+from sysid.fitting.normal_equations import scaled_lstsq
+from sysid.structures.linear.polynomials import Matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +40,9 @@ class TransferMatrix:
     ny: int
 
     @staticmethod
-    def build(num: list[list[Array]], den: list[list[Array]]) -> "TransferMatrix":
+    def build(num: Matrix, den: Matrix) -> "TransferMatrix":
         """From numerators and denominators [i][j]; equal denominators of a row share states."""
+        num, den = ([[np.asarray(p) for p in row] for row in matrix] for matrix in (num, den))
         groups = []
         ny, nu = len(num), len(num[0]) if num else 0
         for i in range(ny):
@@ -110,10 +113,7 @@ class TransferMatrix:
         keep = np.isfinite(target) & np.all(np.isfinite(basis), axis=1)
         if not keep.any():
             return np.zeros(self.n_states)
-        scale = np.linalg.norm(basis[keep], axis=0)
-        scale[scale == 0] = 1.0
-        state = np.linalg.lstsq(basis[keep] / scale, target[keep], rcond=1e-12)[0] / scale
-        return np.asarray(state, dtype=np.float64)
+        return scaled_lstsq(basis[keep], target[keep])
 
     @cached_property
     def matrices(self) -> tuple[Array, Array, Array, Array]:
@@ -195,41 +195,4 @@ def _trimmed(polynomial: Array) -> Array:
 def _padded(polynomial: Array, width: int) -> Array:
     out = np.zeros(width)
     out[: len(polynomial)] = polynomial[:width]
-    return out
-
-
-def determinant(A: list[list[Array]]) -> Array:
-    """det A(q) of a small square polynomial matrix (expansion along the first row)."""
-    if len(A) == 1:
-        return A[0][0]
-    total = np.zeros(1)
-    for j, entry in enumerate(A[0]):
-        if np.any(entry):
-            minor = [[p for c, p in enumerate(row) if c != j] for row in A[1:]]
-            total = plus(total, (-1.0) ** j * np.convolve(entry, determinant(minor)))
-    return total
-
-
-def adjugate(A: list[list[Array]]) -> list[list[Array]]:
-    """adj A(q), so that A⁻¹ = adj A / det A."""
-    n = len(A)
-    if n == 1:
-        return [[np.ones(1)]]
-    return [
-        [
-            (-1.0) ** (i + j)
-            * determinant(
-                [[p for c, p in enumerate(r) if c != i] for k, r in enumerate(A) if k != j]
-            )
-            for j in range(n)
-        ]
-        for i in range(n)
-    ]
-
-
-def plus(p: Array, q: Array) -> Array:
-    """Sum of two polynomials in q⁻¹ of any lengths."""
-    out = np.zeros(max(len(p), len(q)))
-    out[: len(p)] += p
-    out[: len(q)] += q
     return out

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.record import Array, Record
+from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.structures.difference_equations.frols import bic_size, forward, gram_beyond
 from sysid.structures.difference_equations.monomials import (
     Term,
@@ -56,7 +57,7 @@ def _chosen(
     process = [columns(row, r.u, r.y)[first:] for r in data]
     target = np.concatenate([r.y[first:, output] for r in data])
     Phi = np.concatenate(process)
-    theta = _solve(Phi, target)
+    theta = scaled_lstsq(Phi, target)
     errors = target - Phi @ theta
     plain = float(errors @ errors)
     kept: tuple[Term, ...] = ()
@@ -67,7 +68,7 @@ def _chosen(
             return ()
         chosen = tuple(pool[k] for k in order)
         both = np.hstack([Phi, noise[:, order]])
-        errors = target - both @ _solve(both, target)
+        errors = target - both @ scaled_lstsq(both, target)
         power = float(errors @ errors)
         if not power <= RUNAWAY * plain:
             return ()
@@ -97,9 +98,3 @@ def _values(
         at += len(r) - first
         blocks.append(columns(pool, r.u, r.y, e)[first:])
     return np.concatenate(blocks)
-
-
-def _solve(Phi: Array, target: Array) -> Array:
-    norms = np.linalg.norm(Phi, axis=0)
-    norms[norms == 0.0] = 1.0
-    return np.asarray(np.linalg.lstsq(Phi / norms, target, rcond=1e-12)[0] / norms)

@@ -1,7 +1,7 @@
 """Options of the NARX structure as users type them, and which designs belong to it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -52,10 +52,6 @@ class NarxOptions:
     starts: int = 3
     seed: int = 0
     margin: float = MARGIN
-
-    def to_json(self) -> dict[str, Any]:
-        """By name."""
-        return asdict(self)
 
     @staticmethod
     def from_json(raw: Mapping[str, Any]) -> "NarxOptions":

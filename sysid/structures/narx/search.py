@@ -108,13 +108,13 @@ def one_step_trials(row: RowRuns) -> list[Trial]:
             if not given.units:
                 trials.append(_trial(row, plain, None, "linear"))
         else:
-            pool = select_products(plain, row.x, row.y, degree, max(PRODUCTS))
-            sizes = sorted({n for n in PRODUCTS if n < pool.most} | {min(pool.most, max(PRODUCTS))})
+            pool, most = select_products(plain, row.x, row.y, degree, max(PRODUCTS))
+            sizes = sorted({n for n in PRODUCTS if n < most} | {min(most, max(PRODUCTS))})
             for n in sizes if not given.units else ():
                 if n:
-                    design = replace(plain, terms=pool.terms[:n])
+                    design = replace(plain, terms=pool[:n])
                     trials.append(_trial(row, design, None, f"degree {degree}, {n} products"))
-            terms = pool.terms[: min(pool.most, BELOW)]
+            terms = pool[: min(most, BELOW)]
             if not terms:
                 continue
         if given.units != 0:
@@ -159,7 +159,7 @@ def _networks(
         design = replace(plain, terms=terms)
         s = select_units(design, row.x, row.y, candidates, most)
         if given.units:
-            sizes = [min(given.units, len(s.shape))]
+            sizes = [min(given.units, len(s.order))]
         else:
             sizes = sorted({n for n in UNITS if n < s.most} | {min(s.most, most)})
         for n in sizes:

@@ -1,7 +1,7 @@
 """NARX with a nonlinearity estimator, such as a wavelet network."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from sysid.data.record import Array, Channel
@@ -98,9 +98,9 @@ class NarxWavelet(RecursiveStructure):
     def settings(self) -> dict[str, Any]:
         """Options, custom regressors, and what the fit read off the data."""
         return {
-            "options": self.options_given.to_json(),
+            "options": self.options_given,
             "regressors": [[written(e) for e in row] for row in self.customs],
-            "designs": [asdict(d) for d in self.designs],
+            "designs": self.designs,
             **self.range_settings(),
         }
 

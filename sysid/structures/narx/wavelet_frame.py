@@ -43,30 +43,6 @@ RIDGE = 1e-7
 """Ridge on columns of unit norm: amplitudes of neighbouring units must not cancel each other."""
 
 
-@dataclass(frozen=True, eq=False)
-class Selection:
-    """Products and units in the order in which they were added.
-
-    Attributes:
-        terms: products.
-        shape, place, flags, views: of the units, (K,), (K, q), (K,), (K,).
-        most: number of both together that generalised cross-validation allows.
-    """
-
-    terms: tuple[tuple[int, ...], ...]
-    shape: Array
-    place: Array
-    flags: Array
-    most: int
-    views: tuple[tuple[int, ...], ...] = ()
-
-    def leading(self, design: RowDesign, count: int) -> tuple[RowDesign, "Units"]:
-        """The design with the first ``count`` units, and these."""
-        flags = tuple(int(f) for f in self.flags[:count])
-        units = (self.shape[:count], self.place[:count], self.flags[:count])
-        return replace(design, flags=flags, views=self.views[:count]), units
-
-
 def scaled_design(x: Array, margin: float) -> RowDesign:
     """A linear row with the scaling and the support of regressors x (N, d)."""
     mean, scale = x.mean(axis=0), x.std(axis=0)
@@ -210,17 +186,19 @@ def product_columns(z: Array, terms: Sequence[tuple[int, ...]]) -> Array:
     return out
 
 
-def select_products(design: RowDesign, x: Array, y: Array, degree: int, most: int) -> Selection:
-    """Products added to the linear part in the order of what they explain."""
-    nothing = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
+def select_products(
+    design: RowDesign, x: Array, y: Array, degree: int, most: int
+) -> tuple[tuple[tuple[int, ...], ...], int]:
+    """Products in the order of what they explain beyond the linear part, and how many of them
+    generalised cross-validation allows."""
     pool = product_pool(x.shape[1], degree)
-    if degree < 2 or not pool:
-        return Selection((), *nothing, 0)
+    if not pool:
+        return (), 0
     rows = _rows(len(y))
     z = scaled(design, x[rows])
     columns = Candidates.of(product_columns(z, pool))
-    order, allowed = _ordered(z, columns, y[rows], (), most)
-    return Selection(tuple(pool[k] for k in order), *nothing, allowed)
+    order, allowed = _ordered(z, columns, y[rows], None, most)
+    return tuple(pool[k] for k in order), allowed
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,6 +263,28 @@ def dictionary(
     return Dictionary(shape, place, flag, tuple(owners), columns, bool(views))
 
 
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Units in the order in which they were added.
+
+    Attributes:
+        candidates: all units.
+        order: indices into them.
+        most: number that generalised cross-validation allows.
+    """
+
+    candidates: Dictionary
+    order: Sequence[int]
+    most: int
+
+    def leading(self, design: RowDesign, count: int) -> tuple[RowDesign, Units]:
+        """The design with the first ``count`` units, and these."""
+        c, kept = self.candidates, list(self.order[:count])
+        units = (c.shape[kept], c.place[kept], c.flag[kept])
+        views = tuple(c.owners[k] for k in kept) if c.separate else ()
+        return replace(design, flags=tuple(int(f) for f in units[2]), views=views), units
+
+
 def select_units(
     design: RowDesign, x: Array, y: Array, candidates: Dictionary, most: int
 ) -> Selection:
@@ -292,16 +292,7 @@ def select_units(
     rows = _rows(len(y))
     z = scaled(design, x[rows])
     given = product_columns(z, design.terms)
-    order, allowed = _ordered(z, candidates.columns, y[rows], given, most)
-    chosen = tuple(candidates.owners[k] for k in order) if candidates.separate else ()
-    return Selection(
-        design.terms,
-        candidates.shape[order],
-        candidates.place[order],
-        candidates.flag[order],
-        allowed,
-        chosen,
-    )
+    return Selection(candidates, *_ordered(z, candidates.columns, y[rows], given, most))
 
 
 def _thinned(units: Units, groups: int, rng: np.random.Generator) -> Units:
@@ -320,15 +311,13 @@ def _rows(count: int) -> Index:
 
 
 def _ordered(
-    z: Array, candidates: "Candidates", y: Array, given: Array | tuple[()], most: int
+    z: Array, candidates: Candidates, y: Array, given: Array | None, most: int
 ) -> tuple[list[int], int]:
     """Candidates in the order chosen, and how many generalised cross-validation allows."""
-    fixed = [np.ones((len(z), 1)), z]
-    if len(given):
-        fixed.append(np.asarray(given))
     # what the linear part explains is taken out first: it is always there
-    given_columns = np.concatenate(fixed, axis=1)
-    gram, usable, rank = gram_beyond(given_columns, candidates.values, y, candidates.products)
+    fixed = [np.ones((len(z), 1)), z, *(() if given is None else (given,))]
+    always = np.concatenate(fixed, axis=1)
+    gram, usable, rank = gram_beyond(always, candidates.values, y, candidates.products)
     path = forward(gram, usable, min(most, len(y) // 4))
     return path.order.tolist(), cross_validated_size(path, rank, len(y))
 

@@ -1,7 +1,7 @@
 """From files of the motor bench to the motor's constants with their errors."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -87,10 +87,6 @@ class Estimate:
     recomputable: bool
     reason: str
 
-    def to_json(self) -> dict[str, Any]:
-        """JSON-able values."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, eq=False)
 class MotorBench:
@@ -130,13 +126,13 @@ class MotorBench:
         return {
             "method": self.method,
             "gear": self.gear,
-            "parameters": [p.to_json() for p in self.parameters],
-            "correlations": {"names": self.names, "matrix": self.correlations().tolist()},
+            "parameters": self.parameters,
+            "correlations": {"names": self.names, "matrix": self.correlations()},
             "one_at_a_time": [
                 {"name": r.name, "value": r.value, "std_error": e, "how": r.how}
                 for r, e in self.routes
             ],
-            "joint": self.joint.to_json(),
+            "joint": self.joint,
             "notes": self.notes,
         }
 

@@ -118,7 +118,7 @@ class JointFit:
                 {"name": n, "value": v, "std_error": e, "unit": CONSTANTS[n][0]}
                 for n, v, e in zip(self.names, self.theta.tolist(), errors, strict=True)
             ],
-            "correlations": {"names": self.names, "matrix": self.correlations().tolist()},
+            "correlations": {"names": self.names, "matrix": self.correlations()},
             "residuals": [
                 {
                     "file": g.name,

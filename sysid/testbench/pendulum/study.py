@@ -210,7 +210,7 @@ class PendulumStudy:
             },
             "logs": [log.summary() for log in self.logs],
             "sentences": self.sentences(),
-            "findings": [f.to_json() for f in self.findings],
+            "findings": self.findings,
         }
 
 

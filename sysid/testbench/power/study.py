@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -106,9 +106,9 @@ class PowerBench:
             "bridge": [b.summary() for b in self.bridges],
             "full_current_A": self.full_current,
             "vehicle": {"supply": {k: m.value for k, m in supply.items()}},
-            "measured": {k: asdict(m) for k, m in supply.items()},
+            "measured": supply,
             "sentences": self.sentences(),
-            "findings": [f.to_json() for f in self.findings],
+            "findings": self.findings,
         }
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from sysid.data.io import ReadOptions, read_file
 from sysid.data.reading.decoding import legacy
+from sysid.data.schema import checked
 from sysid.errors import DataError, UsageError
 
 TEXTS = {
@@ -65,5 +66,5 @@ def test_an_encoding_that_cannot_be(tmp_path: Path) -> None:
     path.write_bytes(f"t;u [µ];y\n{ROWS}\n".encode("cp1252"))
     with pytest.raises(DataError, match="not a text in utf-8"):
         read_file(path, ReadOptions(encoding="utf-8"))
-    with pytest.raises(UsageError, match="damaged"):
-        ReadOptions.from_json({"encoding": 5})
+    with pytest.raises(ValueError, match="encoding: it should be"):
+        checked(ReadOptions, {"encoding": 5})

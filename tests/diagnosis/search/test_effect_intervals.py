@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from sysid.data.documents import plain
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis import findings
 from sysid.diagnosis.augment import model_of, values_of
@@ -127,7 +128,7 @@ def test_a_side_that_is_never_driven_is_not_visited() -> None:
     for name in ("minus[omega_l]", "minus[omega_r]"):
         assert not values[name].visited
         assert values[name].words == "not seen in this log"
-        assert values[name].to_json() == {
+        assert plain(values[name]) == {
             "name": name, "value": None, "std_error": None, "unit": "drive",
             "interval": None, "visited": False, "on_bound": False,
         }  # fmt: skip

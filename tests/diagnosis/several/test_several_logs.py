@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pose_cases import driven, ground, wandering
 
+from sysid.data.documents import plain
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.diagnose import diagnose
@@ -75,7 +76,7 @@ def test_what_is_the_same_is_told_from_what_differs(charged: SeveralLogs) -> Non
 
 
 def test_the_document_and_the_table_say_the_same(charged: SeveralLogs) -> None:
-    first = charged.to_json()["logs"][0]
+    first = plain(charged)["logs"][0]
     assert first["name"] == "full.csv"
     assert first["effects"]["dead-zone"]["state"] == "significant"
     heads, rows = table_of_logs(charged)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sysid.data.documents import plain
 from sysid.data.record import Channel, Record
 from sysid.diagnosis.gap import ChannelGap, Gap, with_path
 from sysid.diagnosis.pose.evidence import pose_gap
@@ -31,7 +32,7 @@ def test_the_headline_is_no_better_than_the_path() -> None:
     assert whole.closed_percent == pytest.approx((99.8 + 24.0) / 2.0, abs=0.2)
     assert whole.interval[0] < whole.closed_percent < whole.interval[1]
     assert set(whole.channels) == {"omega_l", "omega_r", "x", "y"}
-    assert whole.to_json()["parts"]["path"] == whole.parts["path"]
+    assert plain(whole)["parts"]["path"] == whole.parts["path"]
 
 
 def test_a_path_at_its_noise_neither_flatters_nor_spoils_the_headline() -> None:

@@ -121,7 +121,7 @@ def test_without_a_torque_only_ratios_are_told(weighed: DynamicFit) -> None:
     numbers = named(replace(weighed, powered=powered).numbers())
     assert not numbers["mass"].identifiable
     assert "`motors`" in numbers["mass"].sentence
-    assert numbers["mass"].to_json()["in_model"] is False
+    assert numbers["mass"].in_model is False
     m = MACHINE.motor
     lag = (m.inertia + 0.5 * MACHINE.mass * MACHINE.r**2) / m.damping
     assert numbers["straight_lag"].value == pytest.approx(lag, rel=0.03)

@@ -1,20 +1,20 @@
-"""The picture of ``sysid tune``: the front, and responses with the proposed and present gains."""
+"""The picture of a tuning: the front, and responses with the proposed and present gains."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+import numpy as np
 
-    from sysid.data.record import Array
-    from sysid.report.missions.front_drawing import Trade
-    from sysid.report.missions.response_drawing import Panel
-    from sysid.robot.mission.contracts import Controller
-    from sysid.robot.mission.spec import Mission
-    from sysid.robot.mission.tuning.tuned import Tuning
-    from sysid.structures.model import Model
+from sysid.data.record import Array
+from sysid.report.plots import FrontPicture, Line, Mark, Panel, Trade, write_picture
+from sysid.robot.mission.contracts import Controller
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.mapping import as_robot
+from sysid.robot.mission.tuning.tuned import Tuning
+from sysid.structures.model import Model
 
-    Criteria = Mapping[str, float | None]
+Criteria = Mapping[str, float | None]
 
 _RULES = {
     "ziegler-nichols": "ZN",
@@ -26,16 +26,12 @@ _RULES = {
 """Short names of rules; others keep theirs."""
 
 
-def draw_tuning(path: Path, name: str, given: "Mission", tuning: "Tuning", model: "Model") -> None:
+def draw_tuning(path: Path, name: str, given: Mission, tuning: Tuning, model: Model) -> None:
     """Draw the choice.
 
     Args:
         given: the mission with its present gains.
     """
-    import numpy as np
-
-    from sysid.report.plots import FrontPicture, write_picture
-
     trades = [
         _trade(
             tuning, "the steps", ("rise of V and ψ [s]", "rise"), ("overshoot [%]", "overshoot")
@@ -61,7 +57,7 @@ def draw_tuning(path: Path, name: str, given: "Mission", tuning: "Tuning", model
     )
 
 
-def _axis(criteria: "Criteria", what: str) -> float:
+def _axis(criteria: Criteria, what: str) -> float:
     """One criterion of a set, of both axes together."""
     c = {name: float("inf") if v is None else v for name, v in criteria.items()}
     if what == "rise":
@@ -71,12 +67,8 @@ def _axis(criteria: "Criteria", what: str) -> float:
     return c[{"time": "time_s", "effort": "effort", "clearance": "min_clearance_m"}[what]]
 
 
-def _trade(tuning: "Tuning", title: str, across: tuple[str, str], up: tuple[str, str]) -> "Trade":
-    import numpy as np
-
-    from sysid.report.plots import Mark, Trade
-
-    def both(sets: "Sequence[Criteria]") -> "Array":
+def _trade(tuning: Tuning, title: str, across: tuple[str, str], up: tuple[str, str]) -> Trade:
+    def both(sets: Sequence[Criteria]) -> Array:
         return np.array([[_axis(c, across[1]), _axis(c, up[1])] for c in sets])
 
     named = [("present", tuning.present), *((_RULES.get(r.name, r.name), r) for r in tuning.rules)]
@@ -85,18 +77,12 @@ def _trade(tuning: "Tuning", title: str, across: tuple[str, str], up: tuple[str,
     return Trade(title, across[0], up[0], both(tuning.tried), front, marks)
 
 
-def _answers(given: "Mission", tuning: "Tuning", model: "Model") -> "tuple[Panel, ...]":
+def _answers(given: Mission, tuning: Tuning, model: Model) -> tuple[Panel, ...]:
     """Steps of speed and yaw with the estimated plant, and the path of the mission."""
-    import numpy as np
-
-    from sysid.report.plots import Line, Panel
-    from sysid.robot.mission.simulator import simulate
-    from sysid.robot.mission.tracks.mapping import as_robot
-
     robot, _ = as_robot(model.plant(), given)
     steps = tuning.test.mission(given)
 
-    def log(mission: "Mission", control: "Controller") -> "dict[str, Array]":
+    def log(mission: Mission, control: Controller) -> dict[str, Array]:
         return dict(simulate(mission.model_copy(update={"control": control}), robot).log)
 
     controllers = {"proposed": tuning.mission.control, "present": given.control}

@@ -1,0 +1,199 @@
+"""Options of commands, each declared once: as a parameter of its command, or as a field of a frozen
+dataclass that several commands share.
+
+::
+
+    @dataclass(frozen=True)
+    class Effort:
+        trials: int = option("N", "Sets of gains to drive.", default=256)
+
+    @command
+    def tune(mission: Path = argument("MISSION", "A mission."), how: Effort = group(Effort)): ...
+
+:func:`command` makes of it what typer reads. A dataclass with a method ``made`` gives the command
+what that returns, as a rule an object of the library.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, Field, dataclass, field, fields
+from functools import partial
+from typing import Annotated, Any, TypeVar, get_type_hints
+
+import typer
+
+from sysid.errors import UsageError
+
+Value = TypeVar("Value")
+Parse = Callable[[Any], Any]
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What typer is told of a parameter; ``parse`` reads or checks a value that was given."""
+
+    kind: Callable[..., Any]
+    names: tuple[str, ...]
+    words: Mapping[str, Any]
+    parse: Parse | None = None
+    read_as: Any = None
+
+
+def option(
+    metavar: str | None,
+    help: str,
+    *names: str,
+    default: Any = None,
+    parse: Parse | None = None,
+    kind: Any = None,
+    **more: Any,
+) -> Any:
+    """An option, called as its field or parameter unless names are given.
+
+    Args:
+        metavar: what stands for its value in the help; None for a flag.
+        names: what is typed, such as ``-o`` and ``--out``.
+        parse: what the command gets of a value that is not the default.
+        kind: what typer reads where ``parse`` makes something else of it.
+        more: further words for typer, such as ``min``.
+    """
+    words = {"metavar": metavar, "help": help, **more}
+    declared = Declared(typer.Option, names, words, parse, kind)
+    return field(default=default, metadata={"declared": declared})
+
+
+def flag(help: str, *names: str, **more: Any) -> Any:
+    """An option without a value."""
+    return option(None, help, *names, default=False, **more)
+
+
+def argument(metavar: str | None, help: str, default: Any = MISSING) -> Any:
+    """A value that is given by its place; needed unless it has a default."""
+    declared = Declared(typer.Argument, (), {"metavar": metavar, "help": help})
+    return field(default=default, metadata={"declared": declared})
+
+
+def in_panel(panel: str) -> Callable[..., Any]:
+    """:func:`option` in a panel of the help."""
+    return partial(option, rich_help_panel=panel)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Options that become one object; of the fields of ``of`` those named in ``only``, or all."""
+
+    of: type[Any]
+    only: tuple[str, ...]
+
+    def parameters(self) -> list[inspect.Parameter]:
+        """The options as parameters."""
+        hints = get_type_hints(self.of)
+        wanted = self.only or tuple(f.name for f in fields(self.of))
+        declared = {f.name: f for f in fields(self.of)}
+        return [_parameter(name, hints[name], declared[name]) for name in wanted]
+
+    def built(self, values: Mapping[str, Any]) -> Any:
+        """The object, of the values by their names."""
+        declared = {f.name: f for f in fields(self.of)}
+        made = self.of(**{n: _parsed(declared[n], v) for n, v in values.items()})
+        return made.made() if hasattr(made, "made") else made
+
+
+def group(of: type[Any], *only: str) -> Any:
+    """A parameter of a command that is made of the options of a dataclass."""
+    return Group(of, only)
+
+
+def changed(options: Any) -> dict[str, Any]:
+    """The fields of a dataclass of options that are not at their defaults."""
+    values = ((f, getattr(options, f.name)) for f in fields(options))
+    return {f.name: value for f, value in values if value != f.default}
+
+
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """A command as typer reads it, of a function whose parameters are declared as options."""
+    parameters: list[inspect.Parameter] = []
+    groups: dict[str, tuple[Group, list[str]]] = {}
+    own: dict[str, Any] = {}
+    for name, place in inspect.signature(function).parameters.items():
+        if isinstance(place.default, Group):
+            parts = place.default.parameters()
+            groups[name] = place.default, [p.name for p in parts]
+            parameters += parts
+        else:
+            own[name] = place.default
+            parameters.append(_parameter(name, function.__annotations__[name], place.default))
+
+    def run(**given: Any) -> None:
+        values = {name: _parsed(declared, given[name]) for name, declared in own.items()}
+        for name, (parts, names) in groups.items():
+            values[name] = parts.built({n: given[n] for n in names})
+        function(**values)
+
+    for name in ("__name__", "__doc__", "__module__"):
+        setattr(run, name, getattr(function, name))
+    run.__annotations__ = {p.name: p.annotation for p in parameters}
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run
+
+
+def _parameter(name: str, kind: Any, declared: "Field[Any]") -> inspect.Parameter:
+    told: Declared = declared.metadata["declared"]
+    names = told.names
+    if told.kind is typer.Option and not names:
+        names = (f"--{name.replace('_', '-')}",)
+    default = inspect.Parameter.empty if declared.default is MISSING else declared.default
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
+        annotation=Annotated[told.read_as or kind, told.kind(*names, **told.words)],
+    )
+
+
+def _parsed(declared: "Field[Any]", value: Any) -> Any:
+    parse = declared.metadata["declared"].parse
+    return value if parse is None or value == declared.default else parse(value)
+
+
+def pairs(
+    given: Sequence[str],
+    option: str,
+    advice: str,
+    read: Callable[[str], Value],
+    *,
+    sep: str | None = ",",
+) -> dict[str, Value]:
+    """``NAME=VALUE`` texts, as a rule several joined by commas, as name → value.
+
+    Args:
+        advice: what to write instead of a text that cannot be read.
+        read: the value of a text; a ValueError refuses it.
+
+    Raises:
+        UsageError: a text cannot be read, or a name stands twice.
+    """
+    values: dict[str, Value] = {}
+    for pair in (p for item in given for p in (item.split(sep) if sep else [item])):
+        name, sign, text = (part.strip() for part in pair.partition("="))
+        try:
+            if not (name and sign and text):
+                raise ValueError
+            value = read(text)
+        except ValueError:
+            raise UsageError(f"{option} cannot read {pair.strip()!r}; write {advice}") from None
+        if name in values:
+            raise UsageError(f"{option} names {name} twice; give it once")
+        values[name] = value
+    return values
+
+
+def one_of(given: str, allowed: Sequence[str], option: str) -> str:
+    """``given`` in lower case if it is one of the allowed words.
+
+    Raises:
+        UsageError: it is not.
+    """
+    if given.lower() not in allowed:
+        raise UsageError(f"{option} is one of {', '.join(allowed)}, got {given!r}")
+    return given.lower()

@@ -1,0 +1,292 @@
+"""Pictures of vehicles: from above, fitted to logs, and on a soil."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.errors import ModelError
+from sysid.report.plots import (
+    Line,
+    Panel,
+    ResponsePicture,
+    VehiclePicture,
+    WheelMark,
+    write_picture,
+)
+from sysid.robot.calibration.slip_curves import SlipPoint
+from sysid.robot.calibration.slip_model import Kinematic, Motion
+from sysid.robot.calibration.trajectory import Part, Trajectory
+from sysid.robot.calibration.vehicle_fit import VehicleFit
+from sysid.vehicle.ground.assessment import SoilAssessment
+from sysid.vehicle.ground.drawbar import Traction
+from sysid.vehicle.ground.resistance import lateral_at_radius
+from sysid.vehicle.ground.skid_steer import steady_turn
+from sysid.vehicle.shear import shear_stress
+from sysid.vehicle.soil import Shear
+from sysid.vehicle.wheels.vehicle import AXES, Vehicle, wheel_width
+from sysid.vehicle.wheels.wheel import velocity_at
+
+
+def draw_vehicle(path: Path, vehicle: Vehicle, facts: dict[str, Any]) -> None:
+    """Draw wheels, axles and centre; those of the motion where one is asked for."""
+    motion = facts.get("inverse") or facts.get("forward") or {}
+    twist = motion.get("possible") or motion.get("twist")
+    commands = facts.get("inverse", {}).get("wheels", {})
+    shown = {w["name"]: w for w in facts["wheels"]}
+    marks = []
+    for wheel in vehicle.wheels:
+        command = commands.get(wheel.name, {})
+        angle = command.get("angle")
+        angle = shown[wheel.name].get("angle") if angle is None else angle
+        contact, velocity = wheel.contact(angle), None
+        if twist is not None:
+            velocity = velocity_at(contact, np.array([twist[axis] for axis in AXES]))
+        speed = command.get("speed")
+        marks.append(
+            WheelMark(
+                name=wheel.name,
+                kind=wheel.kind,
+                axis=wheel.position,
+                contact=contact,
+                direction=wheel.direction(angle),
+                radius=wheel.r,
+                width=wheel_width(wheel),
+                roller=wheel.roller,
+                note="" if speed is None else f"{speed:.3g} rad/s",
+                velocity=velocity,
+            )
+        )
+    icr, body = motion.get("icr") or facts["icr"], vehicle.body
+    mass_centre = facts["centre_of_mass_m"]
+    degrees = (facts[k] for k in ("mobility", "steerability", "manoeuvrability"))
+    picture = VehiclePicture(
+        title=vehicle.name,
+        subtitle="mobility {}, steerability {}, manoeuvrability {}; {}".format(
+            *degrees, icr["sentence"]
+        ),
+        wheels=marks,
+        box=None if body.size is None else (*body.at[:2], *body.size[:2]),
+        centre=None if icr["x"] is None else (icr["x"], icr["y"]),
+        line=icr["direction"] if icr["kind"] == "line" else None,
+        tracks=_tracks(vehicle),
+        mass_centre=None if mass_centre is None else (mass_centre[0], mass_centre[1]),
+    )
+    write_picture(path, picture)
+
+
+def _tracks(vehicle: Vehicle) -> list[tuple[float, float, float, float]]:
+    """Tracks where they are, which is not where the wheels stand that turn the body as they do."""
+    tracks = vehicle.tracks
+    if tracks is None:
+        return []
+    width = wheel_width(vehicle.wheels[0])
+    return [(0.0, y, tracks.contact_length, width) for y in (tracks.width / 2, -tracks.width / 2)]
+
+
+PIECE = 10.0
+"""Length of the pieces [s] after which a drawn path starts again from the measured pose."""
+
+PIECES = 6
+"""Pieces that are drawn: more would lie on top of each other."""
+
+
+def draw_vehicle_fit(path: Path, name: str, fitted: VehicleFit) -> None:
+    """Draw held-out paths as measured, before and after, errors after two seconds, and slip."""
+    part = max(fitted.holdout, key=lambda p: len(p.windows))
+    models: dict[str, Motion] = {"before": Kinematic(fitted.known), "after": fitted.model}
+    starts = _pieces(part)
+    paths = [
+        Line(k, *_path(part.trajectory, m.predicted_pose(part.trajectory), starts))
+        for k, m in models.items()
+    ]
+    measured = Line(
+        "measured", *_path(part.trajectory, part.trajectory.pose, starts), reference=True
+    )
+    at = part.trajectory.at[part.windows[:, 0]]
+    errors = {k: m.errors([part]) for k, m in models.items()}
+    away = [Line(k, at, (e[:, 0] ** 2 + e[:, 1] ** 2) ** 0.5) for k, e in errors.items()]
+    turned = [Line(k, at, e[:, 2]) for k, e in errors.items()]
+    panels = (
+        Panel(f"held-out paths of {PIECE:g} s", "x [m]", "y [m]", (*paths, measured), plane=True),
+        Panel("position after two seconds", "time [s]", "error [m]", tuple(away)),
+        Panel("heading after two seconds", "time [s]", "error [rad]", tuple(turned)),
+        *_slip_panels(fitted),
+    )
+    acting = fitted.acting
+    title = f"{name}: r = {acting.r:.4g} m, B = {acting.B:.4g} m as it turns"
+    subtitle = (
+        "mean error after two seconds on held-out paths: "
+        f"{fitted.before.path:.3g} → {fitted.after.path:.3g} m, "
+        f"{fitted.before.heading:.3g} → {fitted.after.heading:.3g} rad"
+    )
+    write_picture(path, ResponsePicture(title, subtitle, panels))
+
+
+def _pieces(part: Part) -> list[tuple[int, int]]:
+    """First and last measurement of the pieces that are drawn."""
+    d = part.trajectory
+    pieces: list[tuple[int, int]] = []
+    i, end = int(part.windows[0, 0]), int(part.windows[-1, 1])
+    while i < end and len(pieces) < PIECES:
+        j = i
+        while j < end and d.at[j] - d.at[i] < PIECE and d.joins[j + 1] == d.joins[i]:
+            j += 1
+        if j > i + 1:
+            pieces.append((i, j))
+        i = max(j, i + 1)
+    return pieces
+
+
+def _path(
+    trajectory: Trajectory, measurements: Array, pieces: list[tuple[int, int]]
+) -> tuple[Array, Array]:
+    """x and y of the measurements, each piece from the measured pose at its start."""
+    x, y = [], []
+    for i, j in pieces:
+        a, b = measurements[i], trajectory.pose[i]
+        turn = np.exp(1j * (b[2] - a[2]))
+        moved = (measurements[i : j + 1, 0] - a[0]) + 1j * (measurements[i : j + 1, 1] - a[1])
+        there = moved * turn + complex(b[0], b[1])
+        x += [there.real, [np.nan]]
+        y += [there.imag, [np.nan]]
+    return np.concatenate(x), np.concatenate(y)
+
+
+def _slip_panels(fitted: VehicleFit) -> list[Panel]:
+    """The share of the way and of the turn that is lost, with bands of one standard error."""
+    across = {
+        "turning": ("turning", "turning |ω_R − ω_L| / (|ω_R| + |ω_L|)"),
+        "speed": ("speed", "speed of the wheels [m/s]"),
+        "acceleration": ("acceleration", "acceleration of the wheels [m/s²]"),
+    }
+    panels = []
+    for key, (words, label) in across.items():
+        shown = {"of the way": fitted.curves[key]}
+        if key == "turning":
+            shown["of the turn"] = fitted.curves["turn"]
+        curves = {name: points for name, points in shown.items() if points}
+        if curves:
+            lines = tuple(
+                Line(name, _column(points, "at"), _column(points, "slip"))
+                for name, points in curves.items()
+            )
+            bands = tuple(_band(points) for points in curves.values())
+            panels.append(Panel(f"lost against {words}", label, "share", lines, outlines=bands))
+    return panels
+
+
+def _column(points: tuple[SlipPoint, ...], name: str) -> Array:
+    return np.array([getattr(p, name) for p in points], dtype=np.float64)
+
+
+def _band(points: tuple[SlipPoint, ...]) -> tuple[Array, Array]:
+    """The closed line around a curve, one standard error away."""
+    at, slip, error = (_column(points, n) for n in ("at", "slip", "std_error"))
+    return np.concatenate([at, at[::-1]]), np.concatenate([slip + error, (slip - error)[::-1]])
+
+
+_RESIDUAL = 0.6
+"""K_r of the law with a residual where the soil has none: for its shape beside the others."""
+_FARTHEST = 3.0
+"""Largest radius that is drawn [m]: beyond it turning takes little."""
+
+
+def draw_soil(path: Path, name: str, assessment: SoilAssessment) -> None:
+    """Draw what a soil does to a vehicle."""
+    traction = assessment.traction
+    write_picture(
+        path,
+        ResponsePicture(
+            f"{name} under a tracked vehicle of {traction.vehicle.mass:.3g} kg",
+            "bands: one standard deviation of the soil's numbers" if traction.soil.std else "",
+            (_shear(traction), _pressure(traction), _pull(assessment), _turning(assessment)),
+            columns=2,
+        ),
+    )
+
+
+def _shear(traction: Traction) -> Panel:
+    soil, v = traction.soil, traction.vehicle
+    mean = float(traction.load()) / (v.contact_length * v.track_width)
+    j = np.linspace(0.0, 6.0 * soil.shear_modulus, 200)
+    words = {
+        Shear.JANOSI: "loose sand, clay, snow (2.28)",
+        Shear.HUMP: "muskeg (2.29)",
+        Shear.RESIDUAL: "compact sand, loam (2.30)",
+    }
+    lines = []
+    for law, said in words.items():
+        residual = soil.residual if soil.shear is law else _RESIDUAL
+        ground = replace(soil, shear=law, residual=residual)
+        label = ": this soil" if soil.shear is law else ""
+        lines.append(Line(said + label, 1e3 * j, shear_stress(ground, mean, j) / 1e3))
+    title = f"Shear stress under the mean pressure, {mean / 1e3:.2g} kPa"
+    return Panel(title, "shear displacement [mm]", "shear stress [kPa]", tuple(lines))
+
+
+def _pressure(traction: Traction) -> Panel:
+    v = traction.vehicle
+    x = np.linspace(0.0, v.contact_length, 400)
+    p = traction.spread().at(x, traction.load(), v.contact_length, v.track_width)
+    x, p = np.pad(x, 1, "edge"), np.pad(p, 1)  # from nothing to nothing: the axis begins at 0
+    mean = float(traction.load()) / (v.contact_length * v.track_width)
+    return Panel(
+        "Normal pressure along a track",
+        "from the front [mm]",
+        "pressure [kPa]",
+        (
+            Line(str(traction.spread().distribution), 1e3 * x, p / 1e3),
+            Line("mean", 1e3 * x, np.full(len(x), mean / 1e3), reference=True),
+        ),
+    )
+
+
+def _pull(assessment: SoilAssessment) -> Panel:
+    slips = np.linspace(0.0, 1.0, 101)
+    traction = assessment.traction
+    pull = traction.drawbar_pull(slips)
+    at = np.array([0.0, *(p.slip for p in assessment.pulls)])
+    spread = np.array([0.0, *(p.pull.std_error or 0.0 for p in assessment.pulls)])
+    band = np.interp(slips, at, spread)
+    outline = (np.append(slips, slips[::-1]), np.append(pull - band, (pull + band)[::-1]))
+    return Panel(
+        "Drawbar pull against slip",
+        "slip [1]",
+        "force [N]",
+        (Line("drawbar pull", slips, pull), Line("thrust", slips, traction.thrust(slips))),
+        outlines=(outline,) if np.any(spread) else (),
+    )
+
+
+def _turning(assessment: SoilAssessment) -> Panel:
+    traction = assessment.traction
+    level = assessment.moment_in_the_middle
+    radii = _FARTHEST * np.linspace(0.0, 1.0, 41) ** 2  # finer where it is tight
+    moments = []
+    for radius in radii:
+        try:
+            moments.append(steady_turn(traction, float(radius)).moment)
+        except ModelError:
+            moments.append(float("nan"))
+    share = lateral_at_radius(1.0, radii, traction.vehicle.geometry.B)
+    known = [(t.radius, t.moment.value, t.moment.std_error) for t in assessment.turns]
+    at = np.array([k for k in known if None not in k and k[0] <= _FARTHEST], dtype=np.float64)
+    bands = []
+    if len(at) > 1:
+        band, m = np.interp(radii, at[:, 0], at[:, 2]), np.array(moments)
+        r, low, high = (v[np.isfinite(m)] for v in (radii, m - band, m + band))
+        bands.append((np.append(r, r[::-1]), np.append(low, high[::-1])))
+    return Panel(
+        "Moment against turning",
+        "radius of the turn [m]",
+        "moment [N m]",
+        (
+            Line("shared shear strength", radii, np.array(moments)),
+            Line("μl, less on wide turns", radii, level * share),
+            Line("μl alone (2.36)", radii, np.full(len(radii), level), reference=True),
+        ),
+        outlines=tuple(bands),
+    )
