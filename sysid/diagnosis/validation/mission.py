@@ -216,8 +216,7 @@ class _Replay:
 
     def by_wheels(self, after: Model) -> dict[str, float]:
         """Path errors of the measured speeds, without and with the effects of the vehicle."""
-        ground = ground_effects(after.structure, after.theta)
-        errors: dict[str, float] = {}
+        ground, errors = ground_effects(after.structure, after.theta), dict[str, float]()
         for name, acting in (("before", Ground()), ("after", ground)):
             rms, end, _ = _apart(self.path(self.record.y, acting), self.measured)
             errors |= {f"rms_{name}_m": rms, f"end_{name}_m": end}

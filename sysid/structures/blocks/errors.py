@@ -10,6 +10,9 @@ from sysid.fitting.problem import Problem
 from sysid.structures.blocks.chain import BlockChain
 from sysid.structures.linear.predictor import HUGE
 
+HEAD = 400
+"""Samples at the head of a record that say enough about its initial state to start from."""
+
 Masks = Sequence[NDArray[np.bool_]]
 
 
@@ -41,7 +44,7 @@ class ChainErrors(Problem):
         self.n_initial = self.states_each * len(data)
         self.kept = [np.ones(len(y), dtype=bool) for _, y in data] if kept is None else list(kept)
         ny = chain.n_outputs
-        self.scales = output_scales([y for _, y in data]) if scales is None else scales
+        self.scales: Array = output_scales([y for _, y in data]) if scales is None else scales
         self.lengths = tuple(int(k.sum()) for k in self.kept for _ in range(ny))
         self.channels = tuple(i for _ in data for i in range(ny))
 
@@ -111,14 +114,16 @@ class ChainErrors(Problem):
         sizes_of_all = np.concatenate([np.zeros(0), *sizes])
         return np.where(np.isfinite(sizes_of_all) & (sizes_of_all > 0.0), sizes_of_all, 1.0)
 
-    def initial_guess(self, theta: Array) -> Array:
-        """θ, and for each experiment the state in which its first input has held for ever."""
+    def with_states(self, theta: Array) -> Array:
+        """θ and, for each experiment, the state that meets the head of its samples best."""
         states = []
         if self.states_each:
-            with np.errstate(all="ignore"):
-                states = [self.chain.steady_state(theta, u[0]) for u, _ in self.data]
-        p = np.concatenate([theta[: self.chain.n], *states])
-        return np.where(np.isfinite(p), p, 0.0)
+            head = min(HEAD, 3 * self.chain.n_states + HEAD // 4)
+            states = [
+                self.chain.fitted_state(theta, u, np.where(kept[:, None], y, np.nan), head)
+                for (u, y), kept in zip(self.data, self.kept, strict=True)
+            ]
+        return np.concatenate([theta, *states])
 
 
 def output_scales(outputs: Sequence[Array]) -> Array:

@@ -267,7 +267,7 @@ class GreyErrors(Problem):
         self.states_each = len(structure.physics.state_names) if estimate_initial else 0
         self.n_initial = self.states_each * len(data)
         self.kept = [np.ones(len(y), dtype=bool) for _, y in data] if kept is None else list(kept)
-        self.scales = output_scales([y for _, y in data]) if scales is None else scales
+        self.scales: Array = output_scales([y for _, y in data]) if scales is None else scales
         self.lengths = tuple(int(k.sum()) for k in self.kept for _ in range(structure.ny))
         self.channels = tuple(i for _ in data for i in range(structure.ny))
         self._last: tuple[bytes, tuple[list[Any], list[Array]]] = (b"", ([], []))
