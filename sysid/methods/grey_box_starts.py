@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.errors import ModelError, Termination
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
+from sysid.fitting.run_errors import Masks
 from sysid.fitting.searchable import StartReport
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
-from sysid.structures.grey_box.runs import GreyErrors, Masks
+from sysid.structures.grey_box.runs import GreyErrors
 from sysid.structures.grey_box.structure import GreyBox
 
 STARTS = 12
@@ -181,7 +181,7 @@ def _approached(
 ) -> tuple[list[Array], list[int]]:
     """Where a few rounds from every start lead on part of the data, and their evaluations."""
     every = _decimation(s, thetas[0])
-    pieces = shortened([_thinned(r, every) for r in s.records], START_SAMPLES)
+    pieces = shortened([r.every(every) for r in s.records], START_SAMPLES)
     sampling = replace(s.structure.sampling, dt=pieces[0].dt)
     part = replace(s, records=pieces, structure=replace(s.structure, sampling=sampling))
     every_sample = [np.ones(len(r), dtype=bool) for r in pieces]
@@ -195,17 +195,6 @@ def _decimation(s: Setting, theta: Array) -> int:
     dt = s.structure.sampling.dt
     room = s.structure.physics.time_scale(theta, dt) / (SAMPLES_IN_TIME_CONSTANT * dt)
     return int(max(min(total // START_SAMPLES, room), 1))
-
-
-def _thinned(r: Record, every: int) -> Record:
-    """Every so many samples, the input held at the mean of those it replaces."""
-    if every == 1:
-        return r
-    n = len(r) // every
-    u = np.asarray(r.u)[: n * every].reshape(n, every, r.nu).mean(axis=1)
-    weights = None if r.weights is None else r.weights[: n * every : every]
-    y, dt = r.y[: n * every : every], r.dt * every
-    return replace(r, u=u, y=y, dt=dt, pose=None, references=None, weights=weights)
 
 
 def cost_of(r: Array) -> float:
