@@ -14,10 +14,11 @@ from sysid.errors import ModelError, Termination
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
+from sysid.fitting.run_errors import Masks
 from sysid.fitting.searchable import StartReport
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt, many_starts
 from sysid.structures.grey_box.physics import Physics
-from sysid.structures.grey_box.runs import GreyErrors, Masks, scan
+from sysid.structures.grey_box.runs import GreyErrors, scan
 from sysid.structures.grey_box.structure import GreyBox
 
 STARTS = 12
@@ -262,7 +263,7 @@ def _at_once(
         u[: len(r), :, k], y[: len(r), :, k] = r.u, r.y
         weight[: len(r), :, k] = 1.0 / problem.scales
     weight /= np.sqrt(np.count_nonzero(weight))
-    x0 = np.stack([problem.states(problem.initial_guess(t)) for t in thetas])
+    x0 = np.stack([problem.initial_states(problem.initial_guess(t)) for t in thetas])
     where = np.flatnonzero(free)
     typical = np.asarray(thetas[0])
     spread = s.structure.physics.by_entry(lambda c: c.spread)

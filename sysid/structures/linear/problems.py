@@ -6,11 +6,10 @@ import numpy as np
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import HUGE, Problem
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.polynomials import Polynomials, adjugate, determinant
 from sysid.structures.linear.predictor import (
-    HUGE,
     RowErrors,
     impulse,
     largest_radius,

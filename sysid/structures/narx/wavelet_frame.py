@@ -254,8 +254,8 @@ def dictionary(
     for view in views or [tuple(range(v.shape[1]))]:
         part = v[:, view]
         units = _thinned(DICTIONARIES[estimator](part, rng), max(len(views), 1), rng)
-        t = kind.argument(np, part[:, None, :], units[0], units[1])
-        values.append(kind.value(np, t, units[2], np.full(len(units[0]), float(len(view)))))
+        dim = np.full(len(units[0]), float(len(view)))
+        values.append(kind.value(np, part[:, None, :], *units, dim))
         units_of_dictionary.append(units)
         owners += [view] * len(units[0])
     shape, place, flag = (np.concatenate(parts) for parts in zip(*units_of_dictionary, strict=True))
@@ -337,7 +337,7 @@ def least_squares(design: RowDesign, estimator: str, x: Array, y: Array, units: 
     if len(shape):
         kind = KINDS[estimator]
         f = design.frame()
-        columns.append(kind.value(np, kind.argument(np, seen(f.Q, z), shape, place), flag, f.dim))
+        columns.append(kind.value(np, seen(f.Q, z), shape, place, flag, f.dim))
     A = np.concatenate(columns, axis=1)
     norms = np.linalg.norm(A, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0)
