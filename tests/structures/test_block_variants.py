@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError
-from sysid.estimation.assessment.operating_range import beyond_range
+from sysid.estimation.assessment.advice import beyond_range
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
