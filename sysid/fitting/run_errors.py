@@ -98,8 +98,8 @@ class RunErrors(Problem):
         with np.errstate(all="ignore"):
             for k, (D, kept) in enumerate(zip(self.tangents(p), self.kept, strict=True)):
                 first = n + k * self.states_each
-                columns = np.concatenate([self.index, np.arange(first, first + self.states_each)])
-                for d, scale in zip(D, self.scales, strict=True):
+                columns = np.concatenate([np.arange(n), np.arange(first, first + self.states_each)])
+                for d, scale in zip(D, np.atleast_1d(self.scales), strict=True):
                     yield columns, (d if kept.all() else d[:, kept]) / -scale
 
 

@@ -6,8 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.fitting.holdout import HoldOut, hold_out
 from sysid.fitting.options import FitOptions
@@ -179,8 +178,7 @@ def _all_rows_refined(
     lower, upper, free, share, to_zero = (np.concatenate(parts) for parts in each)
     cost = float(np.sum(ChunkedRuns(run, data, chunk).residual(theta) ** 2))
     pull = np.sqrt(share * cost) / np.concatenate([row.sizes(d) for row, d in designed])
-    centre = np.where(to_zero, 0.0, theta)
-    bare = ChunkedRuns(run, data, chunk, pull=pull, centre=centre)
+    bare = ChunkedRuns(run, data, chunk, pull=pull, centre=np.where(to_zero, 0.0, theta))
     problem = weighted(bare, small, more=int(np.count_nonzero(pull)))
     solution = levenberg_marquardt(
         problem,

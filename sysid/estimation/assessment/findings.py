@@ -77,17 +77,7 @@ class Assessment:
             {
                 "structure": m.structure.name,
                 "orders": m.structure.order_values(),
-                "parameters": [
-                    {
-                        "name": p.name,
-                        "value": p.value if p.visited else None,
-                        "std_error": p.std_error,
-                        "unit": p.unit,
-                        "fixed": p.fixed,
-                        "at_bound": p.at_bound,
-                    }
-                    for p in m.parameter_table()
-                ],
+                "parameters": m.parameter_table(),
                 "policy": self.policy,
                 "estimation": self.estimation,
                 "validation": self.validation,

@@ -86,7 +86,7 @@ solver with infinities."""
 @lru_cache(maxsize=64)
 def compiled_runs(equations: Equations) -> CompiledRuns:
     """The functions for some equations."""
-    from sysid.fitting.compiled import jax_module
+    from sysid.runners.compiled import jax_module
 
     jax, traced = jax_module(), _Traced(equations)
     return CompiledRuns(
@@ -103,7 +103,7 @@ class _Traced:
     """The equations over chunks side by side, in jax.numpy."""
 
     def __init__(self, equations: Equations) -> None:
-        from sysid.fitting.compiled import jax_module
+        from sysid.runners.compiled import jax_module
 
         self.jax = jax_module()
         self.jnp = self.jax.numpy

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
 from sysid.fitting.batched import OneTrial, descend_alone
-from sysid.fitting.compiled import compiled, jax_module
 from sysid.fitting.problem import Data
 from sysid.fitting.run_errors import Masks, RunErrors
+from sysid.runners.compiled import compiled, jax_module
 from sysid.structures.difference_equations.probing import probing_inputs
 from sysid.structures.grey_box.physics import Physics
 from sysid.structures.motion import time_constants

@@ -85,12 +85,18 @@ class PolynomialRun(FreeRun):
                 q = of_inputs.number(tuple(f for f in t if f.kind == "u"))
                 row.setdefault(m, []).append((values[k], q))
         n = len(of_outputs.steps) + 1
-        weights = [row.get(m, []) for row in sums for m in range(n)]
+        weights = [row.get(m, [(0.0, 0)]) for row in sums for m in range(n)]
+        # most weights have one term: a sum for each would take as long as all products
+        first = [terms[0] for terms in weights]
+        more = [(k, *term) for k, terms in enumerate(weights) for term in terms[1:]]
         starts = range(0, len(weights), n)
 
         def weighted(known: Any) -> list[Any]:
             products = of_inputs.values(known)
-            return [sum([c * products[q] for c, q in terms], 0.0) for terms in weights]
+            found = [c * products[q] for c, q in first]
+            for k, c, q in more:
+                found[k] = found[k] + c * products[q]
+            return found
 
         def outputs(known: Any, row: Any) -> list[Any]:
             products = of_outputs.values(known)

@@ -369,7 +369,7 @@ class Padded:
 @lru_cache(maxsize=64)
 def _batch_runs(maps: Maps) -> Callable[..., Any]:
     """(θ (S, n), frames, chunks) → ŷ (S, L, ny, B), compiled."""
-    from sysid.fitting.compiled import jax_module
+    from sysid.runners.compiled import jax_module
 
     jax = jax_module()
     compiled: Callable[..., Any] = jax.jit(

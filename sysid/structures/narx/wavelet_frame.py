@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.structures.difference_equations.frols import Path, forward, gram_beyond
-from sysid.structures.narx.wavelet_network import KINDS, RowDesign, seen
+from sysid.structures.narx.wavelet_network import KINDS, RowDesign, linear_in
 
 POOL = 400
 """Candidate products at most."""
@@ -332,13 +332,9 @@ def cross_validated_size(path: Path, given: int, samples: int) -> int:
 def least_squares(design: RowDesign, estimator: str, x: Array, y: Array, units: Units) -> Array:
     """θ of a row with these units: amplitudes by least squares, lightly ridged."""
     shape, place, flag = units
-    z = scaled(design, x)
-    columns = [np.ones((len(x), 1)), x - np.array(design.mean), product_columns(z, design.terms)]
-    if len(shape):
-        kind = KINDS[estimator]
-        f = design.frame()
-        columns.append(kind.value(np, seen(f.Q, z), shape, place, flag, f.dim))
-    A = np.concatenate(columns, axis=1)
+    f = design.frame()._replace(flag=flag)
+    blocks = linear_in(np, KINDS[estimator], f, shape, place, x)
+    A = np.concatenate([np.ones((len(x), 1)), *blocks.values()], axis=1)
     norms = np.linalg.norm(A, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0)
     A = A / norms

@@ -130,20 +130,29 @@ def size(d: int, T: int, K: int, q: int) -> int:
 
 def value(xp: Any, kind: Kind, f: Frame, w: Weights, x: Values) -> Values:
     """ŷ for regressors x (…, d), shape (…)."""
-    out = w.constant + (x - f.mean) @ w.linear
+    blocks = linear_in(xp, kind, f, w.shape, w.place, x)
+    return w.constant + sum(block @ getattr(w, name) for name, block in blocks.items())
+
+
+def linear_in(
+    xp: Any, kind: Kind, f: Frame, shape: Values, place: Values, x: Values
+) -> dict[str, Values]:
+    """What ŷ is linear in besides y₀, by the name of its coefficients in ``Weights``: x − x̄ (…, d),
+    products (…, T) and values of units (…, K), where there are any.
+    """
+    away = x - f.mean
+    blocks = {"linear": away}
     T, K = f.factors.shape[1], f.flag.shape[0]
     if not T and not K:
-        return out
-    z = xp.clip((x - f.mean) / f.scale, f.low, f.high)
+        return blocks
+    z = xp.clip(away / f.scale, f.low, f.high)
     if T:
         zx = xp.concatenate([z, xp.ones_like(z[..., :1])], axis=-1)
-        out = out + ((zx @ f.factors[0].T) * (zx @ f.factors[1].T) * (zx @ f.factors[2].T)) @ (
-            w.products
-        )
+        a, b, c = (zx @ f.factors[k].T for k in range(DEGREE))
+        blocks["products"] = a * b * c
     if K:
-        units = kind.value(xp, seen(f.Q, z), w.shape, w.place, f.flag, f.dim)
-        out = out + units @ w.amplitude
-    return out
+        blocks["amplitude"] = kind.value(xp, seen(f.Q, z), shape, place, f.flag, f.dim)
+    return blocks
 
 
 def seen(Q: Values, z: Values) -> Values:
