@@ -91,10 +91,10 @@ def _use_model(path: Path) -> None:
 
 
 def _use_plant(path: Path) -> None:
-    from sysid.plant.description import from_text, to_model, to_plant
+    from sysid.plant.description import from_text, to_model
 
     raw = from_text(path.read_bytes(), path.name)
-    _run(to_plant(raw, path.name))
+    _run(to_model(raw, path.name).plant())
     to_model(raw, path.name).equations()
 
 
