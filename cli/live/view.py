@@ -9,7 +9,7 @@ from .. import render
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from sysid.estimation.assessment.step_response import Estimate
+    from sysid.estimation.assessment.delta_method import Estimate
     from sysid.estimation.online.live_state import LiveChange, LivePair, LiveState
 
 ZONE_WORDS = {"command": "in the command", "friction": "friction", "both": "command and friction"}

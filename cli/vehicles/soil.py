@@ -87,11 +87,11 @@ def _traction(
         ModelError, DataError: soil or vehicle cannot be.
     """
     from sysid.vehicle.ground.drawbar import Traction
-    from sysid.vehicle.ground.files import read_vehicle
     from sysid.vehicle.pressure import Distribution, Pressure
     from sysid.vehicle.tracked import TrackedVehicle
+    from sysid.vehicle.wheels.description import load_tracks
 
-    body = TrackedVehicle() if vehicle is None else read_vehicle(vehicle)
+    body = TrackedVehicle() if vehicle is None else load_tracks(vehicle)
     spread = None
     if wheels is not None:
         spread = Pressure(Distribution.WHEELS, body.centre, wheels)
@@ -99,8 +99,7 @@ def _traction(
 
 
 def _soil(ground: str | None, vehicle: Path | None, given: dict[str, object]) -> "Soil":
-    from sysid.vehicle.ground.files import read_soil
-    from sysid.vehicle.ground.presets import soil_of, soil_over
+    from sysid.vehicle.ground.presets import read_soil, soil_of, soil_over
 
     if ground is None:
         return soil_of(given) if vehicle is None else soil_over(read_soil(vehicle), given)

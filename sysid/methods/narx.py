@@ -6,8 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.fitting.holdout import HoldOut, hold_out
 from sysid.fitting.options import FitOptions
@@ -19,13 +18,13 @@ from sysid.methods.equations import judged_by_runs, searched
 from sysid.methods.method import Method
 from sysid.methods.procedure import Estimate, Judgement, Proposal, Solved, by_choice
 from sysid.structures.base import Structure
+from sysid.structures.difference_equations.chunks import ChunkedRuns
 from sysid.structures.difference_equations.trials import RUN_SAMPLES, SEARCH_SAMPLES
-from sysid.structures.narx.problems import FreeRuns, OneStepRow
+from sysid.structures.narx.problems import OneStepRow
 from sysid.structures.narx.search import RUNGS, SHORT, largest, search_row
-from sysid.structures.narx.simulation_error import FIRM, PULL, SHRINK, RowRuns, Trial
+from sysid.structures.narx.simulation_error import RowRuns, Trial
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_frame import least_squares
-from sysid.structures.narx.wavelet_network import RowDesign
 
 ROUNDS, FEWER_ROUNDS = 20, 14
 """Evaluations on all data; the second where there are at least SHORT samples."""
@@ -161,24 +160,6 @@ def _least_squares(row: RowRuns, t: Trial) -> Array:
     return least_squares(t.design, row.estimator, row.x, row.y, units)
 
 
-def _prior(
-    plain: FreeRuns, start: Array, rows: Sequence[tuple[RowRuns, RowDesign]]
-) -> tuple[Array, Array]:
-    """What draws each parameter and to where: amplitudes to zero, all else to the start."""
-    e = plain.residual(start)
-    share, sizes, amplitude = [], [], []
-    for row, design in rows:
-        bounds = row.bounds(design)
-        drawn = np.zeros(len(bounds.moving), dtype=bool)
-        d, T, K, _ = design.sizes
-        drawn[1 + d : 1 + d + T + K] = True
-        share.append(np.where(bounds.moving, PULL, np.where(drawn, SHRINK, FIRM)))
-        sizes.append(row.sizes(design))
-        amplitude.append(drawn)
-    pull = np.sqrt(np.concatenate(share) * float(e @ e)) / np.concatenate(sizes)
-    return pull, np.where(np.concatenate(amplitude), 0.0, start)
-
-
 def _all_rows_refined(
     rows: Sequence[RowRuns],
     records: Sequence[Record],
@@ -193,13 +174,12 @@ def _all_rows_refined(
     samples = sum(len(y) for _, y in data)
     run = s.free_run()
     designed = list(zip(rows, s.designs, strict=True))
-    bounds = [row.bounds(d) for row, d in designed]
-    pull, aim = _prior(FreeRuns(run, data, chunk), theta, designed)
-    bare = FreeRuns(run, data, chunk, pull, aim)
+    each = zip(*(row.prior(d) for row, d in designed), strict=True)
+    lower, upper, free, share, to_zero = (np.concatenate(parts) for parts in each)
+    cost = float(np.sum(ChunkedRuns(run, data, chunk).residual(theta) ** 2))
+    pull = np.sqrt(share * cost) / np.concatenate([row.sizes(d) for row, d in designed])
+    bare = ChunkedRuns(run, data, chunk, pull=pull, centre=np.where(to_zero, 0.0, theta))
     problem = weighted(bare, small, more=int(np.count_nonzero(pull)))
-    lower, upper, free = (
-        np.concatenate([getattr(b, name) for b in bounds]) for name in ("lower", "upper", "free")
-    )
     solution = levenberg_marquardt(
         problem,
         np.clip(theta, lower, upper),

@@ -6,11 +6,11 @@ from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
 from sysid.data.checks.dynamics_checks import check_delay
-from sysid.data.checks.level_checks import check_levels, visited_levels
+from sysid.data.checks.signal_checks import check_levels, visited_levels
 from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Record
-from sysid.estimation.assessment.data_notes import notes_for
+from sysid.estimation.assessment.advice import notes_for
 from sysid.structures.registry import structure_class
 
 

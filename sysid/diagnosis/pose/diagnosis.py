@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid.data.record import Array, Record
+from sysid.diagnosis.diagnosis import NamedEffect, Value
 from sysid.diagnosis.gap import Gap
-from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.policies import POSE, RULE
 from sysid.diagnosis.pose.evidence import PoseResiduals, holdout_pairs, pose_gap, pose_residuals
 from sysid.diagnosis.pose.growth import Step, allowed, grown
@@ -108,7 +108,6 @@ def diagnose_pose(
     """Name effects of the vehicle stage.
 
     Args:
-        estimation: records that parameters are estimated on.
         holdout: held-out records; where they hold too few windows, or hardly a turn, all records,
             or stretches of them, estimate and judge in turn.
         geometry: lengths of the vehicle. Unless given, those of the thesis's robot, or estimated
@@ -153,18 +152,10 @@ def _diagnosed(
         first, second = (PoseProblem(part, geometry, noise) for part in (tracks, others))
         return PoseSearch(first, second, always, known, begun)
 
-    first = _searched(search(noise, {}))
-    second = replace(noise, beyond=_beyond(first[3], noise))
-    return _pose_diagnosis(*_searched(search(second, first[0].fits)), estimate)
-
-
-_Found = tuple[PoseSearch, Fitted, list[Step], Fitted, tuple[tuple[str, float], ...]]
-
-
-def _searched(search: PoseSearch) -> _Found:
-    """(search, before, after, steps, ranking); the remaining error is reported beside the steps."""
-    base = search.fit(())
-    return search, base, *grown(search, base)
+    first = search(noise, {})
+    beyond = _beyond(grown(first)[1], noise)
+    again = search(replace(noise, beyond=beyond), first.fits)
+    return _pose_diagnosis(again, *grown(again), estimate)
 
 
 def _beyond(final: Fitted, noise: Noise) -> Array:
@@ -217,7 +208,6 @@ def _windows(part: Sequence[Track]) -> int:
 
 def _pose_diagnosis(
     search: PoseSearch,
-    base: Fitted,
     steps: Sequence[Step],
     final: Fitted,
     ranking: tuple[tuple[str, float], ...],
@@ -234,7 +224,7 @@ def _pose_diagnosis(
         gap=pose_gap(pairs, floor),
         whole=pose_gap(pairs, floor, everywhere=True),
         detectable=_detectable(search, final),
-        windows=(sum(map(len, base.errors.estimation)), sum(map(len, base.errors.holdout))),
+        windows=(sum(map(len, final.errors.estimation)), sum(map(len, final.errors.holdout))),
         residuals=pose_residuals(search, final),
         warnings=warnings_of(search, final, [(s.candidate, s.ties) for s in steps]),
         geometry=_beside(estimate, final) if estimate is not None and steps else estimate,

@@ -42,22 +42,22 @@ class Step:
 Grown = tuple[list[Step], Fitted, tuple[tuple[str, float], ...]]
 
 
-def grown(search: PoseSearch, base: Fitted) -> Grown:
+def grown(search: PoseSearch) -> Grown:
     """What is accepted one after the other; the likeliest first one may be a stand-in.
 
     Turns on the spot fall short by slip as by another width, and which it is may show only beside
     what comes after: so the effects that tie with the first are tried in its place, too.
     """
-    best = _grown_from(search, base, "")
+    best = _grown_from(search, "")
     if not best[0]:
         return best
     first = best[0][0].candidate.id
     rivals = effect(first).ties if first else ()
-    others = [_grown_from(search, base, id) for id in rivals]
+    others = [_grown_from(search, id) for id in rivals]
     return min([best, *(o for o in others if o[0])], key=lambda o: _score(o[1]))
 
 
-def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
+def _grown_from(search: PoseSearch, instead: str) -> Grown:
     """One candidate after the other while the rule accepts; an effect before what it ties with.
 
     Args:
@@ -66,7 +66,7 @@ def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
     chosen: list[Candidate] = []
     steps: list[Step] = []
     ranking: tuple[tuple[str, float], ...] = ()
-    current = base
+    current = base = search.fit(())
     while sum(s.claimed and bool(s.candidate.id) for s in steps) < POSE.most_effects:
         rivals = [c for c in every_candidate() if allowed(c, search, chosen)]
         fits = [(c, search.fit([*chosen, c], current)) for c in rivals]
@@ -194,10 +194,8 @@ def _is_acceptable(
 
 def _short(c: Candidate, f: Fitted, search: PoseSearch) -> bool:
     """Whether a candidate is a lag so short that the sampling may make it."""
-    lag = c in lags() or (c.law is not None and c.law.as_lag)
-    return (
-        lag and abs(float(f.q[c.slots[0]])) <= POSE.min_lag_samples * search.estimation.tracks[0].dt
-    )
+    least = POSE.min_lag_samples * search.estimation.tracks[0].dt
+    return (c in lags() or c.law.as_lag) and abs(float(f.q[c.slots[0]])) <= least
 
 
 def _late(evidence: Evidence) -> bool:
@@ -210,35 +208,27 @@ def allowed(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bo
     speed is one of them, which only a known radius shows. One law says what way is lost
     while the vehicle speeds up."""
     taken = (*search.always, *chosen)
-    if c in taken or (_of_changes(c) and any(_of_changes(x) for x in taken)):
+    if c in taken or (c.law.of_changes and any(x.law.of_changes for x in taken)):
         return False
-    radii = [x for x in taken if x.length is Length.RADIUS or _as_radius(x)]
-    if _as_radius(c):
+    radii = [x for x in taken if x.length is Length.RADIUS or x.law.as_radius]
+    if c.law.as_radius:
         return search.radius_known and not radii
     return not (c.length is Length.RADIUS and len(radii) == 2)
-
-
-def _of_changes(c: Candidate) -> bool:
-    return c.law is not None and c.law.of_changes
-
-
-def _as_radius(c: Candidate) -> bool:
-    return c.law is not None and c.law.as_radius
 
 
 def _large_enough(c: Candidate, fitted: Fitted, search: PoseSearch) -> bool:
     """Whether a parameter is beyond what a ruler, or the sampling, leaves open."""
     value = abs(float(fitted.q[c.slots[0]]))
-    if c.law is not None and c.law.of_speed:
+    if c.law.of_speed:
         fastest = max(float(np.nanmax(np.abs(t.omega))) for t in search.estimation.tracks)
         return value * fastest > POSE.min_growing_slip
-    return not _as_radius(c) or value > POSE.min_slip
+    return not c.law.as_radius or value > POSE.min_slip
 
 
 def _beyond_others(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bool:
     """Whether a law is there whatever does nearly the same is worth: measurements of the pose that
     come late for one with a memory; for slip in straight drive what only shortens turns."""
-    if c.law is None:
+    if not c.law.parameters:
         return True
     alike = lags() if c.law.as_lag else [x for x in lengths() if x.id]
     beside = [*chosen, *(x for x in alike if x not in (*search.always, *chosen))]

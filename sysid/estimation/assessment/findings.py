@@ -7,17 +7,16 @@ from typing import Any
 from sysid.criteria.verdicts import ResidualReport
 from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Record
-from sysid.estimation.assessment.advice import advice
+from sysid.estimation.assessment.advice import advice, beyond_range
 from sysid.estimation.assessment.figures import (
     Figures,
     Start,
     figures,
     residual_tests,
 )
-from sysid.estimation.assessment.operating_range import beyond_range
 from sysid.estimation.assessment.own_motion import own_modes
-from sysid.estimation.assessment.robust_judging import judged
 from sysid.estimation.assessment.step_response import StepResponse, step_responses
+from sysid.estimation.robust_fit import judged
 from sysid.structures.model import Model
 
 
@@ -73,7 +72,6 @@ class Assessment:
         return self.validation or self.estimation
 
     def to_json(self) -> dict[str, Any]:
-        """The fit report without the model's id and path; non-finite numbers may occur."""
         m = self.model
         return plain_object(
             {

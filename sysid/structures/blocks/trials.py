@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.fitting.holdout import error_margin, hold_out
 from sysid.fitting.marquardt import Conditions, loss, marquardt
+from sysid.fitting.run_errors import output_scales
 from sysid.structures.blocks.chain import BlockChain
-from sysid.structures.blocks.errors import ChainErrors, output_scales
+from sysid.structures.blocks.errors import ChainErrors
 from sysid.structures.blocks.gains import argument_scaled, scale_gain
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import Static
@@ -23,9 +23,6 @@ from sysid.structures.orders import Orders
 FELT_STATE = 0.1
 """Share of the errors that the whole range of an initial state is taken to change at least: one
 that changes less says nothing, and its step shall be small."""
-
-HEAD = 400
-"""Samples at the head of a record that say enough about its initial state to start from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,17 +96,6 @@ class ChainData:
             whole[mask] = part
         return error_margin(series)
 
-    def with_states(self, chain: BlockChain, theta: Array) -> Array:
-        """θ and, for each experiment, the state that meets the head of its fitted samples best."""
-        if not self.states:
-            return theta
-        head = min(HEAD, 3 * chain.n_states + HEAD // 4)
-        states = [
-            chain.fitted_state(theta, u, np.where(kept[:, None], y, np.nan), head)
-            for (u, y), kept in zip(self.pairs, self.kept, strict=True)
-        ]
-        return np.concatenate([theta, *states])
-
 
 class Effort(NamedTuple):
     """What a descent may cost.
@@ -165,7 +151,7 @@ class Trial:
         """
         chain, problem = self.chain, data.problem(self.chain)
         missing = len(self.p) < chain.n + problem.n_initial
-        p = data.with_states(chain, self.p) if missing else self.p.copy()
+        p = problem.with_states(self.p) if missing else self.p.copy()
         free = np.ones(len(p), dtype=bool)
         free[list(fixed_entries)] = False
         sizes = np.concatenate([np.full(chain.n, np.inf), problem.state_sizes(p)])[free]

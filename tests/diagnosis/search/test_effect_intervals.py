@@ -11,7 +11,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis import findings
 from sysid.diagnosis.augment import model_of, values_of
 from sysid.diagnosis.base_model import Base, fit_baseline
-from sysid.diagnosis.named_effects import Value
+from sysid.diagnosis.diagnosis import Value
 from sysid.diagnosis.search.intervals import intervals_of
 from sysid.diagnosis.search.selection import CandidateModel, Interval, Selection
 from sysid.effects.catalogue import chain_effects, effect
@@ -220,7 +220,7 @@ def test_a_delay_is_no_surer_than_its_sampling() -> None:
     model = base.search.model
     (k,) = model.of("input-delay")
     q = base.model.q.copy()
-    q[k] = 0.1 - 0.05 * max(base.delay - 1, 0)
+    q[k] = 0.1 - 0.05 * max(base.search.delay - 1, 0)
     core = [model.index["core", "gain", 0], model.index["core", "f1", 0]]
     q[core] = 10.0, -0.8
     node = base.search.evaluate(("input-delay",), q, (*core, k))
