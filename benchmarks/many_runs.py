@@ -54,10 +54,10 @@ class Timing:
 def timed(plant: Path) -> Timing:
     """Make the runs twice in this process, compiled from nothing before the first."""
     from benchmarks.agreement import agreement
-    from sysid.fitting.compiled import jax_module
     from sysid.robot.mission.batch.pool import threaded
     from sysid.robot.mission.batch.sampler import run_seeds
     from sysid.robot.mission.monte_carlo.runs import Runner, chunks
+    from sysid.runners.compiled import jax_module
 
     setup = _setup(plant)
     jax_module().config.update("jax_enable_compilation_cache", False)

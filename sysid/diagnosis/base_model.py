@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.data.checks.integral import POSITIONS, integrates
 from sysid.data.column_words import may_move
 from sysid.data.facts import LogFacts
-from sysid.data.integrating import POSITIONS, integrates
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.diagnosis.integrating import rates, step_of

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.checks.constancy_checks import change_sentence
+from sysid.data.checks.dynamics_checks import change_sentence
 from sysid.data.record import Record
 from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.assembly import assemble

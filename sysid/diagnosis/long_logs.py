@@ -6,10 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from sysid.data.checks.integral import integrates
 from sysid.data.facts import LogFacts
-from sysid.data.integrating import integrates
-from sysid.data.record import Array, Record
-from sysid.data.shortened import PIECES, shortened
+from sysid.data.record import PIECES, Array, Record, shortened
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.diagnosis import Trace
 from sysid.diagnosis.gap import Gap

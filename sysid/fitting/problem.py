@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
 
+Data = Sequence[tuple[Array, Array]]
+"""(u, y) of each record."""
+
+HUGE = 1e100
+"""What stands for an infinite error or slope: the solver rejects the step."""
+
 
 class Focus(Enum):
     """What a fit minimises: one-step prediction errors or free-run simulation errors."""

@@ -250,7 +250,7 @@ def _batch_solver(
         warnings.simplefilter("ignore", DeprecationWarning)
         from jaxopt import LevenbergMarquardt
 
-    from sysid.fitting.compiled import jax_module
+    from sysid.runners.compiled import jax_module
 
     jax = jax_module()
     jnp, lax = jax.numpy, jax.lax

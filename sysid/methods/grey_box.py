@@ -14,6 +14,7 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Parameter
 from sysid.fitting.profile import profiled
 from sysid.fitting.robust import huber_widths
+from sysid.fitting.run_errors import Masks
 from sysid.fitting.searchable import InitialGuesses, StartReport
 from sysid.fitting.solvers import Solution
 from sysid.methods.grey_box_starts import Setting, cost_of, started
@@ -21,7 +22,6 @@ from sysid.methods.method import Method
 from sysid.methods.outcome import FitOutcome, Part, outcome_of, with_covariance
 from sysid.structures.base import Structure
 from sysid.structures.grey_box.physics import Rung
-from sysid.structures.grey_box.runs import Masks
 from sysid.structures.grey_box.structure import GreyBox, read_off
 
 Mask = NDArray[np.bool_]

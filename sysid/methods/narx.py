@@ -6,8 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.fitting.holdout import HoldOut, hold_out
 from sysid.fitting.options import FitOptions
@@ -19,8 +18,9 @@ from sysid.methods.equations import judged_by_runs, searched
 from sysid.methods.method import Method
 from sysid.methods.procedure import Estimate, Judgement, Proposal, Solved, by_choice
 from sysid.structures.base import Structure
+from sysid.structures.difference_equations.chunks import ChunkedRuns
 from sysid.structures.difference_equations.trials import RUN_SAMPLES, SEARCH_SAMPLES
-from sysid.structures.narx.problems import FreeRuns, OneStepRow
+from sysid.structures.narx.problems import OneStepRow
 from sysid.structures.narx.search import RUNGS, SHORT, largest, search_row
 from sysid.structures.narx.simulation_error import RowRuns, Trial
 from sysid.structures.narx.structure import NarxWavelet
@@ -176,9 +176,9 @@ def _all_rows_refined(
     designed = list(zip(rows, s.designs, strict=True))
     each = zip(*(row.prior(d) for row, d in designed), strict=True)
     lower, upper, free, share, to_zero = (np.concatenate(parts) for parts in each)
-    cost = float(np.sum(FreeRuns(run, data, chunk).residual(theta) ** 2))
+    cost = float(np.sum(ChunkedRuns(run, data, chunk).residual(theta) ** 2))
     pull = np.sqrt(share * cost) / np.concatenate([row.sizes(d) for row, d in designed])
-    bare = FreeRuns(run, data, chunk, pull, np.where(to_zero, 0.0, theta))
+    bare = ChunkedRuns(run, data, chunk, pull=pull, centre=np.where(to_zero, 0.0, theta))
     problem = weighted(bare, small, more=int(np.count_nonzero(pull)))
     solution = levenberg_marquardt(
         problem,

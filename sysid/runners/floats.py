@@ -40,6 +40,11 @@ def tan(x: Any) -> Any:
     return math.tan(x) if type(x) is float else np.tan(x)
 
 
+def tanh(x: Any) -> Any:
+    """tanh x."""
+    return math.tanh(x) if type(x) is float else np.tanh(x)
+
+
 def exp(x: Any) -> Any:
     """eˣ; infinite where it is too large for a number."""
     return math.exp(x) if type(x) is float and x < _LARGEST_EXPONENT else np.exp(x)

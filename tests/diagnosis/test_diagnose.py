@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from sysid_datasets.hidden_logs import Request, hide
 
+from sysid.data.checks.integral import integrates
 from sysid.data.documents import plain
-from sysid.data.integrating import integrates
 from sysid.data.io import read_log
 from sysid.data.record import Channel, Record
 from sysid.diagnosis.augment import values_of

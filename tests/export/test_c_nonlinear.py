@@ -20,9 +20,9 @@ from sysid.export.c.source import c_sources
 from sysid.export.c.step import c_step, tunable_parameters
 from sysid.export.c.traced import TRACE, Traced
 from sysid.export.package import package_files
-from sysid.fitting.compiled import jax_module
 from sysid.plant.package import CARD
 from sysid.plant.selftest import make_selftest
+from sysid.runners.compiled import jax_module
 from sysid.structures.augmented.given_base import GivenBase
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener

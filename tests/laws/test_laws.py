@@ -12,8 +12,8 @@ from hand_made import hand_made
 from problem_cases import problems_of
 
 from sysid.data.record import Array
-from sysid.fitting.compiled import jax_module
 from sysid.fitting.problem import Focus, Problem
+from sysid.runners.compiled import jax_module
 from sysid.structures import special_runs
 from sysid.structures.model import Model
 from sysid.structures.motion import LONGEST_HEAD, initial_state_window, time_constants

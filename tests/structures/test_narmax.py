@@ -16,6 +16,7 @@ from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Problem
 from sysid.fitting.solvers import Descent, levenberg_marquardt
+from sysid.structures.difference_equations.chunks import ChunkedRuns
 from sysid.structures.difference_equations.frols import best_sizes, bic_size, forward, term_gram
 from sysid.structures.difference_equations.monomials import (
     columns,
@@ -28,7 +29,6 @@ from sysid.structures.difference_equations.monomials import (
 from sysid.structures.difference_equations.signals import Signal
 from sysid.structures.narmax.candidate_runs import CandidateRuns
 from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
-from sysid.structures.narmax.problems import ChunkedRuns
 from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.narmax.structure import NARMAX
 
@@ -261,7 +261,7 @@ def test_batched_runs_are_single_runs(case: str) -> None:
     run = s.free_run()
     u = rng.uniform(-1, 1, (run.before + 50, s.nu, 4))
     past = 0.5 * rng.standard_normal((run.depth, s.ny, 4))
-    found = run.runs(run.weights(theta, run.input_products(u)), past)[run.depth :]
+    found = run.driven(theta, u, past)
     for k in range(4):
         x0 = run.state(past[:, :, k], u[: run.before, :, k])
         alone = s.simulate(theta, u[run.before :, :, k], x0)

@@ -13,13 +13,16 @@ from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.methods.narx import all_data
+from sysid.structures.difference_equations.chunks import ChunkedRuns
+from sysid.structures.difference_equations.compiled import compiled_runs
 from sysid.structures.difference_equations.expressions import parse, written
+from sysid.structures.difference_equations.signals import Signal
 from sysid.structures.model import Model
-from sysid.structures.narx.problems import FreeRuns
+from sysid.structures.narx.run import NarxRun
 from sysid.structures.narx.search import largest
 from sysid.structures.narx.simulation_error import RowRuns
 from sysid.structures.narx.structure import NarxWavelet
-from sysid.structures.narx.wavelet_network import KINDS, RowDesign, gradients, value
+from sysid.structures.narx.wavelet_network import KINDS, RowDesign
 from sysid.structures.registry import structure_class, structure_from_json, structure_to_json
 
 ORDERS = {"na": 1, "nb": 1, "nk": 1}
@@ -99,24 +102,22 @@ def missed(model: Model, r: Record) -> float:
 @pytest.mark.parametrize("views", [False, True])
 @pytest.mark.parametrize("name", KINDS)
 def test_derivatives_of_the_map_match_differences(name: str, views: bool) -> None:
-    d, kind = design(3, views), KINDS[name]
+    d = design(3, views)
     rng = np.random.default_rng(2)
     theta, x = rng.uniform(0.2, 1.0, d.n), rng.uniform(-2.0, 2.0, (40, 3))
-    frame = d.frame()
+    signals = tuple(Signal("u", j, 1) for j in range(3))
+    run = NarxRun((signals,), (d,), name, 3, ((-np.inf, np.inf),))
 
-    def at(t: Array, x: Array = x) -> Array:
-        return np.asarray(value(np, kind, frame, d.weights(t), x))
+    def at(t: Array) -> Array:
+        of_inputs, of_outputs = run.parts(np, t, run.along)
+        return np.asarray(of_outputs([], of_inputs(x.T))[0])
 
-    to_theta, to_x = gradients(np, kind, frame, d.weights(theta), x)
+    to_theta = np.asarray(compiled_runs(run.maps).partial(theta, run.frames, x))[:, 0]
     h = 1e-6  # central differences are good to h²; boxes are flat between their edges
     for k in range(d.n):
         step = h * np.eye(d.n)[k]
         wanted = (at(theta + step) - at(theta - step)) / (2 * h)
         np.testing.assert_allclose(to_theta[:, k], wanted, atol=1e-7)
-    for k in range(3):
-        step = h * np.eye(3)[k]
-        wanted = (at(theta, x + step) - at(theta, x - step)) / (2 * h)
-        np.testing.assert_allclose(to_x[:, k], wanted, atol=1e-7)
 
 
 @pytest.mark.parametrize("ny", [1, 2])
@@ -131,14 +132,16 @@ def test_all_ways_of_running_agree(ny: int) -> None:
         np.testing.assert_allclose(y, run[k], atol=1e-12)
     free = s.free_run()
     past_y, past_u = free.past(x0)
-    many = free.runs((theta, np.concatenate([past_u, u])[:, :, None]), past_y[:, :, None])
-    np.testing.assert_allclose(many[free.depth :, :, 0], run, atol=1e-12)
+    many = free.driven(theta, np.concatenate([past_u, u])[:, :, None], past_y[:, :, None])
+    np.testing.assert_allclose(many[:, :, 0], run, atol=1e-12)
+    compiled = s.free_run(compiled_from=1).simulate(theta, u, x0)
+    np.testing.assert_allclose(compiled, run, atol=1e-12)
 
 
 def test_compiled_free_runs_and_their_jacobian() -> None:
     s, theta = truth(2)
     r = Record(steps(41, 4, 2), np.random.default_rng(1).uniform(-1, 1, (41, 2)), 0.1)
-    problem = FreeRuns(s.free_run(), [(r.u, r.y)], 20)
+    problem = ChunkedRuns(s.free_run(), [(r.u, r.y)], 20)
     runs = [
         s.simulate(theta, r.u[a:b], s.free_run().state(r.y[:a], r.u[:a]))
         for a, b in ((1, 21), (21, 41))

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sysid.fitting.compiled import jax_module
 from sysid.runners import floats
+from sysid.runners.compiled import jax_module
 from sysid.vehicle.dynamics import Scheme, VehicleState, step, substeps_for
 from sysid.vehicle.floor import Circle, Floor, HalfPlane, Patch, Polygon
 from sysid.vehicle.kinematics import step_pose

@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import quad
 
 from sysid.errors import ModelError
-from sysid.fitting.compiled import jax_module
 from sysid.runners import floats
+from sysid.runners.compiled import jax_module
 from sysid.vehicle.pressure import Distribution, Pressure
 from sysid.vehicle.shear import shear_stress, thrust, uniform_thrust
 from sysid.vehicle.soil import Shear, Soil

@@ -126,7 +126,7 @@ def _simulation(
     catalogue: tuple[Effect, ...], order: int, tracks: int, dt: float, some: tuple[Effect, ...]
 ) -> Callable[..., Any]:
     """``FullModel.simulation``; machines of one kind share it, whatever their typical speeds."""
-    from sysid.fitting.compiled import compiled
+    from sysid.runners.compiled import compiled
 
     table = ParameterTable(catalogue, order, tracks, np.ones(tracks), dt)
     whole_command, _, after = stages(catalogue)
@@ -157,7 +157,7 @@ def _readings(chain: _Chain, order: int, rows: "_Rows") -> Callable[..., Any]:
     Signals are (M, batch, tracks) and parameters (batch, tracks): JAX takes three times as long to
     trace the same for one item and then to make items of it by ``vmap``.
     """
-    from sysid.fitting.compiled import jax_module, vectorised
+    from sysid.runners.compiled import jax_module, vectorised
 
     jax = jax_module()
     jnp, dt = vectorised(jax.numpy), chain.dt

@@ -53,7 +53,7 @@ class Data:
     @cached_property
     def arrays(self) -> dict[str, Any]:
         """What the compiled functions take, handed over once."""
-        from sysid.fitting.compiled import jax_module
+        from sysid.runners.compiled import jax_module
 
         names = ("drive", "y", "moving", "counted", "t", "reset", "first", "log")
         return {name: jax_module().device_put(getattr(self, name)) for name in names}

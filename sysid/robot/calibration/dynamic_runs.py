@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
-from sysid.fitting.compiled import compiled, jax_module
 from sysid.robot.calibration.trajectory import Trajectory
+from sysid.runners.compiled import compiled, jax_module
 from sysid.vehicle.dynamics import Scheme, VehicleState, step
 from sysid.vehicle.floor import Floor
 from sysid.vehicle.kinematics import body_velocity

@@ -31,7 +31,7 @@ from sysid.structures.augmented.given_base import GivenBase
 from sysid.structures.base import Structure
 from sysid.structures.motion import poles, time_constants
 from sysid.structures.physics import friction_entries, ground_effects, identified_effects
-from sysid.structures.special_runs import readout, traced_step
+from sysid.structures.special_runs import readout
 from sysid.structures.traits import Traits
 
 SLOPE = 1e-5
@@ -149,31 +149,26 @@ class Augmented(Structure):
         return first, f, b, effects
 
     def unpack(self, theta: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
-        """θ as a core and as each effect's parameters, one value a track."""
+        """θ (…, n) as a core and as each effect's parameters, one value a track: (…, tracks)."""
         xp: Any = theta.__array_namespace__()
         gain, f, b, effects = self._indices
-        denominator, numerator = theta[f], theta[b]
-        largest = 1.0 + denominator.sum(axis=0) - numerator.sum(axis=0)
+        denominator, numerator = ([theta[..., row] for row in rows] for rows in (f, b))
+        largest = 1.0 + sum(denominator) - sum(numerator, 0.0)
         parameters = {
-            id: {p.name: theta[at[k]] for k, p in enumerate(effect(id).parameters)}
+            id: {p.name: theta[..., at[k]] for k, p in enumerate(effect(id).parameters)}
             for id, at in effects.items()
         }
-        return Core(
-            theta[gain], denominator, xp.concatenate([largest[None], numerator])
-        ), parameters
+        core = Core(theta[..., gain], xp.stack(denominator), xp.stack([largest, *numerator]))
+        return core, parameters
 
     def first_sample(self) -> int:
         """Free-run structures predict from the first sample."""
         return 0
 
-    def _shape(self, theta: Array) -> tuple[ChainState, int]:
-        core, _ = self.unpack(theta)
-        state = rest_state(np, self.active, core, np.zeros(self.ny))
-        return state, _at_rest(state, np.zeros((self.delay - 1, self.ny))).size
-
     def n_states(self, theta: Array) -> int:
-        """Core, effects and dead time, before them those of the given model."""
-        return self._shape(theta)[1] + self._given_states
+        """Core, effects, dead time, angles and clock, before them those of the given model."""
+        rows = self.order + sum(e.states for e in self.active) + self.delay - 1
+        return self._given_states + self.ny * (rows + 2) + 1
 
     @property
     def _given_states(self) -> int:
@@ -195,8 +190,9 @@ class Augmented(Structure):
             drive = drive_before(drive, y)
             before = drive_before(u[0] / np.array(self.scales), y)
         state = rest_state(np, self.active, core, w, drive)
-        line = np.repeat(before[None], self.delay - 1, axis=0)
-        return np.concatenate([head, _at_rest(state, line)])
+        line = [before] * (self.delay - 1)
+        zeros = np.zeros(self.ny)
+        return np.concatenate([head, _flat(np, state, line, np.zeros(1), (zeros, zeros))])
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
         x = np.zeros(self.n_states(theta)) if x0 is None else x0
@@ -210,46 +206,12 @@ class Augmented(Structure):
             u: commands of all runs, (N, nu).
             states: initial states, (L, n_states); those of the given model are alike.
         """
-        lag, tracks, n_given = self.delay - 1, self.ny, self._given_states
-        core, parameters = self._side_by_side(thetas)
-        whole = with_constants(np, self.active, core, parameters, self.dt)
-        template, _ = self._shape(thetas[0])
-        parts = [_unflat(x[n_given:], template, lag, tracks) for x in states]
-        state: ChainState = (
-            np.stack([p[0][0] for p in parts], axis=1),
-            tuple(
-                tuple(np.stack(values) for values in zip(*effect_states, strict=True))
-                for effect_states in zip(*(p[0][1] for p in parts), strict=True)
-            ),
-        )
-        before = np.stack([p[1] for p in parts], axis=1)
-        clock = float(parts[0][2][0])
-        turned, counted = (np.stack([p[3][k] for p in parts]) for k in (0, 1))
-        drive = self._drive(u, states[0, :n_given])
-        out = np.zeros((len(thetas), len(u), tracks))
-        for k in range(len(u)):
-            now = np.broadcast_to(drive[k - lag], turned.shape) if k >= lag else before[k]
-            sample = Sample(now, now, np.float64(clock), turned, counted)
-            speed = state[0][0]
-            state, y = step_with(np, self.active, core, whole, state, sample, self.dt)
-            turned = turned + 0.5 * self.dt * (speed + state[0][0])
-            counted = counted + self.dt * y
-            clock += self.dt
-            out[:, k] = y
+        n_given = self._given_states
+        step, x = self._chain(thetas), states[:, n_given:]
+        out = np.zeros((len(thetas), len(u), self.ny))
+        for k, drive in enumerate(self._drive(u, states[0, :n_given])):
+            x, out[:, k] = step(x, np.broadcast_to(drive, out[:, k].shape))
         return out
-
-    def _side_by_side(self, thetas: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
-        """Cores and effects' parameters of many θ: one value a run and track."""
-        cores, values = zip(*(self.unpack(theta) for theta in thetas), strict=True)
-        core = Core(
-            np.stack([c.gain for c in cores]),
-            np.stack([c.f for c in cores], axis=1),
-            np.stack([c.b for c in cores], axis=1),
-        )
-        return core, {
-            id: {name: np.stack([v[id][name] for v in values]) for name in values[0][id]}
-            for id in self.effects
-        }
 
     def _drive(self, u: Array, head: Array) -> Array:
         """What drives the chain: the commands, or what the given model makes of them."""
@@ -261,31 +223,50 @@ class Augmented(Structure):
         return drive
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        return self.traced(theta, theta)
-
-    def traced(self, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
-        """One sample, its parameters in the namespace of θ."""
-        core, parameters = self.unpack(theta)
-        template, _ = self._shape(like)
-        active, lag, tracks = self.active, self.delay - 1, self.ny
-        scales, dt, n_given = np.array(self.scales), self.dt, self._given_states
+        chain, scales, n_given = self._chain(theta), np.array(self.scales), self._given_states
         base = None if self.given is None else self.given.step()
-        whole = with_constants(theta.__array_namespace__(), active, core, parameters, dt)
 
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             xp: Any = x.__array_namespace__()
             head, drive = (x[:0], u / scales) if base is None else base(x[:n_given], u)
-            state, line, clock, angles = _unflat(x[n_given:], template, lag, tracks)
-            line = xp.concatenate([line, drive[None]])
-            speed = state[0][0]
-            sample = Sample(line[0], line[0], clock[0], *angles)
-            state, y = step_with(xp, active, core, whole, state, sample, dt)
-            turned = angles[0] + 0.5 * dt * (speed + state[0][0])
-            counted = angles[1] + dt * y
-            following = _flat(xp, state, line[1:], clock + dt, (turned, counted))
+            following, y = chain(x[n_given:], drive)
             return xp.concatenate([head, following]), y
 
         return advance
+
+    def _chain(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """(x (…, n), drive (…, tracks)) → (x⁺, y) of the chain alone, its θ (…, n)."""
+        core, parameters = self.unpack(theta)
+        active, dt = self.active, self.dt
+        whole = with_constants(theta.__array_namespace__(), active, core, parameters, dt)
+
+        def advance(x: Array, drive: Array) -> tuple[Array, Array]:
+            xp: Any = x.__array_namespace__()
+            state, line, clock, angles = self._unflat(xp, x)
+            line = [*line, drive]
+            speed = state[0][0]
+            state, y = step_with(
+                xp, active, core, whole, state, Sample(line[0], line[0], clock, *angles), dt
+            )
+            turned = angles[0] + 0.5 * dt * (speed + state[0][0])
+            return _flat(xp, state, line[1:], clock + dt, (turned, angles[1] + dt * y)), y
+
+        return advance
+
+    def _unflat(
+        self, xp: Any, x: Array
+    ) -> tuple[ChainState, list[Array], Array, tuple[Array, Array]]:
+        """Core and effects, delayed commands, clock, angles; undoes ``_flat``."""
+        tracks, n = self.ny, self.order
+        count = n + sum(e.states for e in self.active) + self.delay - 1
+        rows = [x[..., k * tracks : (k + 1) * tracks] for k in range(count)]
+        clock, angles = x[..., count * tracks], x[..., count * tracks + 1 :]
+        effect_states, at = [], n
+        for e in self.active:
+            effect_states.append(tuple(rows[at : at + e.states]))
+            at += e.states
+        state = (xp.stack(rows[:n]), tuple(effect_states))
+        return state, rows[at:], clock[..., None], (angles[..., :tracks], angles[..., tracks:])
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """Free-run errors: there is no noise model."""
@@ -410,9 +391,6 @@ def _(s: Augmented, theta: Array) -> Array:
     return np.concatenate([of_core, time_constants(base.structure, base.theta)])
 
 
-traced_step.register(Augmented, Augmented.traced)
-
-
 def _named(
     name: str, values: Array, e: Effect, outputs: Sequence[Channel]
 ) -> list[tuple[str, float]]:
@@ -423,38 +401,9 @@ def _named(
 
 
 def _flat(
-    xp: Any, state: ChainState, line: Array, clock: Array, angles: tuple[Array, Array]
+    xp: Any, state: ChainState, line: Sequence[Array], clock: Array, angles: tuple[Array, Array]
 ) -> Array:
-    """State as one vector: core, effects, delayed commands, clock (1,), angles."""
+    """State as one vector (…, n): core, effects, delayed commands, clock (…, 1), angles."""
     effect_states = (s for states in state[1] for s in states)
-    parts = [xp.reshape(p, (-1,)) for p in (state[0], *effect_states, line)]
-    flat: Array = xp.concatenate([*parts, clock, *angles])
+    flat: Array = xp.concatenate([*state[0], *effect_states, *line, clock, *angles], axis=-1)
     return flat
-
-
-def _at_rest(state: ChainState, line: Array) -> Array:
-    """The state in which time and angles are zero."""
-    tracks = line.shape[1]
-    return _flat(np, state, line, np.zeros(1), (np.zeros(tracks), np.zeros(tracks)))
-
-
-def _unflat(
-    x: Array, template: ChainState, lag: int, tracks: int
-) -> tuple[ChainState, Array, Array, tuple[Array, Array]]:
-    n = template[0].size
-    core, at = x[:n].reshape(template[0].shape), n
-    effect_states = []
-    for states in template[1]:
-        block = []
-        for _ in states:
-            block.append(x[at : at + tracks])
-            at += tracks
-        effect_states.append(tuple(block))
-    line = x[at : at + lag * tracks].reshape(lag, tracks)
-    at += lag * tracks
-    return (
-        (core, tuple(effect_states)),
-        line,
-        x[at : at + 1],
-        (x[at + 1 : at + 1 + tracks], x[at + 1 + tracks :]),
-    )

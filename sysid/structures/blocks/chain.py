@@ -27,8 +27,9 @@ from sysid.data.filtering import lfilter, lfilter_zi
 from sysid.data.record import Array, Index
 from sysid.fitting.marquardt import Conditions, loss, marquardt
 from sysid.runners import floats
+from sysid.runners.filters import Filter, filter_step
+from sysid.runners.single import Step, on_arrays
 from sysid.structures.blocks.layers import Layer, LinearLayer, StaticLayer
-from sysid.structures.difference_equations.single_values import together
 from sysid.structures.linear.many_thetas import all_roots_inside
 from sysid.structures.linear.predictor import roots_inside
 
@@ -307,66 +308,44 @@ class BlockChain:
             for k, layer in enumerate(self.layers)
         ]
 
-        def advance(x: Array, u: Array) -> tuple[Array, Array]:
-            own: Any = x.__array_namespace__()
-            plain = own is np
-            xp: Any = floats if plain else own
-            state: Any = x.tolist() if plain else x
-            signal: Any = u.tolist() if plain else u
+        def advance(xp: Any, x: Any, u: Any) -> tuple[list[Any], list[Any]]:
             after: list[Any] = []
             for plan in plans:
-                signal, moved = plan(xp, state[len(after) :], signal)
+                moved, u = plan(xp, x[len(after) :], u)
                 after += moved
-            return together(own, after) if after else x, together(own, signal)
+            return after, u
 
-        return advance
-
-
-Plan = Callable[[Any, Any, Any], tuple[list[Any], list[Any]]]
-"""(namespace, states from the layer's own on, what enters) → (what leaves, its states after)."""
+        return on_arrays(advance)
 
 
 def _numbers(p: Any) -> list[Any]:
     return p.tolist() if isinstance(p, np.ndarray) else list(p)
 
 
-def _static_plan(layer: StaticLayer, p: Array) -> Plan:
+def _static_plan(layer: StaticLayer, p: Array) -> Step:
     channels = []
     for c, (a, b) in enumerate(pairwise(layer.edges)):
         offset = _numbers(layer.offset(c, p[a:b])[None])[0]
         channels.append((layer.statics[c], p[a:b], _numbers(p[a:b]), offset))
 
     def step(xp: Any, x: Any, signal: Any) -> tuple[list[Any], list[Any]]:
-        return [
+        return [], [
             static.value(s, plain if xp is floats else xp.asarray(own), xp) + offset
             for s, (static, own, plain, offset) in zip(signal, channels, strict=True)
-        ], []
+        ]
 
     return step
 
 
-def _linear_plan(layer: LinearLayer, p: Array) -> Plan:
-    entries: list[tuple[int, int, list[Any], list[Any]]] = []
+def _linear_plan(layer: LinearLayer, p: Array) -> Step:
+    filters = []
     for q, (i, j) in enumerate(layer.pairs):
         numbers = _numbers(p[layer.edges[q] : layer.edges[q + 1]])
         nb, length = layer.nb[i][j], layer.orders[q] + 1
         B = [*[0.0] * layer.nk[i][j], *numbers[:nb], *[0.0] * length][:length]
         F = [1.0, *numbers[nb:], *[0.0] * length][:length]
-        entries.append((i, j, B, F))
-
-    def step(xp: Any, x: Any, signal: Any) -> tuple[list[Any], list[Any]]:
-        out: list[Any] = [0.0] * layer.n_outputs
-        after: list[Any] = []
-        for i, j, B, F in entries:
-            s, at, order = signal[j], len(after), len(B) - 1
-            w = B[0] * s + x[at] if order else B[0] * s
-            for k in range(1, order + 1):
-                kept = x[at + k] if k < order else 0.0
-                after.append(kept + B[k] * s - F[k] * w)
-            out[i] = out[i] + w
-        return out, after
-
-    return step
+        filters.append(Filter(i, [(j, B)], F))
+    return filter_step(filters, layer.n_outputs)
 
 
 def _delayed(rows: Array, first: int, x: Array, lag: int, count: int) -> None:

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.fitting.holdout import error_margin, hold_out
 from sysid.fitting.marquardt import Conditions, loss, marquardt
+from sysid.fitting.run_errors import output_scales
 from sysid.structures.blocks.chain import BlockChain
-from sysid.structures.blocks.errors import ChainErrors, output_scales
+from sysid.structures.blocks.errors import ChainErrors
 from sysid.structures.blocks.gains import argument_scaled, scale_gain
 from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import Static

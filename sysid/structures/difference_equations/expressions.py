@@ -16,7 +16,6 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any, TypeVar
 
 from sysid.errors import UsageError
@@ -71,19 +70,6 @@ FUNCTIONS: Mapping[str, tuple[int, Callable[..., Values], str]] = {
     "max": (2, lambda xp, a, b: xp.maximum(a, b), "larger of two"),
 }
 """Name → (number of arguments, value over an array namespace, meaning)."""
-
-FLOATS = SimpleNamespace(
-    abs=abs,
-    sign=lambda a: float(a > 0.0) - float(a < 0.0),
-    maximum=max,
-    minimum=min,
-    sqrt=math.sqrt,
-    exp=math.exp,
-    tanh=math.tanh,
-    sin=math.sin,
-    cos=math.cos,
-)
-"""A namespace for plain numbers: some ten times faster than arrays of one element."""
 
 _OPERATORS: Mapping[str, Callable[..., Values]] = {
     "+": lambda xp, a, b: a + b,

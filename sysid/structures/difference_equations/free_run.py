@@ -1,22 +1,59 @@
-"""Free runs of difference equations: where the past lies in a state, and what all such runs share.
+"""Free runs of difference equations, all made from one function: that of the known signals.
 
-ŷ_i(t) = clip(F_i(past ŷ, past and present u)): the equations differ, the state does not. It stacks
-y_j(t−1) … y_j(t−depth_j) output after output, then the inputs likewise.
+ŷ_i(t) = clip(F_i(past ŷ, past and present u)). A family gives F (``equations``) over an array
+namespace and a sequence of known values; steps, single runs on plain numbers, and many runs side by
+side follow from it. The state stacks y_j(t−1) … y_j(t−depth_j) output after output, then the inputs
+likewise.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index, Record
+from sysid.runners import floats
+from sysid.runners.single import kept_inside, on_arrays
 from sysid.structures.difference_equations.signals import Signal, largest_lags
-from sysid.structures.difference_equations.single_values import Limits
+
+Limits = tuple[tuple[float, float], ...]
+"""Lowest and highest value of each output in free run."""
+
+Place = Callable[[Signal], int]
+"""Where a signal stands in a sequence of known values."""
+
+OfInputs = Callable[[Any], Sequence[Any]]
+"""Known values → what follows from the inputs among them, each a number or an array."""
+
+OfOutputs = Callable[[Any, Any], Sequence[Any]]
+"""(known values, what followed from inputs) → the outputs before they are limited."""
 
 WORK = 2_000_000
 """Numbers held at a time by k-step predictions."""
+
+BLOCK = 50_000
+"""Samples, those of all runs counted, for which what follows from inputs is held at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chunks:
+    """Stretches of data side by side, zero where one has ended.
+
+    Attributes:
+        u: inputs with what came before them, (before + L, nu, B).
+        past: outputs before each stretch, (depth, ny, B).
+        y: measured outputs, (L, ny, B).
+        inside: which samples belong to each stretch, (L, B).
+    """
+
+    u: Array
+    past: Array
+    y: Array
+    inside: NDArray[np.bool_]
 
 
 class FreeRun(ABC):
@@ -33,6 +70,7 @@ class FreeRun(ABC):
         first: first sample whose signals lie inside the record.
         theta_index: entries of θ that belong to each output; θ stacks them.
         n_theta: length of θ.
+        inputs: lagged inputs that occur.
     """
 
     theta_index: list[Index]
@@ -47,6 +85,7 @@ class FreeRun(ABC):
         self.before = max([0, *self.u_depth])
         self.first = max(self.before, *self.y_depth)
         self.feeds_back = any(self.y_depth)
+        self.inputs = sorted({s for s in used if s.kind == "u"})
         starts = np.cumsum([0, *self.y_depth, *self.u_depth]).tolist()
         self._y_at, self._u_at = starts[: self.ny], starts[self.ny : -1]
         self.n_states = int(starts[-1])
@@ -89,11 +128,79 @@ class FreeRun(ABC):
                     source[a] = first + j
         return source
 
-    # ----------------------------------------------------------------- one run
+    # ----------------------------------------------------------------- the equations
 
     @abstractmethod
+    def parts(self, xp: Any, theta: Any, place: Place) -> tuple[OfInputs, OfOutputs]:
+        """F in two parts: what holds no past output, which runs compute beforehand, and the rest.
+
+        Args:
+            theta: (n_theta,), or (n_theta, …) where each run has its own.
+            place: where each signal will stand.
+        """
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """(x, u) → (x⁺, y)."""
+        source, n = self.shift().tolist(), self.n_states
+        lows, highs = zip(*self.limits, strict=True)
+
+        def prepared(xp: Any) -> tuple[OfInputs, OfOutputs, Callable[[Any, Any, Any], Any]]:
+            return *self.parts(xp, theta, self.place), kept_inside(xp)
+
+        plain = prepared(floats) if isinstance(theta, np.ndarray) else None
+
+        def advance(xp: Any, x: Any, u: Any) -> tuple[list[Any], list[Any]]:
+            known = [*x, *u]
+            of_inputs, of_outputs, keep = plain if xp is floats and plain else prepared(xp)
+            y = list(map(keep, of_outputs(known, of_inputs(known)), lows, highs))
+            pool = [*known[:n], *y, *known[n:]]
+            return [pool[k] for k in source], y
+
+        return on_arrays(advance)
+
+    def along(self, s: Signal) -> int:
+        """``place`` along a run: among all its past outputs, from their end, or the inputs used."""
+        return s.channel - s.lag * self.ny if s.kind == "y" else self.inputs.index(s)
+
+    def lagged_inputs(self, u: Any, start: int, stop: int) -> list[Any]:
+        """The inputs used at samples of a run, of inputs (before + L, nu, …), (stop − start, …)."""
+        first = [self.before - s.lag for s in self.inputs]
+        return [u[k + start : k + stop, s.channel] for k, s in zip(first, self.inputs, strict=True)]
+
+    def outputs(self, xp: Any, theta: Array, u: Array, past: Array) -> Iterator[Sequence[Any]]:
+        """y of one sample after the other.
+
+        Args:
+            xp: ``floats`` for one run, NumPy for runs side by side.
+            u: inputs (before + L, nu, …).
+            past: outputs (depth, ny, …).
+        """
+        of_inputs, of_outputs = self.parts(xp, theta, self.along)
+        runs = np.broadcast_shapes(u.shape[2:], theta.shape[1:])
+        known = list(past.reshape(-1, *past.shape[2:])) if runs else past.ravel().tolist()
+        needed, length = len(known), len(u) - self.before
+        keep, (lows, highs) = kept_inside(xp), zip(*self.limits, strict=True)
+        block = max(BLOCK // int(np.prod(runs, dtype=int)), 1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for start in range(0, length, block):
+                stop = min(start + block, length)
+                columns = of_inputs(self.lagged_inputs(u, start, stop))
+                rows = np.empty((stop - start, len(columns), *runs))
+                for k, column in enumerate(columns):
+                    rows[:, k] = column
+                for row in rows if runs else rows.tolist():
+                    y = list(map(keep, of_outputs(known, row), lows, highs))
+                    yield y
+                    known += y
+                del known[: len(known) - needed]
+
+    # ----------------------------------------------------------------- runs
+
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
         """Free run for inputs (N, nu) from a state, (N, ny)."""
+        past, before = self.past(x0)
+        run = list(self.outputs(floats, theta, np.concatenate([before, u]), past))
+        return np.array(run, dtype=np.float64).reshape(len(u), self.ny)
 
     def measured(self, theta: Array, records: Sequence[Record]) -> list[Array]:
         """Free runs of the records from their first measured samples, without these."""
@@ -104,32 +211,26 @@ class FreeRun(ABC):
             if len(r) > n
         ]
 
-    @abstractmethod
-    def stepper(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """(x, u) → (x⁺, y), everything looked up beforehand."""
-
-    # ----------------------------------------------------------------- many runs at once
-
-    @property
-    @abstractmethod
-    def width(self) -> int:
-        """Numbers that one run holds a sample."""
-
-    @abstractmethod
-    def input_products(self, u: Array) -> Array:
-        """What of inputs (before + L, nu, B) can be known before the runs."""
-
-    @abstractmethod
-    def weights(self, theta: Array, products: Array) -> Any:
-        """The same with the parameters."""
-
-    @abstractmethod
-    def runs(self, weights: Any, past: Array) -> Array:
-        """All runs at once from past outputs (depth, ny, B): (depth + L, ny, B), past included."""
-
     def driven(self, theta: Array, u: Array, past: Array) -> Array:
         """All runs for inputs (before + L, nu, B) from past outputs (depth, ny, B), (L, ny, B)."""
-        return self.runs(self.weights(theta, self.input_products(u)), past)[self.depth :]
+        out = np.empty((len(u) - self.before, self.ny, u.shape[2]))
+        for into, y in zip(out, self.outputs(np, theta, u, past), strict=True):
+            for i, value in enumerate(y):
+                into[i] = value
+        return out
+
+    def outputs_over(self, theta: Array, chunks: Chunks) -> Array:
+        """ŷ (L, ny, B) of stretches of data."""
+        return self.driven(theta, chunks.u, chunks.past)
+
+    @abstractmethod
+    def slopes_over(self, theta: Array, chunks: Chunks, outputs: Array) -> Array:
+        """∂ŷ/∂θ (L, ny, B, n_theta) along these runs; zero where they are at their limits."""
+
+    @property
+    def width(self) -> int:
+        """Numbers that one run holds a sample."""
+        return self.nu + self.ny
 
     def predictions(
         self, theta: Array, u: Array, y: Array, horizon: int, first: int, unknown: int = 0

@@ -4,7 +4,7 @@ A term is a product of factors such as y(t−1), u₂(t−3) or e(t−1); the em
 constant. Its value at time t is the product of the lagged samples (Billings 2013, eq. 2.8).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations_with_replacement
 from math import comb
 
@@ -78,16 +78,22 @@ def is_noise(t: Term) -> bool:
     return any(f.kind == "e" for f in t)
 
 
-def columns(terms: Sequence[Term], u: Array, y: Array, e: Array | None = None) -> Array:
-    """Values of the terms at every sample, (N, K); samples before the record count as zero."""
-    signals = {"y": y, "u": u, "e": np.zeros_like(y) if e is None else e}
-    known: dict[Term, Array] = {(): np.ones(len(y))}
+def products(signal: Callable[[Signal], Array], one: Array) -> Callable[[Term], Array]:
+    """Values of terms where ``signal`` gives those of their factors; each product once."""
+    known: dict[Term, Array] = {(): one}
 
     def value(t: Term) -> Array:
         if t not in known:
-            known[t] = value(t[:-1]) * lagged(signals[t[-1].kind][:, t[-1].channel], t[-1].lag)
+            known[t] = value(t[:-1]) * signal(t[-1])
         return known[t]
 
+    return value
+
+
+def columns(terms: Sequence[Term], u: Array, y: Array, e: Array | None = None) -> Array:
+    """Values of the terms at every sample, (N, K); samples before the record count as zero."""
+    known = {"y": y, "u": u, "e": np.zeros_like(y) if e is None else e}
+    value = products(lambda s: lagged(known[s.kind][:, s.channel], s.lag), np.ones(len(y)))
     out = np.empty((len(y), len(terms)))
     for k, t in enumerate(terms):
         out[:, k] = value(t)

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.structures.difference_equations.free_run import FreeRun
-from sysid.structures.difference_equations.single_values import Limits
+from sysid.structures.difference_equations.free_run import FreeRun, Limits
 
 PROBE = 400
 """Samples of a probing run: long enough for what runs away to get away."""

@@ -5,14 +5,13 @@ Standard regressors of output i are y_j(t−1) … y_j(t−na_ij) and u_j(t−nk
 namespace, sample by sample, along whole records or for many runs at once.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from sysid.data.record import Array, Channel
 from sysid.errors import UsageError
 from sysid.structures.difference_equations.expressions import (
-    FLOATS,
     EveryLag,
     Expression,
     evaluate,
@@ -24,7 +23,7 @@ from sysid.structures.difference_equations.expressions import (
 )
 from sysid.structures.difference_equations.monomials import lagged
 from sysid.structures.difference_equations.options import by_output
-from sysid.structures.difference_equations.signals import Signal, lagged_signals
+from sysid.structures.difference_equations.signals import lagged_signals
 from sysid.structures.orders import Orders
 
 MAX_REGRESSORS = 120
@@ -87,17 +86,3 @@ def columns(row: Row, u: Array, y: Array) -> Array:
 def named(e: Expression, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> str:
     """The regressor as text with the channels' names."""
     return written(e, lambda s: (inputs if s.kind == "u" else outputs)[s.channel].name)
-
-
-def scalar(e: Expression, place: Callable[[Signal], int]) -> Callable[[list[float]], float]:
-    """The regressor as a function of the list that ``FreeRun.place`` indexes."""
-    if isinstance(e, Signal):
-        at = place(e)
-        return lambda known: known[at]
-
-    places = {s: place(s) for s in signals(e)}
-
-    def value(known: list[float]) -> float:
-        return float(evaluate(e, lambda s: known[places[s]], FLOATS))
-
-    return value

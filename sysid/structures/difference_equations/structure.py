@@ -8,12 +8,11 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from sysid.data.record import Array, Channel, Index, Record
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import Data, Problem
 from sysid.structures.base import NamedStructure
-from sysid.structures.difference_equations.chunks import Data
-from sysid.structures.difference_equations.free_run import FreeRun, ranges, widened
+from sysid.structures.difference_equations.chunks import ChunkedRuns
+from sysid.structures.difference_equations.free_run import FreeRun, Limits, ranges, widened
 from sysid.structures.difference_equations.probing import stays_near
-from sysid.structures.difference_equations.single_values import Limits
 from sysid.structures.difference_equations.state_fit import fitted_state
 from sysid.structures.orders import Orders
 
@@ -102,9 +101,9 @@ class RecursiveStructure(NamedStructure):
     def one_step(self, i: int, data: Data) -> Problem:
         """The errors of output ``i`` one step ahead on (u, y) of each record."""
 
-    @abstractmethod
-    def over_chunks(self, data: Data, length: int) -> Problem:
+    def over_chunks(self, data: Data, length: int) -> ChunkedRuns:
         """The errors of all outputs in free runs over chunks of about ``length`` samples."""
+        return ChunkedRuns(self.free_run(), data, length)
 
     def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
         """One-step errors; they need no initial state, past errors before the record are zero."""
@@ -149,7 +148,7 @@ class RecursiveStructure(NamedStructure):
         return self.free_run().simulate(theta, u, x0)
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        return self.free_run().stepper(theta)
+        return self.free_run().step(theta)
 
     def stable(self, theta: Array) -> bool:
         """Whether the equations themselves stay near their data, without help from the limits.

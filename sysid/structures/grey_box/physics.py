@@ -10,7 +10,7 @@ from annotated_types import Ge, Le
 
 from sysid.data.record import Array, Channel, Record
 from sysid.runners.loops import repeated
-from sysid.structures.grey_box.single_runs import ahead
+from sysid.runners.single import ahead
 from sysid.vehicle.motors import TorqueSource
 
 MAX_SUBSTEPS = 1000

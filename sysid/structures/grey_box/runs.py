@@ -5,7 +5,7 @@ the next one, so one compilation serves every record. Derivatives are exact: for
 the time steps, with respect to θ and to each record's own initial state.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
 from sysid.fitting.batched import OneTrial, descend_alone
-from sysid.fitting.compiled import compiled, jax_module
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import Data
+from sysid.fitting.run_errors import Masks, RunErrors
+from sysid.runners.compiled import compiled, jax_module
 from sysid.structures.difference_equations.probing import probing_inputs
 from sysid.structures.grey_box.physics import Physics
-from sysid.structures.linear.predictor import HUGE
 from sysid.structures.motion import time_constants
 
 if TYPE_CHECKING:
@@ -52,7 +52,6 @@ PROBE = (200, 1000)
 RUNAWAY = 2.5
 """Growth from the first to the second half that is more than an integral's, which is 2."""
 
-Masks = Sequence[NDArray[np.bool_]]
 Compiled = Callable[..., Any]
 
 
@@ -238,91 +237,63 @@ def tangents(
     return [joined[:, : len(u), :, k].transpose(0, 2, 1) for k, u in enumerate(inputs)]
 
 
-class GreyErrors(Problem):
-    """Free-run errors (y − ŷ)/scale of a grey box, all outputs of all records together.
+class GreyErrors(RunErrors):
+    """Free-run errors of a grey box.
 
     Args:
         structure: the grey box.
-        data: (u, y) of each experiment.
         estimate_initial: whether initial states are estimated, or all zero.
-        kept: samples that count, by experiment; all when None. The run goes through the others,
-            which is how data are held out without cutting a record.
-        scales: divisor of each output's errors; their standard deviation when None.
         wanted: entries of θ that will be moved, all when None: other columns of the Jacobian are
             zero and cost nothing.
+        data, kept, scales: as in ``RunErrors``.
     """
 
     def __init__(
         self,
         structure: "AnyBox",
-        data: Sequence[tuple[Array, Array]],
+        data: Data,
         estimate_initial: bool,
         kept: Masks | None = None,
         scales: Array | None = None,
         wanted: NDArray[np.bool_] | None = None,
     ) -> None:
-        self.structure, self.data, self.wanted = structure, list(data), wanted
+        self.structure, self.wanted = structure, wanted
         self.n_theta = len(structure.physics.pack({}))
-        self.index = np.arange(self.n_theta)
-        self.states_each = len(structure.physics.state_names) if estimate_initial else 0
-        self.n_initial = self.states_each * len(data)
-        self.kept = [np.ones(len(y), dtype=bool) for _, y in data] if kept is None else list(kept)
-        self.scales: Array = output_scales([y for _, y in data]) if scales is None else scales
-        self.lengths = tuple(int(k.sum()) for k in self.kept for _ in range(structure.ny))
-        self.channels = tuple(i for _ in data for i in range(structure.ny))
+        self._n_states = len(structure.physics.state_names)
+        states_each = self._n_states if estimate_initial else 0
+        super().__init__(self.n_theta, data, states_each, kept, scales, LARGEST)
         self._last: tuple[bytes, tuple[list[Any], list[Array]]] = (b"", ([], []))
 
-    def states(self, p: Array) -> Array:
-        """Initial states (n, records) in p."""
-        n = len(self.structure.physics.state_names)
+    def initial_states(self, p: Array) -> Array:
+        """Initial states (n, records): those in p, or zeros."""
         if not self.states_each:
-            return np.zeros((n, len(self.data)))
-        return np.ascontiguousarray(p[self.n_theta :].reshape(len(self.data), n).T)
+            return np.zeros((self._n_states, len(self.data)))
+        return np.ascontiguousarray(self.states(p).T)
 
     def _run(self, p: Array) -> tuple[list[Any], list[Array]]:
         """``trajectory`` at p, kept until another p is asked for: the Jacobian needs it again."""
         key = p.tobytes()
         if self._last[0] != key:
-            inputs = [u for u, _ in self.data]
-            outputs = trajectory(self.structure, p[: self.n_theta], inputs, self.states(p))
-            self._last = (key, outputs)
+            inputs, theta = [u for u, _ in self.data], p[: self.n_theta]
+            self._last = (key, trajectory(self.structure, theta, inputs, self.initial_states(p)))
         return self._last[1]
 
-    def residual(self, p: Array) -> Array:
-        _, runs = self._run(p)
-        parts = [
-            ((y - run)[kept] / self.scales).T.ravel()
-            for run, (_, y), kept in zip(runs, self.data, self.kept, strict=True)
-        ]
-        e = np.concatenate(parts)
-        if not np.all(np.isfinite(e)) or np.max(np.abs(e), initial=0.0) > LARGEST:
-            return np.full(len(e), HUGE)
-        return e
+    def runs(self, p: Array) -> list[Array]:
+        return self._run(p)[1]
 
-    def jacobian(self, p: Array) -> Array:
-        """∂ε/∂p, (M, len(p))."""
-        n = self.n_theta
-        states = np.full(len(self.structure.physics.state_names), self.states_each > 0)
-        moved = np.ones(n, dtype=bool) if self.wanted is None else self.wanted
+    def tangents(self, p: Array) -> Iterator[Array]:
+        states = np.full(self._n_states, self.states_each > 0)
+        moved = np.ones(self.n_theta, dtype=bool) if self.wanted is None else self.wanted
         slopes = tangents(
             self.structure,
-            p[:n],
+            p[: self.n_theta],
             [u for u, _ in self.data],
-            self.states(p),
+            self.initial_states(p),
             np.concatenate([moved, states]),
             self._run(p)[0],
         )
-        out = np.zeros((sum(self.lengths), len(p)))
-        at = 0
-        for k, (D, kept) in enumerate(zip(slopes, self.kept, strict=True)):
-            first = n + k * self.states_each
-            for i, scale in enumerate(self.scales):
-                rows = slice(at, at + int(kept.sum()))
-                out[rows, :n] = D[:n, i, kept].T / -scale
-                if self.states_each:
-                    out[rows, first : first + self.states_each] = D[n:, i, kept].T / -scale
-                at = rows.stop
-        return np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE)
+        for D in slopes:
+            yield np.swapaxes(D[: self.n_theta + self.states_each], 0, 1)
 
     def initial_guess(self, theta: Array) -> Array:
         """θ, and for each experiment the state that its first samples suggest."""
@@ -335,12 +306,6 @@ class GreyErrors(Problem):
 def state_guess(structure: "AnyBox", theta: Array, u: Array, y: Array) -> Array:
     """A state that suits the head of a record, (n,)."""
     return np.asarray(structure.physics.state_guess(theta, u, y, structure.sampling.dt))
-
-
-def output_scales(outputs: Sequence[Array]) -> Array:
-    """Standard deviation of each output over all experiments, 1 where it is constant."""
-    spread = np.concatenate(outputs).std(axis=0)
-    return np.where(spread > 0.0, spread, 1.0)
 
 
 def fitted_state(structure: "AnyBox", theta: Array, u: Array, y: Array, samples: int) -> Array:

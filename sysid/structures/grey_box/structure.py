@@ -18,10 +18,10 @@ from sysid.errors import UsageError, argument
 from sysid.fitting.problem import Parameter
 from sysid.outside_text import whole
 from sysid.runners import floats
+from sysid.runners.single import in_floats
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.grey_box.physics import MAX_SUBSTEPS, Physics, Sampling
 from sysid.structures.grey_box.runs import fitted_state, free_run, stays_bounded, tangents
-from sysid.structures.grey_box.single_runs import in_floats
 from sysid.structures.motion import time_constants
 from sysid.structures.physics import friction_entries, torques
 from sysid.structures.special_runs import readout

@@ -8,8 +8,8 @@ import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
+from sysid.runners.single import together
 from sysid.structures.grey_box.physics import Constant, Physics, Rung, Signal
-from sysid.structures.grey_box.single_runs import together
 from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
 from sysid.structures.traits import Traits
 

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
+from sysid.runners.filters import Filter, filter_step
+from sysid.runners.single import on_arrays
 from sysid.structures.linear.polynomials import Coefficients, Matrix, Polynomials
 
 if TYPE_CHECKING:
@@ -18,34 +20,17 @@ def traced_step(
 ) -> Callable[[Any, Any], tuple[Any, Any]]:
     """(x, u) → (x⁺, y) of a traced θ, in the states that ``like`` has.
 
-    Transposed direct form II, group after group: w = x₁ + Σ b₀ u, x⁺ = (x₂ … x_n, 0) − a w + Σ b u.
-
     Args:
         theta: traced, (n,).
         like: numbers with the same groups and orders, (n,).
     """
-    xp: Any = theta.__array_namespace__()
     numerators, denominators = _transfer(structure, theta)
-    groups = []
+    filters = []
     for g in structure.transfer(like).groups:
-        size, i = g.order + 1, g.output
-        den = xp.stack(_sized(denominators[i][g.inputs[0]], size))
-        nums = [(j, xp.stack(_sized(numerators[i][j], size))) for j in g.inputs]
-        groups.append((i, g.order, den, nums))
-
-    def advance(x: Any, u: Any) -> tuple[Any, Any]:
-        y: list[Any] = [xp.zeros(())] * structure.ny
-        parts, at = [xp.zeros(0)], 0
-        for i, order, den, nums in groups:
-            w = sum((num[0] * u[j] for j, num in nums), x[at] if order else 0.0)
-            if order:
-                moved = xp.concatenate([x[at + 1 : at + order], xp.zeros(1)]) - den[1:] * w
-                parts.append(sum((num[1:] * u[j] for j, num in nums), moved))
-            y[i] = y[i] + w
-            at += order
-        return xp.concatenate(parts), xp.stack(y)
-
-    return advance
+        i, n = g.output, g.order + 1
+        inputs = [(j, _sized(numerators[i][j], n)) for j in g.inputs]
+        filters.append(Filter(i, inputs, _sized(denominators[i][g.inputs[0]], n)))
+    return on_arrays(filter_step(filters, structure.ny))
 
 
 def stable_each(structure: "PolynomialStructure", thetas: Array) -> NDArray[np.bool_]:

@@ -24,13 +24,10 @@ import numpy as np
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import HUGE, Problem
 
 _NoiseFilter = tuple[Array, Array, Array | None]
 """C, D and the impulse response of D/C, None where that is 1."""
-
-HUGE = 1e100
-"""Residual reported where the filters overflow: the solver rejects the step."""
 
 
 @dataclass(frozen=True)

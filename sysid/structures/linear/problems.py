@@ -1,16 +1,16 @@
 """Problems made of others: free-run errors, what remains after them, several at once."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Index
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import HUGE, Data, Problem
+from sysid.fitting.run_errors import RunErrors
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.polynomials import Polynomials, adjugate, determinant
 from sysid.structures.linear.predictor import (
-    HUGE,
     RowErrors,
     impulse,
     largest_radius,
@@ -18,7 +18,7 @@ from sysid.structures.linear.predictor import (
 )
 
 
-class FreeRunErrors(Problem):
+class FreeRunErrors(RunErrors):
     """Simulation errors y − ŷ of A y = B u (no F), all outputs together.
 
     With H = A⁻¹ and x_l = Σ_j B_lj u_j + ζ_l(q) δ the free run is ŷ_i = Σ_l H_il x_l, and
@@ -32,60 +32,40 @@ class FreeRunErrors(Problem):
     def __init__(
         self,
         structure: PolynomialStructure,
-        data: Sequence[tuple[Array, Array]],
+        data: Data,
         estimate_initial: bool,
     ) -> None:
-        self.index = structure.deterministic_index()
-        self._structure = structure
-        self._data = data
         layouts = [structure.layout(i) for i in range(structure.ny)]
+        self._structure, self._n = structure, sum(lay.n for lay in layouts)
         self._states = [lay.start if estimate_initial else 0 for lay in layouts]
-        self.n_initial = sum(self._states) * len(data)
-        self._n = sum(lay.n for lay in layouts)
-        self.lengths = tuple(len(y) for _, y in data for _ in range(structure.ny))
-        self.channels = tuple(i for _ in data for i in range(structure.ny))
+        entries = structure.deterministic_index()
+        super().__init__(len(entries), data, sum(self._states), scales=np.ones(structure.ny))
+        self.index = entries
         self._radius = largest_radius([y for _, y in data])
         self._cache: tuple[bytes, list[Array]] | None = None
 
-    def residual(self, p: Array) -> Array:
-        """y − ŷ, output after output, experiment after experiment."""
+    def runs(self, p: Array) -> list[Array] | None:
         det = np.array(determinant(self._polynomials(p).A))
-        if not roots_inside(det[1:], self._radius):
-            return np.full(sum(self.lengths), HUGE)
-        with np.errstate(all="ignore"):
-            e = np.concatenate(
-                [(y - run).T.ravel() for run, (_, y) in zip(self._runs(p), self._data, strict=True)]
-            )
-        if not np.all(np.isfinite(e)) or np.max(np.abs(e), initial=0.0) > HUGE:
-            return np.full(len(e), HUGE)
-        return e
+        return self._runs(p) if roots_inside(det[1:], self._radius) else None
 
-    def jacobian(self, p: Array) -> Array:
-        """∂(y − ŷ)/∂p."""
+    def tangents(self, p: Array) -> Iterator[Array]:
         s, A = self._structure, self._polynomials(p).A
         det, adj = determinant(A), adjugate(A)
-        blocks, state = [], len(self.index)
-        with np.errstate(all="ignore"):
-            for (u, y), run in zip(self._data, self._runs(p), strict=True):
-                n = len(y)
-                block = np.zeros((len(p), s.ny, n))
-                for m in range(s.ny):
-                    lay, index = s.layout(m), np.searchsorted(self.index, s.row_index(m))
-                    a, b, *_ = lay.slices()
-                    sources = [(index[place], run[:, j], 1) for j, place in enumerate(a)]
-                    sources += [(index[q], -u[:, j], lay.nk[j]) for j, q in enumerate(b)]
-                    states = np.arange(state, state + self._states[m])
-                    sources.append((states, -impulse(n), 0))
-                    state += self._states[m]
-                    for columns, signal, first in sources:
-                        responses = np.array([lfilter(row[m], det, signal) for row in adj])
-                        for lag, column in enumerate(columns.tolist(), first):
-                            block[column, :, lag:] = responses[:, : max(n - lag, 0)]
-                blocks.append(block.reshape(len(p), -1))
-        out = np.concatenate(blocks, axis=1)
-        if not np.isfinite(out).all():
-            out = np.nan_to_num(out, nan=0.0, posinf=HUGE, neginf=-HUGE)
-        return np.asarray(out.T)
+        for (u, y), run in zip(self.data, self._runs(p), strict=True):
+            n, state = len(y), len(self.index)
+            block = np.zeros((s.ny, state + self.states_each, n))
+            for m in range(s.ny):
+                lay, index = s.layout(m), np.searchsorted(self.index, s.row_index(m))
+                a, b, *_ = lay.slices()
+                sources = [(index[place], -run[:, j], 1) for j, place in enumerate(a)]
+                sources += [(index[q], u[:, j], lay.nk[j]) for j, q in enumerate(b)]
+                sources.append((np.arange(state, state + self._states[m]), impulse(n), 0))
+                state += self._states[m]
+                for columns, signal, first in sources:
+                    responses = np.array([lfilter(row[m], det, signal) for row in adj])
+                    for lag, column in enumerate(columns.tolist(), first):
+                        block[:, column, lag:] = responses[:, : max(n - lag, 0)]
+            yield block
 
     def _polynomials(self, p: Array) -> Polynomials:
         theta = np.zeros(self._n)
@@ -98,7 +78,7 @@ class FreeRunErrors(Problem):
             s, poly = self._structure, self._polynomials(p)
             det, adj = determinant(poly.A), adjugate(poly.A)
             runs, at = [], len(self.index)
-            for u, y in self._data:
+            for u, y in self.data:
                 run = np.zeros((len(y), s.ny))
                 for m in range(s.ny):
                     x = sum(

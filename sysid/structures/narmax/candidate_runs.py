@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array, Index
-from sysid.structures.difference_equations.chunks import Data, Piece, side_by_side
+from sysid.fitting.problem import Data
+from sysid.structures.difference_equations.chunks import Piece, side_by_side
 from sysid.structures.difference_equations.frols import TermGram
 from sysid.structures.difference_equations.monomials import Term
 from sysid.structures.narmax.runs import PolynomialRun
@@ -53,51 +54,30 @@ class CandidateRuns:
         most = max(SAMPLES // CHUNK, 1)
         if len(where) > most:
             where = [where[round(k * (len(where) - 1) / (most - 1))] for k in range(most)]
-        chunks = side_by_side(run, data, where)
-        self.past, self.y, self.inside = chunks.past[:, 0], chunks.y[:, 0], chunks.inside
-        self.inputs = run.input_products(chunks.u)
+        self.chunks = side_by_side(run, data, where)
 
     def errors(self, theta: Array) -> Array:
         """Mean squared free-run error of each equation; theta (K, B), zero for absent terms."""
         used = np.flatnonzero(np.any(theta != 0.0, axis=1))
-        each = max(AT_ONCE // max(len(used) * self.y.shape[1], 1), 1)
+        each = max(AT_ONCE // max(len(used) * self.chunks.y.shape[2], 1), 1)
         parts = [
             self._some(theta[used, at : at + each], used) for at in range(0, theta.shape[1], each)
         ]
         return np.concatenate([np.zeros(0), *parts])
 
     def _some(self, theta: Array, used: Index) -> Array:
-        run = self.run
-        length, chunks = self.y.shape
-        batch = theta.shape[1]
-        y_index, u_index = run.y_index[0][used], run.u_index[0][used]
-        needed = _closed(run, y_index)
-        plan = [(m, *run.plan[m - 1]) for m in needed if m]
-        products = np.ones((len(run.products), batch, chunks))
-        full = np.empty((run.depth + length, batch, chunks))
-        full[: run.depth] = self.past[:, None, :]
-        low, high = run.limits[0]
-        total = np.zeros((batch, chunks))
+        """The same of some, all at once; only the terms in use."""
+        terms = tuple(self.run.terms[0][k] for k in used)
+        run = PolynomialRun((terms,), self.run.nu, self.run.limits)
+        past = self.chunks.past[self.run.depth - run.depth :]
+        u = self.chunks.u[self.run.before - run.before :]
+        total = np.zeros((theta.shape[1], past.shape[2]))
+        outputs = run.outputs(np, theta[:, :, None], u[:, :, None], past[:, :, None])
+        y, inside = self.chunks.y[:, 0], self.chunks.inside
         with np.errstate(over="ignore", invalid="ignore"):
-            for t in range(length):
-                now = t + run.depth
-                for m, a, _, lag in plan:
-                    np.multiply(products[a], full[now - lag], out=products[m])
-                values = products[y_index] * self.inputs[t][u_index][:, None, :]
-                y = np.einsum("kb,kbc->bc", theta, values)
-                full[now] = np.fmin(np.fmax(y, low), high)
-                total += self.inside[t] * (full[now] - self.y[t]) ** 2
-        return np.asarray(total.sum(axis=1) / max(int(self.inside.sum()), 1))
-
-
-def _closed(run: PolynomialRun, wanted: Index) -> list[int]:
-    """The products wanted and those they are made from, in the order of the plan."""
-    closed: set[int] = set()
-    for m in wanted.tolist():
-        while m and m not in closed:
-            closed.add(m)
-            m = run.plan[m - 1][0]
-    return sorted(closed)
+            for (value,), measured, counted in zip(outputs, y, inside, strict=True):
+                total += counted * (value - measured) ** 2
+        return np.asarray(total.sum(axis=1) / max(int(inside.sum()), 1))
 
 
 def select_by_simulation(

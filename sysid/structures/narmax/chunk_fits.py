@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
 from sysid.fitting.batched import Damping, descend_together
-from sysid.structures.difference_equations.chunks import Data, Piece, pieces, side_by_side
+from sysid.fitting.problem import Data
+from sysid.structures.difference_equations.chunks import Piece, pieces, side_by_side
 from sysid.structures.difference_equations.monomials import Term
 from sysid.structures.narmax.runs import PolynomialRun
 
@@ -76,9 +77,8 @@ class _Batch:
             group += [k] * len(chunks_of_fit)
         self.group: Index = np.array(group, dtype=np.int64)
         chunks = side_by_side(run, data, where)
-        self._past, self._y = chunks.past, chunks.y[:, 0]
+        self._chunks, self._y = chunks, chunks.y[:, 0]
         self._inside = chunks.inside.astype(np.float64)
-        self._products = run.input_products(chunks.u)
         self.samples = self._by_fit(self._inside.sum(axis=0))
 
     def _by_fit(self, values: Array) -> Array:
@@ -99,29 +99,22 @@ class _Batch:
 
     def run(self, theta: Array, which: Index) -> "_Trial":
         """Free runs of all chunks, of which those of some fits count."""
-        run = self._run
-        length, _, pieces = self._products.shape
-        weights = np.zeros((1, length, len(run.products), pieces))
-        each = theta[self.group]
-        for k, (m, q) in enumerate(zip(run.y_index[0], run.u_index[0], strict=True)):
-            if each[:, k].any():
-                weights[0, :, m] += each[:, k] * self._products[:, q]
-        return _Trial(self, weights, run.runs(weights, self._past), which)
+        each = theta[self.group].T
+        return _Trial(self, each, self._run.outputs_over(each, self._chunks), which)
 
-    def squares(self, full: Array) -> Array:
+    def squares(self, outputs: Array) -> Array:
         """Squared error of each fit."""
         with np.errstate(over="ignore", invalid="ignore"):
-            errors = self._inside * (full[self._run.depth :, 0] - self._y) ** 2
+            errors = self._inside * (outputs[:, 0] - self._y) ** 2
             return self._by_fit(errors.sum(axis=0))
 
-    def normal(self, weights: Array, full: Array) -> tuple[Array, Array]:
+    def normal(self, theta: Array, outputs: Array) -> tuple[Array, Array]:
         """SᵀS and Sᵀ(y − ŷ) of each fit, S = ∂ŷ/∂θ."""
-        run = self._run
         with np.errstate(over="ignore", invalid="ignore"):
-            S = run.tangent(weights, self._products, full)[:, 0]
-            S = np.nan_to_num(S * self._inside[:, None], nan=0.0, posinf=0.0, neginf=0.0)
-            e = np.nan_to_num(self._inside * (self._y - full[run.depth :, 0]))
-            S = np.ascontiguousarray(S.transpose(2, 1, 0))
+            S = self._run.slopes_over(theta, self._chunks, outputs)[:, 0]
+            S = np.nan_to_num(S * self._inside[:, :, None], nan=0.0, posinf=0.0, neginf=0.0)
+            e = np.nan_to_num(self._inside * (self._y - outputs[:, 0]))
+            S = np.ascontiguousarray(S.transpose(1, 2, 0))
             A = self._by_fit(S @ S.transpose(0, 2, 1))
             g = self._by_fit(np.einsum("bkl,lb->bk", S, e))
         return np.nan_to_num(A), np.nan_to_num(g)
@@ -132,16 +125,16 @@ class _Trial:
     """Free runs of all chunks at some coefficients."""
 
     batch: _Batch
-    weights: Array
-    full: Array
+    theta: Array
+    outputs: Array
     which: Index
 
     @property
     def cost(self) -> Array:
         """Squared errors of the fits that count."""
-        return self.batch.squares(self.full)[self.which, None]
+        return self.batch.squares(self.outputs)[self.which, None]
 
     def normal(self, of: Index) -> tuple[Array, Array]:
         """Normal equations of some of them."""
-        A, g = self.batch.normal(self.weights, self.full)
+        A, g = self.batch.normal(self.theta, self.outputs)
         return A[self.which[of]], g[self.which[of]]

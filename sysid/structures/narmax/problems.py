@@ -1,17 +1,12 @@
-"""Least-squares problems of polynomial NARMAX models: one step ahead, and runs cut into chunks."""
+"""The least-squares problem of a polynomial NARMAX model one step ahead."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.fitting.problem import Problem
-from sysid.structures.difference_equations.chunks import Data, pieces, side_by_side
+from sysid.fitting.problem import HUGE, Data, Problem
 from sysid.structures.difference_equations.monomials import Term, columns, is_noise, lagged
-from sysid.structures.narmax.runs import PolynomialRun
-
-DIVERGED = 1e100
-"""Residual reported where the recursion of past errors overflows: the solver rejects the step."""
 
 
 class OneStep(Problem):
@@ -59,7 +54,7 @@ class OneStep(Problem):
                         for lag, g in gains:
                             if t >= lag:
                                 J[t] -= g[t] * J[t - lag]
-                J = np.nan_to_num(J, nan=0.0, posinf=DIVERGED, neginf=-DIVERGED)
+                J = np.nan_to_num(J, nan=0.0, posinf=HUGE, neginf=-HUGE)
             blocks.append(J)
         return np.concatenate([np.zeros((0, len(self.index))), *blocks])
 
@@ -82,7 +77,7 @@ class OneStep(Problem):
 
 
 def _fed_back(plain: Array, gains: Sequence[tuple[int, Array]]) -> Array:
-    """ε(t) = plain(t) − Σ g_l(t) ε(t−l); DIVERGED throughout where that runs away."""
+    """ε(t) = plain(t) − Σ g_l(t) ε(t−l); HUGE throughout where that runs away."""
     e: list[float] = []
     rows = zip(plain.tolist(), *(g.tolist() for _, g in gains), strict=True)
     lags = [lag for lag, _ in gains]
@@ -94,50 +89,5 @@ def _fed_back(plain: Array, gains: Sequence[tuple[int, Array]]) -> Array:
     out = np.array(e)
     size = float(np.max(np.abs(plain), initial=0.0))
     if not np.all(np.abs(out) <= 1e6 * (size + 1e-300)):
-        return np.full(len(out), DIVERGED)
+        return np.full(len(out), HUGE)
     return out
-
-
-class ChunkedRuns(Problem):
-    """Free-run errors over chunks of the data, each output divided by ``scale``: all count alike.
-
-    Args:
-        run: the equation.
-        data: (u, y) of each record.
-        length: samples a chunk, about; those of one record are equally long.
-        scale: (ny,).
-    """
-
-    def __init__(self, run: PolynomialRun, data: Data, length: int, scale: Array) -> None:
-        self._run, self._scale = run, scale
-        self.index = np.unique(np.concatenate([np.zeros(0, dtype=int), *run.theta_index]))
-        self.n_initial = 0
-        where = pieces(run, data, length)
-        chunks = self._chunks = side_by_side(run, data, where)
-        self._products = run.input_products(chunks.u)
-        self._inside = np.repeat(chunks.inside.T[:, None], run.ny, axis=1)
-        self.lengths = tuple(b - a for _, a, b in where for _ in range(run.ny))
-        self.channels = tuple(i for _ in where for i in range(run.ny))
-        self._known: tuple[bytes, Array, Array] | None = None
-
-    def _full(self, p: Array) -> tuple[Array, Array]:
-        key = p.tobytes()
-        if self._known is None or self._known[0] != key:
-            theta = np.zeros(self._run.n_theta)
-            theta[self.index] = p
-            weights = self._run.weights(theta, self._products)
-            self._known = (key, weights, self._run.runs(weights, self._chunks.past))
-        return self._known[1], self._known[2]
-
-    def residual(self, p: Array) -> Array:
-        """(y − ŷ)/scale: chunk after chunk, output after output."""
-        _, full = self._full(p)
-        e = (self._chunks.y - full[self._run.depth :]) / self._scale[:, None]
-        return np.asarray(e.transpose(2, 1, 0)[self._inside])
-
-    def jacobian(self, p: Array) -> Array:
-        """∂/∂θ of it."""
-        weights, full = self._full(p)
-        S = self._run.tangent(weights, self._products, full) / -self._scale[:, None, None]
-        J = S[:, :, self.index].transpose(3, 1, 0, 2)[self._inside]
-        return np.nan_to_num(J, nan=0.0, posinf=DIVERGED, neginf=-DIVERGED)

@@ -9,10 +9,11 @@ import numpy as np
 from sysid.data.record import Array, Channel, Index, Record
 from sysid.data.unit_words import ratio
 from sysid.fitting.problem import (
+    Data,
     Parameter,
 )
 from sysid.structures.base import counts_from_zero, lacks_constant, refuse_options
-from sysid.structures.difference_equations.chunks import Data, spreads
+from sysid.structures.difference_equations.free_run import Limits
 from sysid.structures.difference_equations.monomials import (
     MAX_DEGREE,
     Term,
@@ -24,10 +25,9 @@ from sysid.structures.difference_equations.monomials import (
 )
 from sysid.structures.difference_equations.options import MARGIN, choice, margin, whole_number
 from sysid.structures.difference_equations.signals import Signal
-from sysid.structures.difference_equations.single_values import Limits
 from sysid.structures.difference_equations.structure import RecursiveStructure, ranges_from
 from sysid.structures.narmax.options import SELECTIONS, explicit_terms, require_inside
-from sysid.structures.narmax.problems import ChunkedRuns, OneStep
+from sysid.structures.narmax.problems import OneStep
 from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.orders import MAX_ORDER, spread
 from sysid.structures.traits import Traits
@@ -191,9 +191,6 @@ class NARMAX(RecursiveStructure):
 
     def one_step(self, i: int, data: Data) -> OneStep:
         return OneStep(self.rows[i], int(self.row_index(i)[0]), i, data, self.first_sample())
-
-    def over_chunks(self, data: Data, length: int) -> ChunkedRuns:
-        return ChunkedRuns(self.free_run(), data, length, spreads([y for _, y in data]))
 
     def first_sample(self) -> int:
         return max((f.lag for row in self.rows for t in row for f in t if f.kind != "e"), default=0)

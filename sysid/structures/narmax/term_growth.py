@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.structures.difference_equations.chunks import ChunkedRuns
 from sysid.structures.difference_equations.monomials import Term
 from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
-from sysid.structures.narmax.problems import ChunkedRuns
 from sysid.structures.narmax.term_trials import Row, Trial, fit_folds
 
 TRIED = 3

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
 from sysid.fitting.holdout import HoldOut
+from sysid.fitting.run_errors import output_scales
 from sysid.fitting.solvers import many_starts
-from sysid.structures.difference_equations.chunks import Piece, pieces, side_by_side, spreads
+from sysid.structures.difference_equations.chunks import Piece, pieces, side_by_side
+from sysid.structures.difference_equations.compiled import WeightedChunks, compiled_runs
 from sysid.structures.difference_equations.expressions import replaced
 from sysid.structures.difference_equations.one_output import OneOutput
 from sysid.structures.difference_equations.regressors import columns
 from sysid.structures.difference_equations.signals import Signal
-from sysid.structures.narx.compiled import Shape, WeightedChunks, chunk_functions
-from sysid.structures.narx.problems import weighted_chunks
-from sysid.structures.narx.run import NarxRun
+from sysid.structures.narx.run import Maps, NarxRun
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_network import (
     KINDS,
@@ -136,7 +136,7 @@ class RowRuns:
         self.counted: Sequence[NDArray[np.bool_]] = [
             m & ~r.left_out[:, output] for m, r in zip(data.counted, data.whole, strict=True)
         ]
-        self.scale = spreads([y for _, y in self.train])
+        self.scale = output_scales([y for _, y in self.train])
         outputs = np.concatenate(
             [y[m, 0] for (_, y), m in zip(self.whole, self.counted, strict=True)]
         )
@@ -188,7 +188,7 @@ class RowRuns:
         where = pieces(plain, self.whole, 10**9)
         longest = STRETCH * rounded(-(-max(b - a for _, a, b in where) // STRETCH))
         chunks = side_by_side(plain, self.whole, where, longest)
-        data = weighted_chunks(plain, chunks, np.ones(1))
+        data = plain.weighted(chunks, np.ones(1))
         weight = np.zeros_like(chunks.y)
         for k, (record, a, b) in enumerate(where):
             weight[: b - a, 0, k] = self.counted[record][a:b]
@@ -198,7 +198,7 @@ class RowRuns:
             some = trials[at : at + LANES]
             # every call has as many lanes: one compilation
             padded = Padded([*some, *[some[0]] * (LANES - len(some))], self)
-            runs = _batch_runs(padded.shape(self))(padded.theta, padded.frames, data)
+            runs = _batch_runs(padded.maps(self))(padded.theta, padded.frames, data)
             square = np.sum(((np.asarray(runs) - chunks.y) * weight) ** 2, axis=(1, 2, 3))
             errors = np.sqrt(square / count) / self.spread
             judged += [
@@ -215,7 +215,7 @@ class RowRuns:
         some = [*trials, *[trials[0]] * (lanes - len(trials))]
         padded = Padded(some, self, self.compact(trials))
         chunks = self._chunks(chunk)
-        functions = _refinement(padded.shape(self))
+        functions = _refinement(padded.maps(self))
         scale = padded.stacked([self.sizes(d) for d in padded.designs], 1.0)
         # the cost at the start, near enough to weigh what draws the parameters
         cost = np.array([min(t.error, 1.0) for t in trials])
@@ -275,7 +275,7 @@ class RowRuns:
         empty = [Piece(0, self.first, self.first)] * (rounded(len(where)) - len(where))
         where += empty
         stretches = side_by_side(plain, self.whole, where, STRETCH)
-        chunks = weighted_chunks(plain, stretches, self.scale)
+        chunks = plain.weighted(stretches, self.scale)
         used = stretches.inside[:, None].copy()
         restart = chunks.restart.copy()
         for k, (record, a, b) in enumerate(where):
@@ -362,32 +362,31 @@ class Padded:
             w.place[:units, :m].ravel(),
         ])  # fmt: skip
 
-    def shape(self, row: RowRuns) -> Shape:
+    def maps(self, row: RowRuns) -> Maps:
         """What is compiled."""
-        plain = row.run(self.designs[0])
-        return Shape((row.row,), (self.size,), row.estimator, plain.depth, plain.before)
+        return Maps((row.row,), (self.size,), row.estimator)
 
 
 @lru_cache(maxsize=64)
-def _batch_runs(shape: Shape) -> Callable[..., Any]:
+def _batch_runs(maps: Maps) -> Callable[..., Any]:
     """(θ (S, n), frames, chunks) → ŷ (S, L, ny, B), compiled."""
-    from sysid.fitting.compiled import jax_module
+    from sysid.runners.compiled import jax_module
 
     jax = jax_module()
     compiled: Callable[..., Any] = jax.jit(
-        jax.vmap(chunk_functions(shape).outputs, in_axes=(0, 0, None))
+        jax.vmap(compiled_runs(maps).outputs, in_axes=(0, 0, None))
     )
     return compiled
 
 
 @lru_cache(maxsize=64)
-def _refinement(shape: Shape) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def _refinement(maps: Maps) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Residual and Jacobian as ``many_starts`` takes them, in parameters of size one.
 
     ``each`` holds frames, sizes, which parameters are free, where all start, where the prior has
     them and how firmly, and their bounds, outside which the map is that on the bound.
     """
-    functions = chunk_functions(shape)
+    functions = compiled_runs(maps)
 
     def residual(jnp: Any, lax: Any, z: Any, each: Any, data: Any) -> Any:
         chunks, rows, counts = data

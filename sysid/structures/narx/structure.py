@@ -7,19 +7,19 @@ from typing import Any, ClassVar
 from sysid.data.record import Array, Channel
 from sysid.data.schema import checked
 from sysid.fitting.problem import (
+    Data,
     Parameter,
 )
 from sysid.structures.base import refuse_options
-from sysid.structures.difference_equations.chunks import Data
 from sysid.structures.difference_equations.expressions import parse, written
+from sysid.structures.difference_equations.free_run import Limits
 from sysid.structures.difference_equations.regressors import Row, custom
 from sysid.structures.difference_equations.signals import lagged_signals
-from sysid.structures.difference_equations.single_values import Limits
 from sysid.structures.difference_equations.structure import RecursiveStructure, ranges_from
 from sysid.structures.narx import options as narx_options
 from sysid.structures.narx import words as narx_words
 from sysid.structures.narx.options import NarxOptions
-from sysid.structures.narx.problems import FreeRuns, OneStepRow
+from sysid.structures.narx.problems import OneStepRow
 from sysid.structures.narx.run import LONG, NarxRun
 from sysid.structures.narx.wavelet_network import (
     KINDS,
@@ -148,9 +148,6 @@ class NarxWavelet(RecursiveStructure):
 
     def one_step(self, i: int, data: Data) -> OneStepRow:
         return OneStepRow(self.free_run(), i, data)
-
-    def over_chunks(self, data: Data, length: int) -> FreeRuns:
-        return FreeRuns(self.free_run(), data, length)
 
     # ----------------------------------------------------------------- runs
 

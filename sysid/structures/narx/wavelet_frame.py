@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.structures.difference_equations.frols import Path, forward, gram_beyond
-from sysid.structures.narx.wavelet_network import KINDS, RowDesign, seen
+from sysid.structures.narx.wavelet_network import KINDS, RowDesign, linear_in
 
 POOL = 400
 """Candidate products at most."""
@@ -254,8 +254,8 @@ def dictionary(
     for view in views or [tuple(range(v.shape[1]))]:
         part = v[:, view]
         units = _thinned(DICTIONARIES[estimator](part, rng), max(len(views), 1), rng)
-        t = kind.argument(np, part[:, None, :], units[0], units[1])
-        values.append(kind.value(np, t, units[2], np.full(len(units[0]), float(len(view)))))
+        dim = np.full(len(units[0]), float(len(view)))
+        values.append(kind.value(np, part[:, None, :], *units, dim))
         units_of_dictionary.append(units)
         owners += [view] * len(units[0])
     shape, place, flag = (np.concatenate(parts) for parts in zip(*units_of_dictionary, strict=True))
@@ -332,13 +332,9 @@ def cross_validated_size(path: Path, given: int, samples: int) -> int:
 def least_squares(design: RowDesign, estimator: str, x: Array, y: Array, units: Units) -> Array:
     """θ of a row with these units: amplitudes by least squares, lightly ridged."""
     shape, place, flag = units
-    z = scaled(design, x)
-    columns = [np.ones((len(x), 1)), x - np.array(design.mean), product_columns(z, design.terms)]
-    if len(shape):
-        kind = KINDS[estimator]
-        f = design.frame()
-        columns.append(kind.value(np, kind.argument(np, seen(f.Q, z), shape, place), flag, f.dim))
-    A = np.concatenate(columns, axis=1)
+    f = design.frame()._replace(flag=flag)
+    blocks = linear_in(np, KINDS[estimator], f, shape, place, x)
+    A = np.concatenate([np.ones((len(x), 1)), *blocks.values()], axis=1)
     norms = np.linalg.norm(A, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0)
     A = A / norms

@@ -25,8 +25,6 @@ from sysid.data.record import Array
 Values = Any
 """An array of numpy or jax.numpy."""
 
-Slopes = tuple[Values, Values, Values, Values]
-
 DEGREE = 3
 """Largest degree of a product: higher ones win inside the data and ruin outside."""
 
@@ -40,106 +38,41 @@ class Kind:
         shape: what its shape parameter is called.
         place: what the vector that places it is called.
         smooth: whether shape and place can be refined by a gradient.
-        argument: (xp, v (…, K, q), s (K,), c (K, q)) → t, affine in v, (…, K, m).
-        value: (xp, t, flag (K,), dim (K,)) → unit values (…, K).
-        slopes: (xp, v, s, c, flag, dim) → values, ∂/∂s (…, K), ∂/∂c and ∂/∂v (…, K, q).
+        value: (xp, v (…, K, q), s (K,), c (K, q), flag (K,), dim (K,)) → unit values (…, K).
     """
 
     unit: str
     shape: str
     place: str
     smooth: bool
-    argument: Callable[..., Values]
     value: Callable[..., Values]
-    slopes: Callable[..., Slopes]
-    words: str
 
 
-def _moved(xp: Any, v: Values, s: Values, c: Values) -> Values:
-    """b (v − c), (…, K, q)."""
-    return s[:, None] * (v - c)
-
-
-def _projected(xp: Any, v: Values, s: Values, c: Values) -> Values:
-    """v cᵀ + s, (…, K, 1)."""
-    return (xp.sum(v * c, axis=-1) + s)[..., None]
-
-
-def _radial(xp: Any, t: Values, flag: Values, dim: Values) -> Values:
+def _radial(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Values:
+    t = s[:, None] * (v - c)
     r = (t * t).sum(-1)
     return (1.0 + flag * (dim - 1.0 - r)) * xp.exp(-0.5 * r)
 
 
-def _radial_slopes(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Slopes:
-    away = v - c
-    square = xp.sum(away**2, axis=-1)
-    r = s**2 * square
-    e = xp.exp(-0.5 * r)
-    h = (1.0 + flag * (dim - 1.0 - r)) * e
-    to_r = -0.5 * h - flag * e
-    to_v = (2.0 * s**2 * to_r)[..., None] * away
-    return h, 2.0 * s * square * to_r, -to_v, to_v
+def _box(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Values:
+    return xp.where(xp.max(xp.abs(s[:, None] * (v - c)), axis=-1) <= 1.0, 1.0, 0.0)
 
 
-def _ridge(function: Callable[..., Values]) -> Callable[..., Values]:
-    return lambda xp, t, flag, dim: function(xp, t[..., 0])
+def _cosine(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Values:
+    return xp.cos(xp.sum(v * c, axis=-1) + s)
 
 
-def _ridge_slopes(
-    function: Callable[..., Values], slope: Callable[..., Values]
-) -> Callable[..., Slopes]:
-    def slopes(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Slopes:
-        q = xp.sum(v * c, axis=-1) + s
-        d = slope(xp, q)
-        return function(xp, q), d, d[..., None] * v, d[..., None] * c
-
-    return slopes
-
-
-def _box(xp: Any, t: Values, flag: Values, dim: Values) -> Values:
-    return xp.where(xp.max(xp.abs(t), axis=-1) <= 1.0, 1.0, 0.0)
-
-
-def _box_slopes(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Slopes:
-    h = _box(xp, _moved(xp, v, s, c), flag, dim)
-    flat = xp.zeros((*h.shape, v.shape[-1]))
-    return h, xp.zeros(h.shape), flat, flat
-
-
-def _cos(xp: Any, q: Values) -> Values:
-    return xp.cos(q)
-
-
-def _minus_sin(xp: Any, q: Values) -> Values:
-    return -xp.sin(q)
-
-
-def _tanh(xp: Any, q: Values) -> Values:
-    return xp.tanh(q)
-
-
-def _sech2(xp: Any, q: Values) -> Values:
-    return 1.0 - xp.tanh(q) ** 2
+def _tanh(xp: Any, v: Values, s: Values, c: Values, flag: Values, dim: Values) -> Values:
+    return xp.tanh(xp.sum(v * c, axis=-1) + s)
 
 
 KINDS: Mapping[str, Kind] = {
-    "wavelet": Kind(
-        "wavelet", "dilation", "centre", True, _moved, _radial, _radial_slopes,
-        "scaling functions and wavelets of a dyadic frame, then moved and stretched",
-    ),
-    "piecewise-constant": Kind(
-        "cell", "inverse_width", "centre", False, _moved, _box, _box_slopes,
-        "boxes of a dyadic grid, constant on each",
-    ),
-    "fourier": Kind(
-        "harmonic", "phase", "frequency", True, _projected, _ridge(_cos),
-        _ridge_slopes(_cos, _minus_sin), "cosines over the range of the data",
-    ),
-    "neural": Kind(
-        "neuron", "bias", "weight", True, _projected, _ridge(_tanh),
-        _ridge_slopes(_tanh, _sech2), "one hidden layer of hyperbolic tangents",
-    ),
-}  # fmt: skip
+    # scaling functions and wavelets of a dyadic frame, then moved and stretched
+    "wavelet": Kind("wavelet", "dilation", "centre", True, _radial),
+    "piecewise-constant": Kind("cell", "inverse_width", "centre", False, _box),
+    "fourier": Kind("harmonic", "phase", "frequency", True, _cosine),
+    "neural": Kind("neuron", "bias", "weight", True, _tanh),
+}
 """The estimators, by the name users type."""
 
 
@@ -197,51 +130,35 @@ def size(d: int, T: int, K: int, q: int) -> int:
 
 def value(xp: Any, kind: Kind, f: Frame, w: Weights, x: Values) -> Values:
     """ŷ for regressors x (…, d), shape (…)."""
-    out = w.constant + (x - f.mean) @ w.linear
+    blocks = linear_in(xp, kind, f, w.shape, w.place, x)
+    return w.constant + sum(block @ getattr(w, name) for name, block in blocks.items())
+
+
+def linear_in(
+    xp: Any, kind: Kind, f: Frame, shape: Values, place: Values, x: Values
+) -> dict[str, Values]:
+    """What ŷ is linear in besides y₀, by the name of its coefficients in ``Weights``: x − x̄ (…, d),
+    products (…, T) and values of units (…, K), where there are any.
+    """
+    away = x - f.mean
+    blocks = {"linear": away}
     T, K = f.factors.shape[1], f.flag.shape[0]
     if not T and not K:
-        return out
-    z = xp.clip((x - f.mean) / f.scale, f.low, f.high)
+        return blocks
+    z = xp.clip(away / f.scale, f.low, f.high)
     if T:
         zx = xp.concatenate([z, xp.ones_like(z[..., :1])], axis=-1)
-        out = out + ((zx @ f.factors[0].T) * (zx @ f.factors[1].T) * (zx @ f.factors[2].T)) @ (
-            w.products
-        )
+        a, b, c = (zx @ f.factors[k].T for k in range(DEGREE))
+        blocks["products"] = a * b * c
     if K:
-        t = kind.argument(xp, seen(f.Q, z), w.shape, w.place)
-        out = out + kind.value(xp, t, f.flag, f.dim) @ w.amplitude
-    return out
+        blocks["amplitude"] = kind.value(xp, seen(f.Q, z), shape, place, f.flag, f.dim)
+    return blocks
 
 
 def seen(Q: Values, z: Values) -> Values:
     """v of every unit for scaled regressors z (…, d), (…, K, q)."""
     d, K, q = Q.shape
     return (z @ Q.reshape(d, K * q)).reshape(*z.shape[:-1], K, q)
-
-
-def gradients(xp: Any, kind: Kind, f: Frame, w: Weights, x: Values) -> tuple[Values, Values]:
-    """∂ŷ/∂θ (…, n) in the order of ``split``, and ∂ŷ/∂x (…, d)."""
-    away = x - f.mean
-    T, K, q = f.factors.shape[1], f.flag.shape[0], f.Q.shape[2]
-    head = x.shape[:-1]
-    parts = [xp.ones((*head, 1)), away]
-    to_z = xp.zeros_like(x)
-    free = away / f.scale
-    z = xp.clip(free, f.low, f.high)
-    if T:
-        zx = xp.concatenate([z, xp.ones_like(z[..., :1])], axis=-1)
-        a, b, c = (zx @ f.factors[k].T for k in range(3))
-        parts.append(a * b * c)
-        pulls = (w.products * b * c) @ f.factors[0]
-        pulls = pulls + (w.products * a * c) @ f.factors[1] + (w.products * a * b) @ f.factors[2]
-        to_z = to_z + pulls[..., :-1]
-    if K:
-        h, to_s, to_c, to_v = kind.slopes(xp, seen(f.Q, z), w.shape, w.place, f.flag, f.dim)
-        parts += [h, to_s * w.amplitude, (to_c * w.amplitude[:, None]).reshape(*head, K * q)]
-        pull = (to_v * w.amplitude[:, None]).reshape(*head, K * q)
-        to_z = to_z + pull @ f.Q.reshape(-1, K * q).T
-    inside = (free > f.low) & (free < f.high)
-    return xp.concatenate(parts, axis=-1), w.linear + xp.where(inside, to_z, 0.0) / f.scale
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sysid.errors import ModelError
-from sysid.fitting.compiled import compiled, jax_module
 from sysid.robot.mission.batch.clock import BLOCK, Block, Clock, Pattern
 from sysid.robot.mission.batch.setup import PlantVariant, Setup
 from sysid.robot.mission.loop import COLUMNS, Loop, LoopState, Tick, Verdict
 from sysid.robot.mission.noise import generator
 from sysid.robot.mission.simulator import LIMITS
+from sysid.runners.compiled import compiled, jax_module
 
 BATCH_SIZE = 1024
 """Runs side by side at most. Their states fit into a core's cache, and a call of compiled code

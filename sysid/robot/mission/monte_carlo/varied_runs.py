@@ -8,7 +8,6 @@ import numpy as np
 
 from sysid.data.record import Array, Index
 from sysid.errors import ModelError, SysidError
-from sysid.fitting.compiled import jax_module
 from sysid.robot.mission.batch.clock import Block
 from sysid.robot.mission.batch.runner import FAILED, BatchRunner
 from sysid.robot.mission.batch.sampler import Samples
@@ -18,6 +17,7 @@ from sysid.robot.mission.contracts import Pose, Scene
 from sysid.robot.mission.loop import Loop, LoopState, Verdict
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.simulator import closed_loop
+from sysid.runners.compiled import jax_module
 from sysid.vehicle.kinematics import wrap_angle
 
 OUTCOMES = ("arrived", "missed", "collision", "stuck", "timeout", "failed")

@@ -9,7 +9,6 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError
-from sysid.fitting.compiled import jax_module
 from sysid.robot.mission.batch.clock import Block
 from sysid.robot.mission.batch.pool import PROCESSES, Job
 from sysid.robot.mission.batch.runner import FAILED, BatchRunner
@@ -18,6 +17,7 @@ from sysid.robot.mission.settings import TunedSettings
 from sysid.robot.mission.simulator import closed_loop, simulate
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tuning.criteria import Driven
+from sysid.runners.compiled import jax_module
 
 RUNS_ALONE = 64
 """Runs that a process is given at a time where they go one by one: to wire the plant anew costs as

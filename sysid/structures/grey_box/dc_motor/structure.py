@@ -7,9 +7,10 @@ from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 
-from sysid.data.integrating import is_position
+from sysid.data.checks.integral import is_position
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError, argument
+from sysid.runners.single import together
 from sysid.structures.grey_box.dc_motor.constants import (
     OPTIONAL_EACH,
     bench,
@@ -23,7 +24,6 @@ from sysid.structures.grey_box.dc_motor.start import central_guesses
 from sysid.structures.grey_box.dc_motor.torque import torque_source
 from sysid.structures.grey_box.dc_motor.words import sentences
 from sysid.structures.grey_box.physics import Constant, Physics, Rung, Signal
-from sysid.structures.grey_box.single_runs import together
 from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
 from sysid.structures.traits import Traits
 from sysid.vehicle.dry_friction import decay

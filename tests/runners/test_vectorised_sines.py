@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sysid.fitting.compiled import compiled, jax_module, vectorised
+from sysid.runners.compiled import compiled, jax_module, vectorised
 
 
 def test_sines_of_many_numbers_are_those_of_numpy() -> None:
