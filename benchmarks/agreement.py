@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.robot.mission.batch.setup import Setup
-from sysid.robot.mission.monte_carlo.figures import Figures
-from sysid.robot.mission.monte_carlo.varied_runs import figures_alone
+from sysid.robot.mission.monte_carlo.varied_runs import Figures, figures_alone
 
 TOLERANCE = 1e-9
 """Difference up to which figures agree: hundreds of steps, each rounded otherwise, keep below it;

@@ -1,7 +1,6 @@
 """Text output of ``sysid fit``."""
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +56,11 @@ def show(
     modes = mode_sentences(own_modes(best.model))
     for line in (*step_sentences(best.steps), *modes):
         render.say(f"  {line}")
-    _parameters(best)
+    count = len(best.model.parameters)
+    if count > MANY:
+        render.say(f"{count} parameters; `sysid models show` lists them.")
+    else:
+        render.parameters(best.model)
     _figures(best)
     residuals = residual_words(best.residuals.as_dict(), [c.name for c in best.model.inputs])
     render.say(f"Residuals (measured less predicted): {residuals}.")
@@ -110,28 +113,6 @@ _NONLINEAR = {
     "error size": "larger errors at large inputs",
 }
 """Results of Billings & Voon's tests of a nonlinear model's residuals, in words."""
-
-
-def _parameters(a: "Assessment") -> None:
-    table = a.model.parameter_table()
-    if len(table) > MANY:
-        render.say(f"{len(table)} parameters; `sysid models show` lists them.")
-        return
-    rows = [
-        [
-            p.name,
-            render.number(p.value if p.visited else None, 6),
-            render.standard_error(
-                p.std_error, fixed=p.fixed, at_bound=p.at_bound, visited=p.visited
-            ),
-            ""
-            if p.fixed or p.at_bound or not p.value or not isfinite(p.std_error)
-            else f"{100.0 * p.std_error / abs(p.value):.2g} %",
-            p.unit,
-        ]
-        for p in table
-    ]
-    render.table(["parameter", "value", "± std. error", "relative", "unit"], rows)
 
 
 def in_both_units(value: float, channel: "Channel") -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from sysid.errors import ModelError, UsageError
 
-from .options import flag, in_panel
+from .options import flag, in_panel, pairs
 
 if TYPE_CHECKING:
     from sysid.plant.package import Package
@@ -39,12 +39,10 @@ class DriveOptions:
     """The drive that a log is of, as a line gives it."""
 
     mission: Path | None = _driven(
-        "M.yaml",
-        "Mission that the log was driven on; needed to name effects of the vehicle.",
+        "M.yaml", "Mission that the log was driven on; needed to name effects of the vehicle."
     )
     plant: Path | None = _driven(
-        "PATH",
-        "Plant package the mission was planned with: the model to diagnose.",
+        "PATH", "Plant package the mission was planned with: the model to diagnose."
     )
     geometry: str | None = _driven(
         "r=M,B=M",
@@ -85,50 +83,25 @@ def given_lengths(text: str) -> "Geometry":
     Raises:
         UsageError: they cannot be read.
     """
-    from sysid.vehicle.kinematics import Geometry
-
-    if Path(text).suffix in (".yaml", ".yml"):
-        return _lengths_in(Path(text))
-
-    lengths: dict[str, float] = {}
-    for part in text.split(","):
-        name, sign, value = (p.strip() for p in part.partition("="))
-        key = {"r": "r", "b": "B"}.get(name.lower(), "")
-        try:
-            number = float(value)
-        except ValueError:
-            key = ""
-        if not (key and sign) or key in lengths:
-            raise UsageError(
-                f"--geometry cannot read {part.strip()!r}; write both lengths once, in metres, "
-                "such as r=0.30,B=1.08"
-            )
-        lengths[key] = number
-    if len(lengths) < 2:
-        raise UsageError(
-            f"--geometry gives no {'B' if 'r' in lengths else 'r'}; write both lengths in metres, "
-            "such as r=0.30,B=1.08"
-        )
-    try:
-        return Geometry(lengths["r"], lengths["B"])
-    except ModelError as error:
-        raise UsageError(f"--geometry: {error}") from None
-
-
-def _lengths_in(path: Path) -> "Geometry":
-    """The lengths in the section ``vehicle:`` of a file, such as a mission."""
     from sysid.data.yaml_files.source import read_yaml
     from sysid.vehicle.kinematics import Geometry
 
-    vehicle = read_yaml(path).values.get("vehicle")
-    section = vehicle if isinstance(vehicle, dict) else {}
-    lacking = [n for n in ("r", "B") if not isinstance(section.get(n), int | float)]
-    if lacking:
-        raise UsageError(f"--geometry {path}: its section vehicle gives no {lacking[0]} in metres")
+    advice = "both lengths in metres, such as r=0.30,B=1.08"
+    if Path(text).suffix in (".yaml", ".yml"):
+        vehicle = read_yaml(Path(text)).values.get("vehicle")
+        section = vehicle if isinstance(vehicle, dict) else {}
+        given = {n: v for n, v in section.items() if isinstance(v, int | float)}
+        where = f"{text}: its section vehicle"
+    else:
+        given, where = pairs([text], "--geometry", advice, float), ""
+    lengths = {name.lower(): float(value) for name, value in given.items()}
+    for name in ("r", "B"):
+        if name.lower() not in lengths:
+            raise UsageError(f"--geometry {where} gives no {name}; write {advice}")
     try:
-        return Geometry(float(section["r"]), float(section["B"]))
+        return Geometry(lengths["r"], lengths["b"])
     except ModelError as error:
-        raise UsageError(f"--geometry {path}: {error}") from None
+        raise UsageError(f"--geometry {where}: {error}") from None
 
 
 def _agree(lengths: "Geometry", mission: Path) -> None:

@@ -106,7 +106,7 @@ def _list(stored: "list[StoredModel]", unreadable: dict[str, str], root: Path) -
 def _document(stored: "StoredModel") -> None:
     model = stored.model
     content = {
-        "parameters": _parameters(stored),
+        "parameters": model.parameter_table(),
         "poles": model.structure.properties(model.theta, model.dt).get("poles", []),
         "report": stored.report,
     }
@@ -128,18 +128,7 @@ def _show(stored: "StoredModel") -> None:
     poles = model.structure.properties(model.theta, model.dt).get("poles", [])
     if poles:
         render.say(f"  Poles at {', '.join(_pole(p) for p in poles)}.")
-    table = [
-        (
-            p.name,
-            p.value if p.visited else None,
-            render.standard_error(
-                p.std_error, fixed=p.fixed, at_bound=p.at_bound, visited=p.visited
-            ),
-            p.unit,
-        )
-        for p in model.parameter_table()
-    ]
-    render.table(("parameter", "value", "± std. error", "unit"), table)
+    render.parameters(model)
     if model.termination.value not in model.warnings:
         render.say(model.termination.value)
     for warning in model.warnings:
@@ -166,15 +155,3 @@ def _steps(stored: "StoredModel") -> "tuple[str, ...]":
 def _pole(pole: dict[str, float]) -> str:
     place = render.number(pole["re"], 4)
     return place if not pole["im"] else f"{place} {pole['im']:+.4g}i"
-
-
-def _parameters(stored: "StoredModel") -> list[dict[str, Any]]:
-    return [
-        {
-            "name": p.name,
-            "value": p.value if p.visited else None,
-            "std_error": p.std_error,
-            "unit": p.unit,
-        }
-        for p in stored.model.parameter_table()
-    ]

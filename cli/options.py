@@ -183,9 +183,21 @@ def pairs(
         except ValueError:
             raise UsageError(f"{option} cannot read {pair.strip()!r}; write {advice}") from None
         if name in values:
-            raise UsageError(f"{option} names {name} twice; give it once")
+            raise UsageError(f"{option} names {name} twice; write {advice}")
         values[name] = value
     return values
+
+
+def numbers(text: str, option: str, advice: str) -> tuple[float, ...]:
+    """Numbers with commas between them.
+
+    Raises:
+        UsageError: one is none.
+    """
+    try:
+        return tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise UsageError(f"{option} cannot read {text!r}; write {advice}") from None
 
 
 def one_of(given: str, allowed: Sequence[str], option: str) -> str:

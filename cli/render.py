@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
     from sysid.data.finding import Finding
+    from sysid.structures.model import Model, ParameterEstimate
 
 _PIPE_WIDTH = 120
 """Columns of a table that is piped into a file, where no terminal says how wide it is."""
@@ -147,19 +148,26 @@ def number(value: float | None, digits: int = 5) -> str:
     return f"{value:.{digits}g}"
 
 
-def standard_error(
-    value: float | None, *, fixed: bool, at_bound: bool, visited: bool = True
-) -> str:
+def parameters(model: "Model") -> None:
+    """Print the parameters of a model, with standard errors or why there are none."""
+    rows = []
+    for p in model.parameter_table():
+        sure = p.visited and not (p.fixed or p.at_bound) and p.value and math.isfinite(p.std_error)
+        share = f"{100.0 * p.std_error / abs(p.value):.2g} %" if sure else ""
+        value = number(p.value if p.visited else None, 6)
+        rows.append([p.name, value, standard_error(p), share, p.unit])
+    table(["parameter", "value", "± std. error", "relative", "unit"], rows)
+
+
+def standard_error(p: "ParameterEstimate") -> str:
     """A parameter's standard error, or in words why it has none."""
-    if not visited:
+    if not p.visited:
         return "not excited"
-    if fixed:
+    if p.fixed:
         return "fixed"
-    if at_bound:
+    if p.at_bound:
         return "at its bound"
-    if value is None or not math.isfinite(value):
-        return "not determined"
-    return number(value, 3)
+    return number(p.std_error, 3) if math.isfinite(p.std_error) else "not determined"
 
 
 @contextmanager
@@ -172,32 +180,24 @@ def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], N
     Yields:
         A function that takes how many more steps are done.
     """
-    if not sys.stderr.isatty():
-        done = 0
+    done = 0
+    with stages(label, known=total is not None) as show:
 
-        with _spoken(label) as show_line:
+        def count(steps: int) -> None:
+            nonlocal done
+            done += steps
+            show(label, done / total if total else None)
 
-            def count(steps: int) -> None:
-                nonlocal done
-                done += steps
-                show_line(label, done / total if total else None)
-
-            yield count
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=_console(sys.stderr), transient=True) as bar:
-        task = bar.add_task(label, total=total)
-        yield lambda steps: bar.advance(task, steps)
+        yield count
 
 
 @contextmanager
-def stages(label: str) -> Iterator[Callable[[str, float], None]]:
+def stages(label: str, *, known: bool = True) -> Iterator[Callable[[str, float | None], None]]:
     """Show a bar on stderr that also says what is being done; lines where it is piped.
 
     Args:
         label: what stands there before the first stage.
+        known: whether the share that is over can be known.
 
     Yields:
         A function that takes what is being done and which share is over, 0 to 1.
@@ -210,7 +210,7 @@ def stages(label: str) -> Iterator[Callable[[str, float], None]]:
 
     columns = (BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
     with Progress(*columns, console=_console(sys.stderr), transient=True) as bar:
-        task = bar.add_task(label, total=1.0)
+        task = bar.add_task(label, total=1.0 if known else None)
         yield lambda what, share: bar.update(task, completed=share, description=what)
 
 

@@ -10,7 +10,8 @@ import sysid_datasets
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel
 from sysid.report.markdown import table
-from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.plots import write_picture
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission, load_mission

@@ -26,7 +26,8 @@ from studies import compiled_loop
 from studies.mission_report import BANDS, best_by_aic, called, identified
 from studies.runner import Study
 from sysid.report.markdown import table
-from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.plots import write_picture
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission, load_mission

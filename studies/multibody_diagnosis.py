@@ -24,7 +24,8 @@ from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.pose.diagnosis import diagnose_pose
 from sysid.effects.ground import Ground
 from sysid.report.markdown import table
-from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.plots import write_picture
 from sysid.robot.calibration.logs import read_vehicle_logs
 from sysid.robot.calibration.windows import path_of
 from sysid.robot.mission.simulator import simulate

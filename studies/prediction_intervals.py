@@ -24,8 +24,7 @@ from sysid.robot.mission.batch.sampler import run_seeds
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.contracts import ROBOT_INPUTS, ROBOT_OUTPUTS
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.figures import Figures
-from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns, figures_alone
+from sysid.robot.mission.monte_carlo.varied_runs import Figures, VariedRuns, figures_alone
 from sysid.robot.mission.spec import Mission
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_class

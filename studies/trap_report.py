@@ -8,7 +8,8 @@ from typing import Any
 
 from studies.mission_report import best_by_aic, called, identified, run
 from sysid.report.markdown import table
-from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.plots import write_picture
 from sysid.robot.mission.result import MissionResult, Outcome
 from sysid.robot.mission.spec import Mission
 from sysid.structures.model import Model

@@ -8,7 +8,8 @@ import numpy as np
 
 from studies.mission_report import SECTORS, best_by_aic, called, identified
 from sysid.report.markdown import table
-from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.plots import write_picture
 from sysid.robot.mission.control.pi_p import SpeedPIYawP
 from sysid.robot.mission.guidance.field import PotentialField
 from sysid.robot.mission.guidance.steps import Steps

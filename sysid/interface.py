@@ -302,12 +302,10 @@ def tune(
         UsageError: the controller has no gains, or a number makes no search.
         ModelError: no set of gains brings the robot to the goal.
     """
-    from sysid.robot.mission.spec import Mission, load_mission
     from sysid.robot.mission.tuning.search import SearchOptions
     from sysid.robot.mission.tuning.search import tune as search
 
-    spec = mission if isinstance(mission, Mission) else load_mission(mission)
-    return search(spec, plant, SearchOptions(trials, robust, seed))
+    return search(_mission(mission), plant, SearchOptions(trials, robust, seed))
 
 
 def diagnose(

@@ -13,9 +13,8 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel, Record
 from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.diagnose import require_apart
-from sysid.diagnosis.diagnosis import Diagnosis, Experiment, Trace
+from sysid.diagnosis.diagnosis import Diagnosis, Experiment, NamedEffect, Trace, Value
 from sysid.diagnosis.gap import measure_gap
-from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.validation.localise import localise
 from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.errors import Termination

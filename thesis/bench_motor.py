@@ -6,7 +6,7 @@ import numpy as np
 import sysid_datasets
 
 from sysid.data.record import Array
-from sysid.report.plots import Line, Panel, ResponsePicture
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.testbench.motor.characterise import MotorBench, characterise_motor
 from sysid.testbench.motor.equations import (
     PUBLISHED,

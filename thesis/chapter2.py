@@ -4,7 +4,7 @@ import numpy as np
 import sysid_datasets
 
 from sysid.data.record import Array
-from sysid.report.plots import Line, Panel, ResponsePicture
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.vehicle.ground.presets import soil_preset
 from sysid.vehicle.ground.resistance import turning_moment
 from sysid.vehicle.kinematics import Geometry, body_velocity

@@ -2,7 +2,7 @@
 
 import sysid_datasets
 
-from sysid.report.plots import PlanPicture
+from sysid.report.missions.plan_drawing import PlanPicture
 from sysid.robot.mission.plan import plan
 from sysid.robot.mission.spec import load_mission
 from thesis.entries import DRAWN, MISPRINT, Row, Sheet, number, verdict

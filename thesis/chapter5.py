@@ -7,7 +7,7 @@ import numpy as np
 from sysid.criteria.information import information_criteria
 from sysid.data.record import Array, Record
 from sysid.estimation.assessment.figures import Start, figures, outputs
-from sysid.report.plots import Panel, ResponsePicture
+from sysid.report.missions.response_drawing import Panel, ResponsePicture
 from thesis.entries import DRAWN, MISPRINT, Row, Sheet, compared, line, number, verdict
 from thesis.plants import bundled, published_model
 

@@ -8,7 +8,7 @@ import numpy as np
 from studies import tuning_report
 from studies.mission_report import SECTORS
 from sysid.data.record import Array
-from sysid.report.plots import Line, Panel, ResponsePicture
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.robot.mission.contracts import Disc
 from sysid.robot.mission.control.pi_p import SpeedPIYawP
 from sysid.robot.mission.guidance.field import (

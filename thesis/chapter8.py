@@ -7,7 +7,7 @@ import numpy as np
 import sysid_datasets
 
 from sysid.data.record import Array
-from sysid.report.plots import Panel, ResponsePicture
+from sysid.report.missions.response_drawing import Panel, ResponsePicture
 from sysid.report.style import GREEN, MUTED
 from sysid.robot.mission.guidance.field import speed_reference
 from sysid.robot.mission.result import MissionResult

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.report.plots import Line, PlanPicture, ResponsePicture
+from sysid.report.missions.plan_drawing import PlanPicture
+from sysid.report.missions.response_drawing import Line, ResponsePicture
 
 DRAWN = "drawn"
 """Stands for a published value where the thesis has a curve and prints no number of it."""

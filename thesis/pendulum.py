@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sysid.report.plots import Panel, ResponsePicture
+from sysid.report.missions.response_drawing import Panel, ResponsePicture
 from sysid.testbench.pendulum.study import inertia_of_period
 from thesis.entries import DRAWN, MISPRINT, Row, Sheet, compared, line, number
 

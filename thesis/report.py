@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from sysid.report.markdown import table
-from sysid.report.plots import PlanPicture, write_picture
+from sysid.report.missions.plan_drawing import PlanPicture
+from sysid.report.plots import write_picture
 from thesis import bench_motor, chapter2, chapter4, chapter5, chapter6, chapter7, chapter8, pendulum
 from thesis.entries import DISAGREES, DRAWN, MISPRINT, Item, Kind, Row, Sheet
 from thesis.inventory import CHAPTERS, ITEMS

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.estimation.identify import Identification, Request
-    from sysid.estimation.online.follower import Feed, Follower
+    from sysid.estimation.online.follower import Follower, LogFeed
     from sysid.estimation.online.live_state import LiveState
 
 POLL = 0.05
@@ -117,7 +117,7 @@ def _orders(request: "Request") -> Any:
     return None if request.orders is None else parse_orders(request.orders.removeprefix("arx:"))
 
 
-def _feed(logs: Sequence[Path], read: "ReadOptions") -> "Feed":
+def _feed(logs: Sequence[Path], read: "ReadOptions") -> "LogFeed":
     from sysid.data.following.lines import lines_of
     from sysid.data.following.rows import check_followable
     from sysid.estimation.online.follower import LogFeed
@@ -183,7 +183,7 @@ def _ending(how: Following, stop: list[int], seconds: float, idle: float, ended:
 
 
 def _units(follower: "Follower") -> dict[str, str]:
-    return {c.name: c.unit for c in follower.feed.inputs}
+    return {c.name: c.unit for c in follower.feed.reader.inputs}
 
 
 def _kept(follower: "Follower", ending: str, request: "Request", workspace: Workspace) -> Followed:

@@ -1,6 +1,6 @@
 """Display while following: a live table, or a line now and then."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,7 @@ from .. import render
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from sysid.estimation.assessment.step_response import Estimate
+    from sysid.estimation.assessment.delta_method import Estimate
     from sysid.estimation.online.live_state import LiveChange, LivePair, LiveState
 
 ZONE_WORDS = {"command": "in the command", "friction": "friction", "both": "command and friction"}
@@ -143,11 +143,7 @@ class View:
         if self._draw is not None:
             self._draw(screen(state, units, self._where))
             return
-        for change in _new(state.changes, self._shown):
+        for change in state.changes[self._shown :]:
             render.say(change_sentence(change), "bold")
         self._shown = len(state.changes)
         render.say(line(state, units))
-
-
-def _new(changes: "Sequence[LiveChange]", shown: int) -> "Sequence[LiveChange]":
-    return changes[shown:]

@@ -99,13 +99,10 @@ def _show(name: str, facts: dict[str, Any]) -> None:
         if figures.get(f"{figure}_mean") is not None:
             low, high = figures[f"{figure}_bounds"]
             mean = figures[f"{figure}_mean"]
-            verdict = "as they should be" if low <= mean <= high else _verdict(mean > high)
+            size = "larger" if mean > high else "smaller"
+            verdict = "as they should be" if low <= mean <= high else f"{size} than believed"
             rows.append((words, f"{mean:.3g}, bounds {low:.3g} to {high:.3g}: {verdict}"))
     show_decisions(facts["read_as"])
     render.table((name, facts["navigation"]), rows)
     render.cautions(facts["warnings"])
     render.files(facts, output="Estimate", plot="Picture")
-
-
-def _verdict(large: bool) -> str:
-    return "larger than believed" if large else "smaller than believed"

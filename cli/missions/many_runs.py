@@ -11,7 +11,6 @@ from .. import render, targets
 from ..options import changed, option
 
 if TYPE_CHECKING:
-    from sysid.data.record import Array
     from sysid.plant.package import Package
     from sysid.robot.mission.contracts import SteppablePlant
     from sysid.robot.mission.spec import Mission
@@ -110,15 +109,13 @@ def candidates(
             exported.inputs,
             exported.outputs,
         )
-        same_model = other.structure == exported.structure and _equal(other.theta, exported.theta)
+        same_model = (other.structure, other.theta.tolist()) == (
+            exported.structure,
+            exported.theta.tolist(),
+        )
         if same_plant and not same_model and [d.sha256 for d in other.provenance.data] == logs:
             models.append(other)
     return models
-
-
-def _equal(one: "Array", other: "Array") -> bool:
-    """Whether two vectors are the same numbers."""
-    return bool(one.tolist() == other.tolist())
 
 
 def ride(mission: "Mission", package: "Package", models: "Sequence[Model]", how: Repeats) -> Ride:

@@ -34,9 +34,7 @@ class OverRos:
 
     ros: bool = _node(None, "Be one of two nodes of ROS 1.", default=False)
     topic: str | None = _node(
-        "NAME",
-        f"Topic for the references of guidance [{REFERENCES}].",
-        parse=_topic,
+        "NAME", f"Topic for the references of guidance [{REFERENCES}].", parse=_topic
     )
     topic_level: str | None = _node(
         "|".join(LEVELS),

@@ -136,7 +136,8 @@ def fit_vehicle(
 
     with render.progress("Fitting the vehicle"):
         fitted = fit(records, holdout, given, motion, motors)
-    document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **fitted.to_json()}
+        judged = fitted.to_json()
+    document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **judged}
     document["read_as"] = decided((*records, *holdout))
     document["notes"] = [*fitted.notes, *(f.text for f in (*findings, *more))]
     document |= _written(files, fitted, (logs or [])[0].stem)

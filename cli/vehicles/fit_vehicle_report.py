@@ -18,7 +18,7 @@ def show(fitted: "VehicleFit", document: dict[str, Any]) -> None:
     render.table(
         ("quantity", "value", "± standard error", "unit", "what it is"),
         [
-            (n.name, _digits(n.value, n.std_error), _error(n.std_error), n.unit, n.sentence)
+            (n.name, _digits(n.value, n.std_error), f"{n.std_error:.2g}", n.unit, n.sentence)
             for n in identifiable
         ],
     )
@@ -78,7 +78,3 @@ def _digits(value: float, error: float) -> str:
     if not (isfinite(error) and error > 0.0):
         return f"{value:.4g}"
     return f"{value:.{min(max(1 - floor(log10(error)), 0), 6)}f}"
-
-
-def _error(error: float) -> str:
-    return f"{error:.2g}"

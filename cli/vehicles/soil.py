@@ -1,18 +1,24 @@
 """``sysid soil``: thrust and resistances of a tracked vehicle on a soil."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.errors import UsageError
-
 from .. import reading, render, targets
-from ..options import argument, command, option
+from ..options import argument, command, numbers, option, pairs
 
 if TYPE_CHECKING:
     from sysid.vehicle.ground.assessment import Quantity, SoilAssessment
     from sysid.vehicle.ground.drawbar import Traction
     from sysid.vehicle.soil import Soil
+
+
+def _numbers(given: Sequence[str]) -> dict[str, object]:
+    advice = "NAME=VALUE, such as cohesion=500"
+    words = [pair for pair in given if pair.strip().startswith("shear=")]
+    rest = [pair for pair in given if pair not in words]
+    return {**pairs(words, "--set", advice, str), **pairs(rest, "--set", advice, float)}
 
 
 @command
@@ -25,12 +31,20 @@ def soil(
         "YAML with r, B, L, track_width, centre, height, mass, as sysid vehicle reads it, "
         "or a mission [the bundled robot].",
     ),
-    numbers: list[str] | None = option(
-        "NAME=VALUE", "A parameter of the soil: cohesion=500, friction_angle_deg=31.", "--set"
+    soil_numbers: dict[str, object] | None = option(
+        "NAME=VALUE",
+        "A parameter of the soil: cohesion=500, friction_angle_deg=31.",
+        "--set",
+        parse=_numbers,
+        kind=list[str] | None,
     ),
     slope: float | None = option("DEG", "A slope to climb [°]."),
-    slips: str | None = option(
-        "I,I", "Slips at which to state the drawbar pull, 0 to 1.", "--slip"
+    slips: tuple[float, ...] | None = option(
+        "I,I",
+        "Slips at which to state the drawbar pull, 0 to 1.",
+        "--slip",
+        parse=lambda text: numbers(text, "--slip", "shares such as 0.05,0.2"),
+        kind=str | None,
     ),
     wheels: int | None = option(
         "N",
@@ -43,14 +57,14 @@ def soil(
     """List soils with their sources, or assess a tracked vehicle on one."""
     from sysid.vehicle.ground.assessment import RADII, SLIPS, assess
 
-    if ground is None and vehicle is None and not numbers:
+    if ground is None and vehicle is None and not soil_numbers:
         _list(json)
         return
-    traction = _traction(ground, vehicle, numbers or [], wheels)
+    traction = _traction(ground, vehicle, soil_numbers or {}, wheels)
     assessment = assess(
         traction,
         None if slope is None else math.radians(slope),
-        SLIPS if slips is None else _slips(slips),
+        slips or SLIPS,
         RADII,
     )
     if json:
@@ -64,7 +78,7 @@ def soil(
 
 
 def _traction(
-    ground: str | None, vehicle: Path | None, numbers: list[str], wheels: int | None
+    ground: str | None, vehicle: Path | None, numbers: dict[str, object], wheels: int | None
 ) -> "Traction":
     """Soil and vehicle as the options say.
 
@@ -73,43 +87,26 @@ def _traction(
         ModelError, DataError: soil or vehicle cannot be.
     """
     from sysid.vehicle.ground.drawbar import Traction
-    from sysid.vehicle.ground.files import read_vehicle
     from sysid.vehicle.pressure import Distribution, Pressure
     from sysid.vehicle.tracked import TrackedVehicle
+    from sysid.vehicle.wheels.description import load_tracks
 
-    body = TrackedVehicle() if vehicle is None else read_vehicle(vehicle)
+    body = TrackedVehicle() if vehicle is None else load_tracks(vehicle)
     spread = None
     if wheels is not None:
         spread = Pressure(Distribution.WHEELS, body.centre, wheels)
     return Traction(_soil(ground, vehicle, numbers), body, spread)
 
 
-def _soil(ground: str | None, vehicle: Path | None, numbers: list[str]) -> "Soil":
-    from sysid.vehicle.ground.files import read_soil
-    from sysid.vehicle.ground.presets import soil_of, soil_over
+def _soil(ground: str | None, vehicle: Path | None, given: dict[str, object]) -> "Soil":
+    from sysid.vehicle.ground.presets import read_soil, soil_of, soil_over
 
-    given: dict[str, object] = {}
-    for pair in numbers:
-        name, sign, value = (p.strip() for p in pair.partition("="))
-        try:
-            given[name] = value if name == "shear" else float(value)
-        except ValueError:
-            sign = ""
-        if not sign:
-            raise UsageError(f"--set cannot read {pair!r}; write NAME=VALUE, such as cohesion=500")
     if ground is None:
         return soil_of(given) if vehicle is None else soil_over(read_soil(vehicle), given)
     path = Path(ground)
     if path.suffix.lower() in (".yaml", ".yml") or path.is_file():
         return soil_over(read_soil(path), given)
     return soil_of({"preset": ground, **given})
-
-
-def _slips(text: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise UsageError(f"--slip cannot read {text!r}; write shares such as 0.05,0.2") from None
 
 
 def _list(json: bool) -> None:
@@ -171,7 +168,7 @@ def _document(assessment: "SoilAssessment") -> dict[str, Any]:
             "distribution": spread.distribution.value,
             "wheels": spread.wheels if spread.distribution == "wheels" else None,
         },
-        "quantities": [_number(q) for q in assessment.quantities],
+        "quantities": assessment.quantities,
         "drawbar": [
             {
                 "slip": p.slip,
@@ -196,17 +193,6 @@ def _document(assessment: "SoilAssessment") -> dict[str, Any]:
             for t in assessment.turns
         ],
         "notes": assessment.notes,
-    }
-
-
-def _number(q: "Quantity") -> dict[str, Any]:
-    return {
-        "name": q.name,
-        "value": q.value,
-        "std_error": q.std_error,
-        "unit": q.unit,
-        "reason": q.reason,
-        "driven_by": q.driven_by,
     }
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.errors import UsageError
 
 from .. import reading, render, targets
-from ..options import argument, command, option
+from ..options import argument, command, numbers, option, pairs
 
 if TYPE_CHECKING:
     from sysid.vehicle.wheels.vehicle import Vehicle
@@ -43,7 +43,7 @@ def vehicle(
     at = _by_name(angles, "--angles", _steered(loaded))
     facts = summary(loaded, at)
     if twist is not None:
-        wanted = tuple(_numbers(twist, "--twist"))
+        wanted = numbers(twist, "--twist", "VX,VY,WZ")
         facts["inverse"] = inverse_document(loaded, loaded.inverse(wanted, at))
     if speeds is not None:
         wheel_speeds = _by_name(
@@ -86,24 +86,11 @@ def _by_name(text: str | None, option: str, in_order: Sequence[str]) -> Mapping[
     if text is None:
         return None
     if "=" not in text:
-        values = _numbers(text, option)
+        values = numbers(text, option, "numbers separated by commas")
         if len(values) != len(in_order):
             raise UsageError(
                 f"{option} {text} has {len(values)} numbers for {len(in_order)} wheels "
                 f"({', '.join(in_order) or 'none'}): name them, as in {option} NAME=VALUE"
             )
         return dict(zip(in_order, values, strict=True))
-    by_name: dict[str, float] = {}
-    for part in text.split(","):
-        name, _, value = part.rpartition("=")
-        if not name or name.strip() in by_name:
-            raise UsageError(f"{option} {text}: write NAME=VALUE once for each wheel")
-        (by_name[name.strip()],) = _numbers(value, option)
-    return by_name
-
-
-def _numbers(text: str, option: str) -> list[float]:
-    try:
-        return [float(word) for word in text.split(",")]
-    except ValueError:
-        raise UsageError(f"{option} {text}: write numbers separated by commas") from None
+    return pairs([text], option, "NAME=VALUE once for each wheel", float)

@@ -27,13 +27,18 @@ def show(facts: dict[str, Any]) -> None:
     ]
     tracks = facts["tracks"]
     if tracks is not None:
-        rows.append(("tracks: width, effective width [m]", _pair(tracks)))
+        rows.append(
+            (
+                "tracks: width, effective width [m]",
+                f"{tracks.width:.4g}, {tracks.effective_width:.4g}",
+            )
+        )
     for name, key in (("mass [kg]", "mass_kg"), ("yaw inertia [kg m²]", "yaw_inertia_kg_m2")):
         if facts[key] is not None:
             rows.append((name, render.number(facts[key], 4)))
     render.table((facts["name"], ""), rows)
-    render.say(_sentence(f"{facts['name']}: {facts['sentence']}"))
-    render.say(_sentence(f"Centre of rotation: {facts['icr']['sentence']}"))
+    render.say(f"{facts['name']}: {facts['sentence']}.")
+    render.say(f"Centre of rotation: {facts['icr']['sentence']}.")
     _show_wheels(facts["wheels"])
     _show_matrices(facts)
     for key, shown in (("inverse", _show_inverse), ("forward", _show_forward)):
@@ -111,7 +116,7 @@ def _show_inverse(inverse: dict[str, Any]) -> None:
         title=f"For {_motion(inverse['possible'])}",
     )
     render.say(inverse["sentence"])
-    render.say(_sentence(f"Centre of rotation: {inverse['icr']['sentence']}"))
+    render.say(f"Centre of rotation: {inverse['icr']['sentence']}.")
 
 
 def _show_forward(forward: dict[str, Any]) -> None:
@@ -126,7 +131,7 @@ def _show_forward(forward: dict[str, Any]) -> None:
         title=f"The speeds give {_motion(forward['twist'])}",
     )
     render.say(forward["sentence"])
-    render.say(_sentence(f"Centre of rotation: {forward['icr']['sentence']}"))
+    render.say(f"Centre of rotation: {forward['icr']['sentence']}.")
 
 
 def _slip(value: float | None) -> str:
@@ -147,14 +152,6 @@ def _limit(value: float | None) -> str:
     return render.number(value, 4) if value else "0 (impossible without sliding)"
 
 
-def _pair(tracks: Any) -> str:
-    return f"{tracks.width:.4g}, {tracks.effective_width:.4g}"
-
-
 def _degrees(angle: float) -> str:
     shown = math.degrees(angle)
     return f"{0.0 if abs(shown) < 1e-9 else shown:.4g}°"
-
-
-def _sentence(words: str) -> str:
-    return f"{words[0]}{words[1:]}."

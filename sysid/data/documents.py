@@ -1,8 +1,9 @@
 """Values as JSON text, for the documents of commands and the files of the workspace.
 
 A dataclass is an object of its fields. A field that a file calls otherwise says so:
-``field(metadata={"alias": "sample_time"})``; pydantic, with which :mod:`sysid.data.schema` reads
-the file, knows that word too. A class whose document is none of its fields alone has ``to_json``.
+``field(metadata={"alias": "sample_time"})``, and ``{"exclude": True}`` one that is not written;
+pydantic, with which :mod:`sysid.data.schema` reads the file, knows these words too. A class whose
+document is not that of its fields alone has ``to_json``.
 """
 
 import json
@@ -75,7 +76,8 @@ def by_field(value: Any, *, defaults: bool = True) -> dict[str, Any]:
     Args:
         defaults: whether fields are among them that have the value of ``type(value)()``.
     """
-    kept = {name_in_file(f): getattr(value, f.name) for f in fields(value)}
+    shown = [f for f in fields(value) if not f.metadata.get("exclude")]
+    kept = {name_in_file(f): getattr(value, f.name) for f in shown}
     if defaults:
         return kept
     usual = by_field(type(value)())

@@ -10,10 +10,16 @@ from sysid.data.inspection import inspect_records
 from sysid.diagnosis import findings
 from sysid.diagnosis.advise import experiment_between, experiment_on_ground, next_experiments
 from sysid.diagnosis.augment import model_of
-from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, Experiment, Trace
+from sysid.diagnosis.diagnosis import (
+    OF_THE_LOG,
+    Diagnosis,
+    Experiment,
+    NamedEffect,
+    RejectedEffect,
+    Trace,
+)
 from sysid.diagnosis.gap import ChannelGap, Gap, with_path
 from sysid.diagnosis.long_logs import InFull
-from sysid.diagnosis.named_effects import NamedEffect, RejectedEffect
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis
 from sysid.diagnosis.pose.ground_model import with_ground

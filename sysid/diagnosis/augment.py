@@ -10,7 +10,7 @@ from sysid.criteria.information import information_criteria
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.diagnosis.base_model import Base, full_drive
-from sysid.diagnosis.named_effects import Value
+from sysid.diagnosis.diagnosis import Value
 from sysid.diagnosis.search.admission import on_bound
 from sysid.diagnosis.search.batched_search import information
 from sysid.diagnosis.search.evidence import effective_samples
@@ -36,8 +36,7 @@ def parameter_indices(base: Base, candidate: CandidateModel) -> list[int]:
     indices = [k for k, s in enumerate(m.parameters) if s.owner == "core"]
     for id in effects_of(base, candidate):
         e = effect(id)
-        for track in (-1,) if e.shared else range(m.tracks):
-            indices += [m.index[id, p.name, track] for p in e.parameters]
+        indices += [m.index[id, p.name, track] for track in m.sides(e) for p in e.parameters]
     return indices
 
 
@@ -51,20 +50,20 @@ def covariance_of(base: Base, candidate: CandidateModel) -> Array:
     return np.asarray(variance * np.linalg.pinv(H, hermitian=True) / max(min(share, 1.0), 1e-3))
 
 
+def std_errors(base: Base, candidate: CandidateModel) -> dict[int, float]:
+    """Standard errors of the free parameters by slopes; 0 where these say nothing."""
+    errors = np.sqrt(np.maximum(np.diag(covariance_of(base, candidate)), 0.0))
+    return dict(zip(candidate.free, errors.tolist(), strict=True))
+
+
 def values_of(
     base: Base, candidate: CandidateModel, id: str, intervals: Mapping[int, Interval] | None = None
 ) -> tuple[Value, ...]:
-    """The parameters of an effect with standard errors; None where nothing was estimated.
-
-    Args:
-        intervals: of parameters without a standard error from gradients, by index.
-    """
+    """The parameters of an effect with standard errors; None where nothing was estimated."""
     m = base.search.model
     names = base.search.estimation[0].output_names
     unit = base.search.estimation[0].outputs[0].unit
-    covariance = covariance_of(base, candidate) if candidate.free else np.zeros((0, 0))
-    at = {p: i for i, p in enumerate(candidate.free)}
-    acting = _acting(base, candidate, id)
+    errors, acting = std_errors(base, candidate), _acting(base, candidate, id)
     values = []
     for k in m.of(id):
         p = m.parameters[k]
@@ -72,22 +71,19 @@ def values_of(
             continue
         tag = "" if p.track < 0 else f"[{names[p.track]}]"
         idle = candidate.q[k] == p.null and p.track >= 0
-        if idle and k not in at and id != CHANGED.id:
+        if idle and k not in errors and id != CHANGED.id:
             continue
         value, words = float(candidate.q[k]), p.of.unit.replace("speed", unit)
         interval = (intervals or {}).get(k)
-        error = float(np.sqrt(max(covariance[at[k], at[k]], 0.0))) if k in at else None
-        shown = _value(f"{p.name}{tag}", value, error, interval, words)
-        shown = replace(shown, bounded=k in at and on_bound(p, value))
+        shown = _value(f"{p.name}{tag}", value, errors.get(k), interval, words)
+        shown = replace(shown, bounded=k in errors and on_bound(p, value))
         values.append(replace(shown, in_file=_in_file(base, shown, p.track)))
         if shown.visited and p.of.as_command:
             # as the command that just overcomes it: what a person with a robot turns up
             gain = abs(candidate.q[m.index["core", "gain", p.track]])
             full = float(full_drive(base.parts.estimation)[p.track]) / gain
-            unit_ = base.search.estimation[0].inputs[p.track].unit
-            scaled, ends = error and error * full, interval and interval.times(full)
-            name = f"{p.name}_command{tag}"
-            values.append(_value(name, value * full, scaled, ends, unit_))
+            command = base.search.estimation[0].inputs[p.track].unit
+            values.append(shown.times(full, command, f"{p.name}_command{tag}"))
     return tuple(values)
 
 
@@ -115,16 +111,7 @@ def _in_file(base: Base, value: Value, track: int) -> Value | None:
         unit = value.unit.replace(channel.unit, unit)
     else:
         return None
-    factor = 1.0 / size if value.unit.startswith("1/") else size
-    ends = value.interval and tuple(None if v is None else factor * v for v in value.interval)
-    return Value(
-        value.name,
-        factor * value.value,
-        None if value.std_error is None else factor * value.std_error,
-        unit,
-        (ends[0], ends[1]) if ends else None,
-        bounded=value.bounded,
-    )
+    return value.times(1.0 / size if value.unit.startswith("1/") else size, unit)
 
 
 def _value(
@@ -159,12 +146,9 @@ def model_of(
     )
     indices = parameter_indices(base, candidate)
     covariance = np.zeros((len(indices), len(indices)))
-    if candidate.free:
-        free = covariance_of(base, candidate)
-        at = {index: i for i, index in enumerate(candidate.free)}
-        inside = [k for k, index in enumerate(indices) if index in at]
-        free_rows = [at[indices[k]] for k in inside]
-        covariance[np.ix_(inside, inside)] = free[np.ix_(free_rows, free_rows)]
+    inside = [k for k, index in enumerate(indices) if index in candidate.free]
+    of_free = [candidate.free.index(indices[k]) for k in inside]
+    covariance[np.ix_(inside, inside)] = covariance_of(base, candidate)[np.ix_(of_free, of_free)]
     parameters = structure.parameters(first.inputs, first.outputs)
     theta, unseen = candidate.q[indices], []
     for k, index in enumerate(indices):

@@ -20,7 +20,7 @@ from sysid.diagnosis.pose.correct_sensor import correct_sensor
 from sysid.diagnosis.resolve_ties_by_pose import resolve_ties_by_pose
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import DiagnosisSession, noise_of
-from sysid.diagnosis.several.ground import with_ground
+from sysid.diagnosis.several.constancy import with_ground
 from sysid.diagnosis.validation.mission import prove_on_mission
 from sysid.effects.catalogue import chain_effects
 from sysid.effects.measured import Measured, within

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array, Record
-from sysid.diagnosis.augment import covariance_of, values_of
+from sysid.diagnosis.augment import std_errors, values_of
 from sysid.diagnosis.base_model import Base, full_drive
-from sysid.diagnosis.diagnosis import Trace
-from sysid.diagnosis.named_effects import NamedEffect, Value
+from sysid.diagnosis.diagnosis import NamedEffect, Trace, Value
 from sysid.diagnosis.samples import SampleEffects
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
@@ -139,15 +138,14 @@ def absorbed(base: Base, selection: Selection) -> tuple[str, ...]:
     """Alarms: parameters of the base that had taken over a part of a missing effect."""
     if not selection.effects or not base.search.core:
         return ()
-    covariance = covariance_of(base, selection.final)
+    errors = std_errors(base, selection.final)
     model, moves = base.search.model, []
     names = base.parts.estimation[0].output_names
-    for at, k in enumerate(selection.final.free):
+    for k, error in errors.items():
         if model.parameters[k].owner != "core" or k not in selection.base.free:
             continue
         old, new = float(selection.base.q[k]), float(selection.final.q[k])
-        error = float(np.sqrt(max(covariance[at, at], 1e-300)))
-        moved = abs(new - old)
+        error, moved = max(error, 1e-150), abs(new - old)
         if moved > ABSORBED[0] * error and moved > ABSORBED[1] * abs(new):
             p = model.parameters[k]
             factor, unit = _per_command(base, p.track) if p.name == "gain" else (1.0, "")

@@ -116,10 +116,6 @@ def with_path(outputs: Gap, path: Gap) -> Gap:
     """The gap of all outputs and of the path together, every channel in units of its base error.
 
     A channel that was at its floor has no gap. Intervals add as if both parts erred alike.
-
-    Args:
-        outputs: of the measurements.
-        path: of the increments of the pose, over all held-out windows.
     """
     old, new = zip(*(_sums(part) for part in (outputs, path)), strict=True)
     if sum(old) <= 0.0:

@@ -41,11 +41,6 @@ def likely_cause(
 
     What only the samples show (coarse measurements, lost ones) turns no robot aside and is no
     cause.
-
-    Args:
-        model: of the plant that the prediction was made with.
-        geometry: the vehicle's lengths, where somebody gave them.
-        progress: called with what is being done and how far it is.
     """
     try:
         model.check(record)

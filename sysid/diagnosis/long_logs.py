@@ -85,11 +85,7 @@ def searched_on(
 
 @dataclass(frozen=True, eq=False)
 class InFull:
-    """Both models on all samples of long logs.
-
-    Attributes:
-        gap: over the samples that no effect was searched on.
-    """
+    """Both models on all samples of long logs."""
 
     gap: Gap
     traces: tuple[Trace, ...]

@@ -11,6 +11,7 @@ changes. They are masked. Standstill, a reversal and a clipped sensor are no dro
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,10 +102,7 @@ class SampleEffects:
     """What inspecting the samples found.
 
     Attributes:
-        coarse: outputs with quantisation.
-        lost: outputs with dropouts.
         weights: 0 where a reading was lost or repeats the last one, 1 elsewhere, (N, ny) a record.
-        stale: outputs whose sensor is slower than the log.
     """
 
     coarse: tuple[Coarse, ...]
@@ -133,41 +131,41 @@ def inspect_samples(data: Sequence[Record] | LogFacts) -> SampleEffects:
     total = sum(len(r) for r in records)
     slow, few_ways = facts.refreshes, _on_few_ways(records)
     dead = [_latest(facts, output) for output in records[0].output_names]
+    ends = np.cumsum([len(r) for r in records])[:-1]
     for i, name in enumerate(records[0].output_names):
-        series = [r.y[:, i] for r in records]
-        step = facts.steps[i]
-        masks = [np.zeros(len(y), dtype=bool) for y in series]
-        refresh = slow[i]
+        y, step, refresh = np.concatenate([r.y[:, i] for r in records]), facts.steps[i], slow[i]
+        mask = np.zeros(total, dtype=bool)
         if refresh is not None:
-            masks = [~fresh for fresh in refresh.fresh]
+            mask = ~np.concatenate(refresh.fresh)
             phase = refresh.phase(0, max(round(refresh.period), 1))
             seconds = refresh.period * records[0].dt
             stale.append(Stale(name, refresh.period, seconds, phase, refresh.repeated))
         for holds in (False, True) if refresh is None else ():
-            sure = [_bursts(r, i, step, holds, dead[i], strict=True) for r in records]
-            count = sum(int(np.sum(np.diff(m.astype(int), prepend=0) == 1)) for m in sure)
-            if count < max(MIN_BURSTS, MIN_BURST_SHARE * total):
+            asked = partial(_bursts, i=i, step=step, holds=holds, late=dead[i])
+            sure = np.concatenate([asked(r, strict=True) for r in records])
+            if _count(sure) < max(MIN_BURSTS, MIN_BURST_SHARE * total):
                 continue
-            bursts_of = [_bursts(r, i, step, holds, dead[i], strict=False) for r in records]
-            bursts_of = [a | b for a, b in zip(bursts_of, sure, strict=True)]
-            bursts = sum(int(np.sum(np.diff(m.astype(int), prepend=0) == 1)) for m in bursts_of)
-            share = sum(int(m.sum()) for m in bursts_of) / total
-            lost.append(Lost(name, share, bursts, holds))
-            masks = [a | b for a, b in zip(masks, bursts_of, strict=True)]
-        for w, m in zip(weights, masks, strict=True):
+            bursts = sure | np.concatenate([asked(r, strict=False) for r in records])
+            lost.append(Lost(name, float(np.mean(bursts)), _count(bursts), holds))
+            mask |= bursts
+        for w, m in zip(weights, np.split(mask, ends), strict=True):
             w[m, i] = 0.0
-        kept = np.concatenate([y[~m] for y, m in zip(series, masks, strict=True)])
-        agree = CLEARLY_AGREE if few_ways else AGREE
-        behind_noise = 0.0 if step else blurred_step(kept, agree)
+        behind_noise = 0.0 if step else blurred_step(y[~mask], CLEARLY_AGREE if few_ways else AGREE)
         step = step or behind_noise
         if step > 0.0:
-            fresh_only = [y[~m, None] for y, m in zip(series, masks, strict=True)]
-            noise = max(float(white_noise(fresh_only)[0]), step / np.sqrt(12.0))
-            size = float(np.quantile(np.abs(kept), 0.95)) or 1.0
-            clear = behind_noise > 0.0 or step >= COARSE * noise  # gathered: no chance
+            pairs = zip(np.split(y, ends), np.split(~mask, ends), strict=True)
+            noise = float(white_noise([part[fresh, None] for part, fresh in pairs])[0])
+            size = float(np.quantile(np.abs(y[~mask]), 0.95)) or 1.0
+            # what is gathered behind noise is no chance
+            clear = behind_noise > 0.0 or step >= COARSE * max(noise, step / np.sqrt(12.0))
             if clear and step >= VISIBLE * size:
                 coarse.append(Coarse(name, step))
     return SampleEffects(tuple(coarse), tuple(lost), tuple(weights), tuple(stale))
+
+
+def _count(mask: Mask) -> int:
+    """Bursts of a mask."""
+    return int(np.sum(np.diff(mask.astype(int), prepend=0) == 1))
 
 
 def with_steps_of(seen: SampleEffects, data: Sequence[Record] | LogFacts) -> SampleEffects:
@@ -190,8 +188,6 @@ def inspect_rates(
 
     Args:
         rates: central differences over ``step`` samples on either side.
-        positions: what they were made from.
-        step: see ``rates``.
     """
     read = inspect_samples(positions)
     thinned = [w[: len(w) // step * step : step] for w in read.weights]

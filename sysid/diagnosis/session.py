@@ -9,8 +9,8 @@ import numpy as np
 from sysid.data.column_words import may_move
 from sysid.data.record import Array
 from sysid.diagnosis.base_model import Base
+from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.gap import Gap, measure_gap
-from sysid.diagnosis.named_effects import RejectedEffect
 from sysid.diagnosis.policies import RULE, VERDICT
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.search.intervals import intervals_of

@@ -206,6 +206,10 @@ class Law:
     of_changes: bool = False
 
 
+NO_LAW = Law(())
+"""Of an effect that has no laws."""
+
+
 def nothing(
     xp: Any, signal: Signal, state: State, parameters: Mapping[str, Signal], context: Context
 ) -> tuple[Signal, State]:

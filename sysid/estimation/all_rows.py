@@ -140,7 +140,6 @@ def _solver(every: AllRows, detrend: Detrend) -> Fitter:
 
 
 def _figures(model: Model, every: AllRows, label: str, policy: Policy) -> DataFigures:
-    """Figures of a model on all rows, each block with an initial state of its own."""
     least = 2 * (policy.skip + model.structure.first_sample() + 1)
     parts = [figures_on(model, [r], label, policy) for r in every.records() if len(r) > least]
     return DataFigures(

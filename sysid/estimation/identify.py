@@ -12,7 +12,7 @@ from sysid.data.inspection import MIN_SAMPLES, inspect_records
 from sysid.data.record import Record, names_of
 from sysid.data.same_kind import require_same_kind
 from sysid.errors import DataError, UsageError
-from sysid.estimation.assessment.data_notes import notes_for
+from sysid.estimation.assessment.advice import notes_for
 from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
 from sysid.estimation.offsets.choice import known_policy
@@ -138,7 +138,6 @@ def identify(
 
 
 def _require_search(names: Sequence[str], options: FitOptions) -> None:
-    """Refuse a method of search where nothing is searched."""
     usual = replace(options, method=Method.LEVENBERG_MARQUARDT, extra={})
     if options.method is usual.method or usual != FitOptions():
         return
@@ -199,7 +198,6 @@ def require_enough(
 
 
 def _overlap(a: Record, b: Record) -> bool:
-    """Whether two records of one log share an instant."""
     half = 0.5 * min(a.dt, b.dt)
     return bool(max(a.t0, b.t0) <= min(a.t[-1], b.t[-1]) + half)
 

@@ -13,7 +13,7 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.data.same_kind import require_same_kind
 from sysid.errors import DataError, UsageError
-from sysid.estimation.offsets.estimated_offset import fit_with_offset
+from sysid.estimation.offsets.estimated_offset import FitWithOffset, fit_with_offset
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.robust_fit import bounded_errors, fitter
 from sysid.fitting.marquardt import Method
@@ -69,10 +69,7 @@ def fit(
             structure, facts, offsets, options, parameters, initial_guesses, solver
         )
         if fitted is not None:
-            plain = tuple(fitted.at_fit.remove(r) for r in records)
-            return model_of(
-                fitted.outcome, records, plain, options, fitted.detrend, fitted.operating_point
-            )
+            return model_with_offset(fitted, records, options)
     plain = tuple(offsets.detrend.remove(r) for r in records)
     solve = solver or fitter(structure, options)
     outcome = solve(structure, plain, options, parameters, initial_guesses)
@@ -218,11 +215,18 @@ def _check_length(
 
 
 def _ranges(records: Sequence[Record]) -> Array:
-    """Lowest and highest value of every channel, inputs first, (nu + ny, 2)."""
     channels = [(*r.u.T, *r.y.T) for r in records]
     lows = np.min([[c.min() for c in columns] for columns in channels], axis=0)
     highs = np.max([[c.max() for c in columns] for columns in channels], axis=0)
     return np.column_stack([lows, highs])
+
+
+def model_with_offset(
+    fitted: FitWithOffset, records: Sequence[Record], options: FitOptions
+) -> Model:
+    """The model that a fit with an estimated offset stands for."""
+    plain = tuple(fitted.at_fit.remove(r) for r in records)
+    return model_of(fitted.outcome, records, plain, options, fitted.detrend, fitted.operating_point)
 
 
 def model_of(
@@ -299,7 +303,6 @@ def _noise_covariance(errors: Sequence[Array], records: Sequence[Record]) -> Arr
 
 
 def _provenance(outcome: FitOutcome, records: Sequence[Record], options: FitOptions) -> Provenance:
-    """The data of a fit and the options it was made with."""
     return Provenance(
         tuple(Source(r.name, r.sha256, r.t0, len(r)) for r in records),
         {

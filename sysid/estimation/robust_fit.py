@@ -15,6 +15,7 @@ from sysid.methods.method import Fitter
 from sysid.methods.outcome import FitOutcome
 from sysid.methods.table import method_of
 from sysid.structures.base import Structure
+from sysid.structures.model import Model
 from sysid.structures.motion import initial_state_window
 
 ROUNDS = 4
@@ -89,7 +90,6 @@ def without_outliers(
 
 
 def _heavy_tailed(outcome: FitOutcome, records: Sequence[Record]) -> bool:
-    """Whether Huber's loss pays on what is left of the data."""
     s, theta = outcome.structure, outcome.theta
     errors = [s.errors(theta, r.u, r.y, initial_state_window(s, theta)) for r in records]
     kept = [np.where(r.fitted, e, np.nan) for e, r in zip(errors, records, strict=True)]
@@ -145,7 +145,6 @@ def bounded_errors(errors: Array, outliers: Outliers) -> Array:
 
 
 def _words(outliers: Sequence[Outliers], records: Sequence[Record]) -> list[str]:
-    """What was left out, by output, and what could not be."""
     sentences = []
     for i, channel in enumerate(records[0].outputs):
         measurements = sum(int(np.sum(f.bad_measurements[:, i])) for f in outliers)
@@ -171,3 +170,54 @@ def _words(outliers: Sequence[Outliers], records: Sequence[Record]) -> list[str]
             "for outliers: they count as errors of the model and were kept."
         )
     return sentences
+
+
+# Judging ---------------------------------------------------------------------------------------
+
+
+def is_robust(model: Model) -> bool:
+    """Whether the model was fitted with outliers left out."""
+    return model.provenance.options.get("loss") == "huber"
+
+
+def judged(model: Model, records: Sequence[Record]) -> tuple[Record, ...]:
+    """The records as a model is to be judged on them.
+
+    For a model that was fitted robustly bad measurements are replaced by what it predicts there,
+    since predictions start from them, and they and the samples of disturbances have weight zero.
+    All other records come back as they are, and those whose outliers are known already.
+    """
+    if not is_robust(model):
+        return tuple(records)
+    return tuple(r if r.weights is not None else _outliers(model, r).marked(r) for r in records)
+
+
+def judged_errors(model: Model, records: Sequence[Record]) -> list[Array]:
+    """One-step prediction errors (N, ny) from which criteria are computed, by record.
+
+    Outliers of a robustly fitted model count with the size at which an error begins to stand out,
+    so that all models are judged on the same samples.
+    """
+    for r in records:
+        model.check(r)
+    plain = [model.detrend.remove(r) for r in records]
+    return counted_errors(model.structure, model.theta, plain, is_robust(model))
+
+
+def counted_errors(
+    structure: Structure, theta: Array, records: Sequence[Record], robust: bool
+) -> list[Array]:
+    """One-step prediction errors (N, ny) of records without offsets; outliers bounded if robust."""
+    window, errors = initial_state_window(structure, theta), []
+    for r in records:
+        found = outliers_of(structure, theta, r, window) if robust else None
+        y = r.y if found is None else found.marked(r).y
+        e = structure.errors(theta, r.u, y, window)
+        errors.append(e if found is None else bounded_errors(e, found))
+    return errors
+
+
+def _outliers(model: Model, record: Record) -> Outliers:
+    model.check(record)
+    window = initial_state_window(model.structure, model.theta)
+    return outliers_of(model.structure, model.theta, model.detrend.remove(record), window)

@@ -13,7 +13,7 @@ Such a model leads only where no settled one is as good.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -42,12 +42,10 @@ class Doubts:
 
     @property
     def settled(self) -> bool:
-        """Whether nothing speaks against it."""
         return not self.clauses
 
     @property
     def words(self) -> str:
-        """All clauses in one."""
         return " and ".join(self.clauses)
 
 
@@ -105,24 +103,42 @@ def relative_gap(name: str, value: float, best: float, samples: int, ny: int) ->
     return ratio - 1.0 if np.isfinite(ratio) else float("inf")
 
 
+def excess(name: str, cost: float, best: float, equations: tuple[int, int]) -> float:
+    """By which fraction a cost, smaller is better, exceeds the best one as errors go.
+
+    Args:
+        name: criterion whose costs they are.
+        equations: samples and outputs behind them.
+    """
+    ranks = criterion(name)
+    if ranks.of_free_run:
+        return cost / best - 1.0 if best else float(cost > 0.0)
+    return relative_gap(name, ranks.cost(cost), ranks.cost(best), *equations)
+
+
 Entry = TypeVar("Entry")
 
 
 def leader(
-    ranked: Sequence[Entry], doubts: Callable[[Entry], Doubts], ties: Callable[[Entry], bool]
+    ranked: Sequence[Entry],
+    able: Callable[[Entry], bool],
+    ties: Callable[[Entry, Entry], bool],
+    settled: Callable[[Entry], bool],
+    rank: Callable[[Entry], Any] | None = None,
 ) -> Entry:
-    """The first of a ranking that may lead.
+    """The one of a ranking to take.
 
-    A model whose run is unbounded does not lead while another one is bounded; of those left the
-    first one does, unless something speaks against it and a settled one ties with it.
+    What is not able to lead does not while something else is. Of those left that tie with the first
+    the ones that nothing speaks against come before others; among these the ranking decides.
 
     Args:
         ranked: best first.
-        doubts: what speaks against each.
+        able: whether an entry may lead, such as one whose run is bounded.
         ties: whether an entry is as good as the best of those that may lead, but for chance.
+        settled: whether nothing speaks against an entry.
+        rank: what ranks those that tie, the smallest first; the ranking itself unless given.
     """
-    able = [e for e in ranked if not doubts(e).unbounded] or list(ranked)
-    first = able[0]
-    if doubts(first).settled:
-        return first
-    return next((e for e in able if doubts(e).settled and ties(e)), first)
+    pool = [e for e in ranked if able(e)] or list(ranked)
+    tied = [e for e in pool if ties(e, pool[0])] or pool[:1]
+    places = {id(e): k if rank is None else rank(e) for k, e in enumerate(tied)}
+    return min(tied, key=lambda e: (not settled(e), places[id(e)]))

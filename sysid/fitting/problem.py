@@ -51,6 +51,40 @@ class Parameter:
     fixed: float | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Allowed:
+    """What parameters may be, (n,) each.
+
+    Attributes:
+        lower, upper: bounds.
+        fixed: value where one is held, NaN elsewhere.
+    """
+
+    lower: Array
+    upper: Array
+    fixed: Array
+
+    @staticmethod
+    def by(parameters: Sequence[Parameter]) -> "Allowed":
+        """What a table of parameters allows."""
+        rows = [(p.lower, p.upper, np.nan if p.fixed is None else p.fixed) for p in parameters]
+        return Allowed(*np.array(rows, dtype=np.float64).reshape(-1, 3).T)
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which are estimated."""
+        return np.isnan(self.fixed)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether one has a bound."""
+        return bool(np.isfinite([self.lower, self.upper]).any())
+
+    def nearest(self, theta: Array) -> Array:
+        """θ with the values held, within the bounds."""
+        return np.clip(np.where(self.free, theta, self.fixed), self.lower, self.upper)
+
+
 class Problem(ABC):
     """A least-squares problem min ½‖r(p)‖² that determines some entries of θ.
 
@@ -63,6 +97,7 @@ class Problem(ABC):
             correlated across stretches.
         channels: output of each of these stretches.
         counts: which residuals count at all, (M,); None when all do. Those that do not are zero.
+        scales: divisor of the errors of each output among ``channels``, in order.
     """
 
     index: Index
@@ -70,6 +105,7 @@ class Problem(ABC):
     lengths: tuple[int, ...]
     channels: tuple[int, ...]
     counts: NDArray[np.bool_] | None = None
+    scales: Array | float = 1.0
 
     @abstractmethod
     def residual(self, p: Array) -> Array:
@@ -90,3 +126,33 @@ class Problem(ABC):
     def initial_guess(self, theta: Array) -> Array:
         """p with θ's entries and zero initial states."""
         return np.concatenate([theta[self.index], np.zeros(self.n_initial)])
+
+    def with_states(self, theta: Array) -> Array | None:
+        """p with θ's entries and the initial states that suit it best; None where errors are
+        linear in these, so that whoever asks finds them by one step."""
+        return None
+
+
+class Wrapped(Problem):
+    """Another problem, changed in what a subclass says."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.index, self.n_initial = problem.index, problem.n_initial
+        self.lengths, self.channels = problem.lengths, problem.channels
+        self.counts = problem.counts
+
+    def residual(self, p: Array) -> Array:
+        return self.problem.residual(p)
+
+    def jacobian(self, p: Array) -> Array:
+        return self.problem.jacobian(p)
+
+    def initial_columns(self, p: Array) -> Array:
+        return self.problem.initial_columns(p)
+
+    def initial_guess(self, theta: Array) -> Array:
+        return self.problem.initial_guess(theta)
+
+    def with_states(self, theta: Array) -> Array | None:
+        return self.problem.with_states(theta)

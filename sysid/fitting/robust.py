@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.record import HARDLY, Array, Record
 from sysid.errors import DataError
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import Problem, Wrapped
 
 HUBER_WIDTH = 1.345
 """Huber's threshold in standard deviations: 95 % efficiency on Gaussian errors (Huber 1981)."""
@@ -90,7 +89,7 @@ def huber_pays(errors: Array) -> bool:
     return gained > needed
 
 
-class Weighted(Problem):
+class Weighted(Wrapped):
     """A problem whose residuals are multiplied by √w; those of hardly any weight do not count.
 
     Args:
@@ -99,29 +98,24 @@ class Weighted(Problem):
     """
 
     def __init__(self, problem: Problem, weights: Array) -> None:
-        self._problem, self._weights = problem, weights
-        self._root = np.sqrt(weights)
-        self.index, self.n_initial = problem.index, problem.n_initial
-        self.lengths, self.channels = problem.lengths, problem.channels
-        self.counts: NDArray[np.bool_] = weights > HARDLY
+        super().__init__(problem)
+        self._weights, self._root = weights, np.sqrt(weights)
+        self.counts = weights > HARDLY
 
     def residual(self, p: Array) -> Array:
         """√w ε."""
-        return self._root * self._problem.residual(p)
+        return self._root * self.problem.residual(p)
 
     def jacobian(self, p: Array) -> Array:
         """√w ∂ε/∂p."""
-        return self._root[:, None] * self._problem.jacobian(p)
+        return self._root[:, None] * self.problem.jacobian(p)
 
     def initial_columns(self, p: Array) -> Array:
         """√w ∂ε/∂(initial states)."""
-        return self._root[:, None] * self._problem.initial_columns(p)
+        return self._root[:, None] * self.problem.initial_columns(p)
 
     def given(self, theta: Array) -> Problem:
-        return Weighted(self._problem.given(theta), self._weights)
-
-    def initial_guess(self, theta: Array) -> Array:
-        return self._problem.initial_guess(theta)
+        return Weighted(self.problem.given(theta), self._weights)
 
 
 def weighted(problem: Problem, records: Sequence[Record], more: int = 0) -> Problem:

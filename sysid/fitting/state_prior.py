@@ -20,7 +20,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.fitting.marquardt import loss
-from sysid.fitting.problem import Problem
+from sysid.fitting.problem import Problem, Wrapped
 from sysid.fitting.solvers import Solution
 
 ROUNDS = 4
@@ -34,7 +34,7 @@ class RunawayStatesError(Exception):
     """A state's free response has become larger than the measured output."""
 
 
-class WatchedStates(Problem):
+class WatchedStates(Wrapped):
     """A problem that stops a descent whose states run away.
 
     Args:
@@ -43,13 +43,8 @@ class WatchedStates(Problem):
     """
 
     def __init__(self, problem: Problem, size: float) -> None:
-        self.index, self.n_initial = problem.index, problem.n_initial
-        self.lengths, self.channels = problem.lengths, problem.channels
-        self.counts = problem.counts
-        self.problem, self.size = problem, size
-
-    def residual(self, p: Array) -> Array:
-        return self.problem.residual(p)
+        super().__init__(problem)
+        self.size = size
 
     def jacobian(self, p: Array) -> Array:
         """That of the problem.
@@ -65,7 +60,7 @@ class WatchedStates(Problem):
         return J
 
 
-class PriorStates(Problem):
+class PriorStates(Wrapped):
     """A problem with one more residual a state: ``weight`` · x.
 
     Args:
@@ -74,11 +69,10 @@ class PriorStates(Problem):
     """
 
     def __init__(self, problem: Problem, weight: Array) -> None:
-        self.index, self.n_initial = problem.index, problem.n_initial
-        self.lengths, self.channels = problem.lengths, problem.channels
+        super().__init__(problem)
         if problem.counts is not None:
             self.counts = np.append(problem.counts, np.ones(problem.n_initial, dtype=bool))
-        self.problem, self.weight = problem, weight
+        self.weight = weight
 
     def residual(self, p: Array) -> Array:
         """Errors, then the states by their weights."""

@@ -5,24 +5,22 @@ The user's constraints hold there, every gain is put in one place, and the covar
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.special import fdtri
 
 from sysid.data.record import Array, Record
-from sysid.errors import DataError, ModelError, Termination
+from sysid.errors import ModelError
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Initial, Parameter
-from sysid.fitting.robust import huber_widths
-from sysid.fitting.searchable import InitialGuesses, StartReport
-from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
+from sysid.fitting.problem import Allowed, Focus, Initial, Parameter, Problem
+from sysid.fitting.searchable import InitialGuesses, Searchable, StartReport
 from sysid.methods.method import Method
-from sysid.methods.outcome import FitOutcome, outcome_of, with_covariance
-from sysid.methods.search import STATE_LEVEL
+from sysid.methods.outcome import FitOutcome
+from sysid.methods.search import STATE_LEVEL, by_search
 from sysid.structures.base import Structure
 from sysid.structures.blocks import hammerstein_wiener_proposals, wiener_hammerstein_proposals
+from sysid.structures.blocks.errors import ChainErrors
 from sysid.structures.blocks.gains import normalised
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
 from sysid.structures.blocks.structure import BlockStructure
@@ -32,11 +30,8 @@ from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 EVALUATIONS = 100
 """Limit of the descent on the normal equations before the last search."""
 
-HOPELESS = 1e50
-"""Cost of a model that is not stable, or nearly so."""
-
 APPROACH, SETTLED = 1e-5, 1e-7
-"""Relative gain of a step below which that descent ends: before gains are pinned, and after."""
+"""Relative gain of a step below which a descent ends: before gains are pinned, and after."""
 
 PATIENCE = 4
 """Steps of less gain than that after which the last search ends: along a point of a static that
@@ -84,7 +79,7 @@ def _final_fit(
     starts: Sequence[tuple[str, Array]],
     reports: tuple[StartReport, ...],
 ) -> FitOutcome:
-    """The last search on all data from the given starts, every gain in one place.
+    """The search on all data from the best of the given starts, every gain in one place.
 
     Args:
         structure: orders and statics settled.
@@ -98,169 +93,100 @@ def _final_fit(
     """
     given = {p.name: p for p in parameters}
     bare = structure.parameters(records[0].inputs, records[0].outputs)
-    final = _LastSearch(
-        structure, ChainData.of(records), options, tuple(given.get(p.name, p) for p in bare)
-    )
-    equations = final.data.samples * structure.ny
-    unknowns = int(final.free.sum())
-    if equations <= unknowns:
-        raise DataError(
-            f"{records[0].name}: {equations} equations for {unknowns} parameters; record longer "
-            "or take lower orders and simpler statics"
+    table = tuple(given.get(p.name, p) for p in bare)
+    constrained = [p for p in table if p.fixed is not None or np.isfinite([p.lower, p.upper]).any()]
+    data = replace(ChainData.of(records), states=options.initial is not Initial.ZERO)
+    runs = [_approached(structure, theta, table, data, options) for _, theta in starts]
+    best = min(runs, key=lambda run: run[1].cost)[1]
+    structure, theta = best.structure, best.theta
+    if not constrained:
+        # the same model with its gains pinned: its cost does not change, its covariance exists
+        chain, theta, pins = normalised(structure.chain, theta, data.pairs)
+        pins = sorted({*pins, *outer_abscissae(chain)})
+        structure = structure.with_chain(chain)
+        table = tuple(
+            replace(p, fixed=float(theta[k])) if k in pins else p for k, p in enumerate(table)
         )
-    runs = [(name, *final.approached(theta)) for name, theta in starts]
-    rough = min((trial for _, _, trial in runs), key=lambda trial: trial.cost)
-    asked = final
-    final, theta = final.pinned(rough.theta)
-    best = final.from_start(theta)
-    if best.termination is Termination.DIVERGED or not best.cost < HOPELESS:
-        raise ModelError(f"{structure.name}: {Termination.DIVERGED.value}{asked.because}")
+    settled = replace(options, tolerance=options.precision(SETTLED), patience=PATIENCE)
+    if not Allowed.by(table).bounded:
+        settled, theta = _settled(Trial(structure, theta), table, data, settled)
+    try:
+        outcome = by_search(
+            structure, records, settled, table, [("", theta)], ChainSearch(structure)
+        )
+    except ModelError as error:
+        named = ", ".join(p.name for p in constrained)
+        more = f" No stable model was found with {named} as fixed or bounded." if named else ""
+        raise ModelError(f"{error}{more}") from None
+    last = outcome.starts[-1]
     notes = [
-        StartReport("all", name, before, best.cost, trial.evaluations + best.evaluations)
-        if trial is rough
+        StartReport("all", name, before, last.cost, trial.evaluations + last.evaluations)
+        if trial is best
         else StartReport("all", name, before, trial.cost, trial.evaluations)
-        for name, before, trial in runs
+        for (name, _), (before, trial) in zip(starts, runs, strict=True)
     ]
-    return final.outcome(best, (*reports, *notes))
+    return replace(outcome, starts=(*reports, *notes))
 
 
-@dataclass(frozen=True, eq=False)
-class _LastSearch:
-    """The search with what the user asked of it.
+def _approached(
+    structure: BlockStructure,
+    theta: Array,
+    table: Sequence[Parameter],
+    data: ChainData,
+    options: FitOptions,
+) -> tuple[float, Trial]:
+    """(cost at a start, where a quick descent from it ends; the start itself within bounds)."""
+    allowed, problem = Allowed.by(table), data.problem(structure.chain)
+    p = problem.with_states(allowed.nearest(theta))
+    before = loss(problem.residual(p))
+    start = Trial(structure, p, cost=before)
+    if allowed.bounded:
+        return before, start
+    effort = Effort(min(EVALUATIONS, options.limit()), APPROACH)
+    return before, start.descended(data, effort, _held(table))
 
-    Attributes:
-        table: bounds and fixed values of θ.
+
+def _held(table: Sequence[Parameter]) -> list[int]:
+    held: list[int] = np.flatnonzero(~Allowed.by(table).free).tolist()
+    return held
+
+
+def _settled(
+    start: Trial, table: Sequence[Parameter], data: ChainData, options: FitOptions
+) -> tuple[FitOptions, Array]:
+    """(options, θ) of the last search: where a quick descent ends, and from which states.
+
+    Where the user leaves that open, runs begin at rest unless an F-test of the initial states says
+    that they matter (99 %), each model descended by itself: at the same θ a run from rest does
+    worse than it could.
     """
+    effort = Effort(min(EVALUATIONS, options.limit()), SETTLED)
+    moving = start.descended(data, effort, _held(table))
+    if options.initial is not Initial.AUTO:
+        return options, moving.theta
+    n, k = start.chain.n, len(moving.p) - start.chain.n
+    free = data.samples * start.structure.ny - n - k
+    rest = replace(moving, p=moving.theta).descended(
+        replace(data, states=False), effort, _held(table)
+    )
+    ratio = (rest.cost - moving.cost) / max(k, 1) / (moving.cost / max(free, 1))
+    if k and (options.robust or (free > 0 and ratio > fdtri(k, free, STATE_LEVEL))):
+        return replace(options, initial=Initial.ESTIMATED), moving.theta
+    return replace(options, initial=Initial.ZERO), rest.theta
+
+
+@dataclass(frozen=True)
+class ChainSearch(Searchable):
+    """The search of a block-oriented structure's θ, by its free run."""
 
     structure: BlockStructure
-    data: ChainData
-    options: FitOptions
-    table: tuple[Parameter, ...]
 
-    @cached_property
-    def free(self) -> NDArray[np.bool_]:
-        """Which entries of θ move."""
-        return np.array([p.fixed is None for p in self.table], dtype=bool)
-
-    @cached_property
-    def bounds(self) -> tuple[Array, Array]:
-        """Least and greatest θ."""
-        return np.array([p.lower for p in self.table]), np.array([p.upper for p in self.table])
-
-    @property
-    def _bounded(self) -> bool:
-        return bool(np.isfinite(self.bounds).any())
-
-    @property
-    def because(self) -> str:
-        """What the user may have done to leave no stable model."""
-        named = [
-            p.name
-            for p in self.table
-            if p.fixed is not None or np.isfinite([p.lower, p.upper]).any()
-        ]
-        if not named:
-            return ""
-        return f" No stable model was found with {', '.join(named)} as fixed or bounded."
-
-    @cached_property
-    def at_rest(self) -> ChainData:
-        """The data with runs that begin at rest."""
-        return replace(self.data, states=False)
-
-    def approached(self, theta: Array) -> tuple[float, Trial]:
-        """(cost at the start, where a quick descent from it ends)."""
-        data = self.at_rest if self.options.initial is Initial.ZERO else self.data
-        p = data.with_states(self.structure.chain, self._allowed(theta))
-        trial = Trial(self.structure, p)
-        before = loss(data.problem(trial.chain).residual(p))
-        if self._bounded:
-            end = self._searched(data, p)
-            return before, replace(trial, p=end.p, cost=end.cost, evaluations=end.evaluations)
-        return before, self._descended(trial, data, APPROACH)
-
-    def pinned(self, theta: Array) -> tuple["_LastSearch", Array]:
-        """The same model with its gains pinned: its cost does not change, its covariance exists.
-
-        Where the user fixed or bounded something, gains stay where they are.
-        """
-        if self._bounded or not np.all(self.free):
-            return self, theta
-        chain, theta, pins = normalised(self.structure.chain, theta, self.data.pairs)
-        pins = sorted({*pins, *outer_abscissae(chain)})
-        table = tuple(
-            replace(p, fixed=float(theta[k])) if k in pins else p for k, p in enumerate(self.table)
-        )
-        return replace(self, structure=self.structure.with_chain(chain), table=table), theta
-
-    def from_start(self, theta: Array) -> Solution:
-        """Where the search with all its care ends."""
-        theta = self._allowed(theta)
-        if self.options.initial is Initial.ZERO:
-            return self._searched(self.at_rest, theta)
-        solution = self._searched(self.data, self.data.with_states(self.structure.chain, theta))
-        if self.options.initial is Initial.AUTO:
-            return self._from_rest(solution) or solution
-        return solution
-
-    def _allowed(self, theta: Array) -> Array:
-        """θ with fixed values and within the bounds."""
-        fixed = [t if p.fixed is None else p.fixed for t, p in zip(theta, self.table, strict=True)]
-        return np.asarray(np.clip(fixed, *self.bounds))
-
-    def _descended(self, trial: Trial, data: ChainData, tolerance: float) -> Trial:
-        effort = Effort(min(EVALUATIONS, self.options.limit()), tolerance)
-        return trial.descended(data, effort, np.flatnonzero(~self.free).tolist())
-
-    def _searched(self, data: ChainData, p: Array) -> Solution:
-        if not self._bounded:
-            p = self._descended(Trial(self.structure, p), data, SETTLED).p
-        problem = data.problem(self.structure.chain)
-        states = np.full(problem.n_initial, np.inf)
-        lower, upper = self.bounds
-        return levenberg_marquardt(
-            problem,
-            p,
-            Descent(
-                free=np.concatenate([self.free, np.ones(len(states), dtype=bool)]),
-                lower=np.concatenate([lower, -states]),
-                upper=np.concatenate([upper, states]),
-                huber=huber_widths(problem, problem.residual(p)) if self.options.robust else None,
-                max_evaluations=self.options.limit(),
-                tolerance=self.options.precision(SETTLED),
-                patience=PATIENCE,
-            ),
-        )
-
-    def _from_rest(self, solution: Solution) -> Solution | None:
-        """The search from rest, unless the F-test of the initial states says they matter (99 %)."""
-        from scipy.stats import f
-
-        n = self.structure.chain.n
-        k = len(solution.p) - n
-        if k == 0 or self.options.robust:
-            return None
-        r = self.at_rest.problem(self.structure.chain).residual(solution.p[:n])
-        dof = len(r) - k - n
-        if dof <= 0 or not np.isfinite(solution.cost):
-            return self._searched(self.at_rest, solution.p[:n])
-        # at the same θ: a search from rest would find less
-        limit = max(2.0 * solution.cost, 1e-300)
-        if 2.0 * loss(r) > 4.0 * limit:
-            return None
-        rest = self._searched(self.at_rest, solution.p[:n])
-        ratio = (2.0 * rest.cost - limit) / k / (limit / dof)
-        return None if ratio > f.ppf(STATE_LEVEL, k, dof) else rest
-
-    def outcome(self, best: Solution, reports: tuple[StartReport, ...]) -> FitOutcome:
-        """What the search found, initial states counted where they were estimated."""
-        n = self.structure.chain.n
-        states = len(best.p) - n
-        counted = self.options.initial is not Initial.BACKCAST
-        which = np.flatnonzero(np.concatenate([self.free, np.full(states, counted)]))
-        data = self.data if states else self.at_rest
-        part = with_covariance(data.problem(self.structure.chain), best, which)
-        return outcome_of(self.structure, self.table, best.p[:n], [part], reports)
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        """One problem of all outputs; prediction and simulation errors are the same."""
+        data = [(r.u, r.y) for r in records]
+        return (ChainErrors(self.structure.chain, data, initial is not Initial.ZERO),)
 
 
 METHOD = Method(fit, refit, takes_method=False)

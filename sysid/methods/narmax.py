@@ -13,7 +13,7 @@ from sysid.errors import DataError, Termination, UsageError, argument
 from sysid.fitting.marquardt import Method as SolverMethod
 from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.fitting.options import EVALUATIONS, FitOptions
-from sysid.fitting.problem import Focus, Parameter, Problem
+from sysid.fitting.problem import Allowed, Focus, Parameter, Problem
 from sysid.fitting.robust import huber_widths, weighted
 from sysid.fitting.searchable import InitialGuesses, StartReport
 from sysid.fitting.solvers import TOLERANCE, Descent, Solution, levenberg_marquardt
@@ -170,16 +170,15 @@ class _Fits:
         table: Sequence[Parameter],
     ) -> None:
         self.s, self.records, self.options = s, records, options
-        self.fixed = np.array([np.nan if p.fixed is None else p.fixed for p in table])
-        self.free: NDArray[np.bool_] = np.isnan(self.fixed)
-        self.lower, self.upper = (np.array([getattr(p, k) for p in table]) for k in _SIDES)
+        self.allowed = Allowed.by(table)
+        self.free = self.allowed.free
         self.noise: NDArray[np.bool_] = np.array(
             [is_noise(t) for row in s.rows for t in row], dtype=bool
         )
 
     def one_step(self) -> Estimate:
         """Least squares, iterated where noise terms or the Huber loss ask for it."""
-        theta = np.where(self.free, 0.0, self.fixed)
+        theta = np.where(self.free, 0.0, self.allowed.fixed)
         solved = []
         for i in range(self.s.ny):
             problem = self._ahead(i)
@@ -188,7 +187,8 @@ class _Fits:
             # noise terms begin at zero: without errors known the output itself would stand for them
             process = self.free[index] & ~self.noise[index]
             p[process] = _linear(problem, p, process)
-            theta[index] = np.clip(p, self.lower[index], self.upper[index])
+            theta[index] = p
+            theta = self.allowed.nearest(theta)
             solution = self._descended(problem, theta, self.free, limit=self.options.limit())
             if solution.termination.good and not (self.noise[index].any() or solution.at_bound):
                 solution = replace(solution, termination=Termination.CLOSED_FORM)
@@ -261,12 +261,9 @@ class _Fits:
         """A problem's descent from θ within the bounds, by Huber's loss where it is asked for."""
         index, p = problem.index, theta[problem.index]
         huber = huber_widths(problem, problem.residual(p)) if self.options.robust else None
-        lower, upper = self.lower[index], self.upper[index]
+        lower, upper = self.allowed.lower[index], self.allowed.upper[index]
         how = Descent(free[index], lower, upper, huber, limit, tolerance, method=method)
         return levenberg_marquardt(problem, p, how)
-
-
-_SIDES = ("lower", "upper")
 
 
 def _linear(problem: Problem, p: Array, free: NDArray[np.bool_]) -> Array:

@@ -23,10 +23,9 @@ from sysid.structures.difference_equations.chunks import ChunkedRuns
 from sysid.structures.difference_equations.trials import RUN_SAMPLES, SEARCH_SAMPLES
 from sysid.structures.narx.problems import OneStepRow
 from sysid.structures.narx.search import RUNGS, SHORT, largest, search_row
-from sysid.structures.narx.simulation_error import FIRM, PULL, SHRINK, RowRuns, Trial
+from sysid.structures.narx.simulation_error import RowRuns, Trial
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_frame import least_squares
-from sysid.structures.narx.wavelet_network import RowDesign
 
 ROUNDS, FEWER_ROUNDS = 20, 14
 """Evaluations on all data; the second where there are at least SHORT samples."""
@@ -162,24 +161,6 @@ def _least_squares(row: RowRuns, t: Trial) -> Array:
     return least_squares(t.design, row.estimator, row.x, row.y, units)
 
 
-def _prior(
-    plain: ChunkedRuns, start: Array, rows: Sequence[tuple[RowRuns, RowDesign]]
-) -> tuple[Array, Array]:
-    """What draws each parameter and to where: amplitudes to zero, all else to the start."""
-    e = plain.residual(start)
-    share, sizes, amplitude = [], [], []
-    for row, design in rows:
-        bounds = row.bounds(design)
-        drawn = np.zeros(len(bounds.moving), dtype=bool)
-        d, T, K, _ = design.sizes
-        drawn[1 + d : 1 + d + T + K] = True
-        share.append(np.where(bounds.moving, PULL, np.where(drawn, SHRINK, FIRM)))
-        sizes.append(row.sizes(design))
-        amplitude.append(drawn)
-    pull = np.sqrt(np.concatenate(share) * float(e @ e)) / np.concatenate(sizes)
-    return pull, np.where(np.concatenate(amplitude), 0.0, start)
-
-
 def _all_rows_refined(
     rows: Sequence[RowRuns],
     records: Sequence[Record],
@@ -194,13 +175,12 @@ def _all_rows_refined(
     samples = sum(len(y) for _, y in data)
     run = s.free_run()
     designed = list(zip(rows, s.designs, strict=True))
-    bounds = [row.bounds(d) for row, d in designed]
-    pull, aim = _prior(ChunkedRuns(run, data, chunk), theta, designed)
-    bare = ChunkedRuns(run, data, chunk, pull=pull, centre=aim)
+    each = zip(*(row.prior(d) for row, d in designed), strict=True)
+    lower, upper, free, share, to_zero = (np.concatenate(parts) for parts in each)
+    cost = float(np.sum(ChunkedRuns(run, data, chunk).residual(theta) ** 2))
+    pull = np.sqrt(share * cost) / np.concatenate([row.sizes(d) for row, d in designed])
+    bare = ChunkedRuns(run, data, chunk, pull=pull, centre=np.where(to_zero, 0.0, theta))
     problem = weighted(bare, small, more=int(np.count_nonzero(pull)))
-    lower, upper, free = (
-        np.concatenate([getattr(b, name) for b in bounds]) for name in ("lower", "upper", "free")
-    )
     solution = levenberg_marquardt(
         problem,
         np.clip(theta, lower, upper),

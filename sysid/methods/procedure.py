@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array, Record
 from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Focus, Parameter, Problem
+from sysid.fitting.problem import Allowed, Focus, Parameter, Problem
 from sysid.fitting.searchable import InitialGuesses, StartReport
 from sysid.fitting.solvers import Solution
 from sysid.methods.method import Fitter
@@ -119,7 +119,7 @@ def _outcome(
     proposal: Proposal, best: Estimate, starts: Sequence[StartReport], warnings: Sequence[str]
 ) -> FitOutcome:
     table = proposal.table(best.theta)
-    free = np.array([p.fixed is None for p in table])
+    free = Allowed.by(table).free
     parts = []
     for s in best.solved:
         states = np.ones(s.problem.n_initial, dtype=bool)

@@ -13,6 +13,7 @@ from sysid.errors import DataError, ModelError, Termination
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import (
+    Allowed,
     Focus,
     Initial,
     Parameter,
@@ -68,9 +69,7 @@ class Search:
     ) -> None:
         self.structure, self.asked = structure, asked
         self.records, self.options = records, options
-        self.lower = np.array([p.lower for p in parameters])
-        self.upper = np.array([p.upper for p in parameters])
-        self.fixed = np.array([np.nan if p.fixed is None else p.fixed for p in parameters])
+        self.allowed = Allowed.by(parameters)
 
     def run(
         self, initial_guesses: Sequence[tuple[str, Array]]
@@ -115,12 +114,11 @@ class Search:
         return tuple(weighted(p, self.records) for p in problems)
 
     def _admissible(self, theta: Array) -> Array:
-        is_fixed = ~np.isnan(self.fixed)
-        out = np.where(is_fixed, np.nan_to_num(self.fixed), theta)
         run_freely = self.options.stable or self.options.focus is Focus.SIMULATION
         if run_freely:
-            out = np.where(is_fixed, out, self.asked.stabilised(out))
-        return np.clip(out, self.lower, self.upper)
+            held = np.where(self.allowed.free, theta, self.allowed.fixed)
+            theta = self.asked.stabilised(held)
+        return self.allowed.nearest(theta)
 
     @staticmethod
     def _given(start: Array, theta: Array, parts: Sequence[Part]) -> Array:
@@ -202,14 +200,13 @@ class Search:
         return self.records[0].output_names[i]
 
     def _free(self, problem: Problem, states: bool = True) -> Array:
-        is_fixed = ~np.isnan(self.fixed[problem.index])
-        return np.concatenate([~is_fixed, np.full(problem.n_initial, states)])
+        return np.append(self.allowed.free[problem.index], np.full(problem.n_initial, states))
 
     def _limits(self, problem: Problem) -> tuple[Array, Array]:
         free = np.full(problem.n_initial, np.inf)
         return (
-            np.concatenate([self.lower[problem.index], -free]),
-            np.concatenate([self.upper[problem.index], free]),
+            np.append(self.allowed.lower[problem.index], -free),
+            np.append(self.allowed.upper[problem.index], free),
         )
 
     def _descend(
@@ -248,15 +245,19 @@ class Search:
             return descend_with_prior(problem, p0, size, descend, huber)
 
     def _output_size(self, problem: Problem) -> float:
-        """‖y‖ of the outputs of a problem, over all records."""
+        """‖y‖ of the outputs of a problem, over all records, in units of its errors."""
         which = sorted(set(problem.channels))
-        return float(np.sqrt(sum(np.sum(r.y[:, which] ** 2) for r in self.records)))
+        parts = (np.sum((r.y[:, which] / problem.scales) ** 2) for r in self.records)
+        return float(np.sqrt(sum(parts)))
 
     def _with_states(self, problem: Problem, theta: Array) -> Array:
         """A start with the initial states and levels that suit it best.
 
-        The errors are linear in both.
+        The errors are linear in both, unless the problem says otherwise.
         """
+        known = problem.with_states(theta)
+        if known is not None:
+            return known
         p = problem.initial_guess(theta)
         r = problem.residual(p)
         levels = self._levels(problem)

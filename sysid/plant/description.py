@@ -14,7 +14,6 @@ from sysid.data.schema import DAMAGED, STORED, checked
 from sysid.errors import ModelError, Termination
 from sysid.structures.model import Model, Provenance
 from sysid.structures.physics import ground_effects
-from sysid.structures.plant import Plant
 from sysid.structures.registry import structure_from_json, structure_to_json
 from sysid.version import __version__
 
@@ -184,15 +183,6 @@ class _Core:
 
     parameters: tuple[_StoredValue, ...]
     covariance: tuple[str, ...] = ()  # of 0.1.0, the first packages held none
-
-
-def to_plant(raw: Mapping[str, Any], where: str) -> Plant:
-    """The plant that a description describes, made through the registry of structures.
-
-    Raises:
-        ModelError: the description is damaged, or its structure is not known here.
-    """
-    return to_model(raw, where).plant()
 
 
 def to_model(raw: Mapping[str, Any], where: str) -> Model:

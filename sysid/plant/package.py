@@ -3,6 +3,8 @@
 What a package holds besides its description is written by exporters, see ``sysid.export``.
 """
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +12,6 @@ from typing import Any
 
 from sysid.errors import ModelError
 from sysid.plant import description, selftest
-from sysid.plant.content_hash import KEY, content_hash
 from sysid.plant.model_card import model_card
 from sysid.plant.storage import (
     MARK,
@@ -22,6 +23,9 @@ from sysid.plant.storage import (
 )
 from sysid.structures.model import Model
 from sysid.structures.plant import Plant
+
+KEY = "content_sha256"
+"""Where plant.json holds the hash."""
 
 CARD = "README.md"
 FILES = "files"
@@ -64,6 +68,27 @@ def assembled(
     return {MARK: description.to_text(content).encode("utf-8"), CARD: card, **covered}
 
 
+def content_hash(described: Mapping[str, Any], files: Mapping[str, bytes]) -> str:
+    """SHA-256 of what a plant package says: plant.json without the hash itself, and its files.
+
+    Of the canonical form, so that the way JSON is laid out and the ends of lines, which tools for
+    versions and for zips change without asking, do not count.
+
+    Args:
+        files: the other files that count, by name.
+
+    Returns:
+        64 hexadecimal digits.
+    """
+    content = {k: v for k, v in described.items() if k != KEY}
+    digests = {
+        name: hashlib.sha256(data.replace(b"\r\n", b"\n")).hexdigest()
+        for name, data in files.items()
+    }
+    canonical = json.dumps([content, digests], sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(canonical.encode("ascii")).hexdigest()
+
+
 def write(path: str | Path, files: Files) -> Path:
     """Write a package as a folder, or as one zip where ``path`` ends in ``.zip``.
 
@@ -100,7 +125,7 @@ class Package:
         Raises:
             ModelError: the description is damaged, or its structure is not known here.
         """
-        return description.to_plant(self.description, self.where)
+        return self.model().plant()
 
     def model(self) -> Model:
         """The model, to be run on logs or drawn many times within its standard errors.
@@ -136,7 +161,7 @@ def read_package(path: str | Path, accept_changes: bool = False) -> Package:
         return Package(str(path), described)
     changed = f"{path} was changed after it was exported: its content and its hash differ"
     if not accept_changes:
-        description.to_plant(described, str(path))  # damage has a sentence of its own
+        description.to_model(described, str(path)).plant()  # damage has a sentence of its own
         raise ModelError(f"{changed}; export it again, or accept it with `accept_changes=True`")
     return Package(str(path), described, (f"{changed}; taken as it is.",))
 

@@ -11,7 +11,7 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.outside_text import csv_text
-from sysid.plant.description import from_text, to_plant
+from sysid.plant.description import from_text, to_model
 from sysid.plant.storage import MARK, read_member
 from sysid.structures.model import Model
 from sysid.structures.plant import Plant
@@ -148,7 +148,7 @@ def selftest(path: str | Path) -> float:
             deviation of its output.
     """
     path = Path(path)
-    plant = to_plant(from_text(read_member(path, MARK), str(path)), str(path))
+    plant = to_model(from_text(read_member(path, MARK), str(path)), str(path)).plant()
     test = read_csv(read_member(path, NAME), plant, str(path))
     with np.errstate(over="ignore", invalid="ignore"):
         error = np.abs(run(plant, test.u) - test.y)

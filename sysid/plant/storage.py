@@ -117,7 +117,6 @@ class _Folder:
         return self._path.joinpath(str(name)).is_file()
 
     def names(self) -> Iterable[str]:
-        """Of all files."""
         return (
             p.relative_to(self._path).as_posix() for p in self._path.rglob("*") if not p.is_dir()
         )
@@ -140,7 +139,6 @@ class _Zip:
         return name in self._names
 
     def names(self) -> Iterable[str]:
-        """Of all files."""
         return self._names
 
     def read(self, name: str) -> bytes:

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.report.plots import Line, Panel, ResponsePicture, write_picture
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.plots import write_picture
 from sysid.testbench.motor.characterise import MotorBench
 from sysid.testbench.motor.drive import DriveLog, motion
 from sysid.testbench.motor.equations import (

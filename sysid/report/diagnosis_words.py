@@ -9,8 +9,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.diagnosis.base_model import full_drive
-from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, Trace
-from sysid.diagnosis.named_effects import NamedEffect, Value
+from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, NamedEffect, Trace, Value
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.validation.localise import Region
 from sysid.diagnosis.validation.model_error import ResidualVerdict

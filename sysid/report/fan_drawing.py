@@ -54,27 +54,26 @@ class FanPicture:
     headline: str
     facts: str
 
-
-def draw(figure: "Figure", picture: FanPicture) -> None:
-    """Draw the ways in the plane, and every quantity over time."""
-    colour = style.GREEN if picture.leaves is None else style.VERMILION
-    style.heading(figure, 5.8, picture.headline, picture.facts, colour)
-    grid = figure.add_gridspec(4, 2, width_ratios=(1.25, 1.0))
-    _draw_plane(figure.add_subplot(grid[:, 0]), picture)
-    for k, panel in enumerate(picture.panels):
-        axes = figure.add_subplot(grid[k, 1])
-        _draw_panel(axes, picture, panel)
-        last = k == len(picture.panels) - 1
-        axes.set_xlabel("time [s]") if last else axes.tick_params(labelbottom=False)
-        if k == 0:
-            style.legend_above(
-                axes,
-                {
-                    "measured": (style.INK, 1.4),
-                    "90 %": (_deep(0.55), 5.0),
-                    "95 %, all the way": (_deep(0.22), 5.0),
-                },
-            )
+    def draw(self, figure: "Figure") -> None:
+        """Draw the ways in the plane, and every quantity over time."""
+        colour = style.GREEN if self.leaves is None else style.VERMILION
+        style.heading(figure, 5.8, self.headline, self.facts, colour)
+        grid = figure.add_gridspec(4, 2, width_ratios=(1.25, 1.0))
+        _draw_plane(figure.add_subplot(grid[:, 0]), self)
+        for k, panel in enumerate(self.panels):
+            axes = figure.add_subplot(grid[k, 1])
+            _draw_panel(axes, self, panel)
+            last = k == len(self.panels) - 1
+            axes.set_xlabel("time [s]") if last else axes.tick_params(labelbottom=False)
+            if k == 0:
+                style.legend_above(
+                    axes,
+                    {
+                        "measured": (style.INK, 1.4),
+                        "90 %": (_deep(0.55), 5.0),
+                        "95 %, all the way": (_deep(0.22), 5.0),
+                    },
+                )
 
 
 def _deep(share: float) -> str:

@@ -1,13 +1,16 @@
 """The content of a picture of a fit: stretches of data, fits, residual tests."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from sysid.data.record import Array, Channel, frozen
 from sysid.errors import DataError
 from sysid.report.correlation_panels import LagTest
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +88,12 @@ class FitPicture:
     whiteness: tuple[LagTest, ...] = ()
     independence: tuple[LagTest, ...] = ()
     feedback: tuple[LagTest, ...] = ()
+
+    def draw(self, figure: "Figure") -> None:
+        """Draw a block of panels per output, then the inputs, all on one time axis."""
+        from sysid.report.fit_drawing import draw
+
+        draw(figure, self)
 
     def __post_init__(self) -> None:
         ny, nu = len(self.outputs), len(self.inputs)

@@ -14,7 +14,8 @@ from sysid.estimation.identify import Identification
 from sysid.estimation.selection.comparison import Ranking
 from sysid.plant.replay import Replay
 from sysid.report.correlation_panels import LagTest
-from sysid.report.plots import FitPicture, FitSegment, write_picture
+from sysid.report.fit_picture import FitPicture, FitSegment
+from sysid.report.plots import write_picture
 from sysid.report.ranking_drawing import RankingPicture, RankingRow
 from sysid.structures.orders import orders_text
 

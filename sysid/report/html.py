@@ -1,7 +1,6 @@
 """The page of a diagnosis: one self-contained HTML file."""
 
 import re
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -50,7 +49,7 @@ def diagnosis_page(diagnosis: Diagnosis, before: str, after: str) -> str:
         experiments=_experiments(diagnosis),
         path_rows=words.path_table(diagnosis.path),
         detectable=words.detectable(diagnosis),
-        equations=_equations(diagnosis),
+        equations=diagnosis.after.equations(),
     )
     text = re.sub(r"(?<=\d) %(?!\w)", "\N{NO-BREAK SPACE}%", text)
     return share_letters(text)
@@ -62,10 +61,7 @@ def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
     drawn: dict[str, Any] = {"channels": [], "regions": "", "candidates": "", "gap": ""}
     if shown:
         drawn["regions"] = inline_svg(
-            "regions",
-            "Shares of the excess error by regime",
-            diagnosis_drawing.draw_regions,
-            shown,
+            "regions", "Shares of the excess error by regime", diagnosis_drawing.draw_regions, shown
         )
     lines = words.channel_lines(diagnosis)
     if diagnosis.grown:
@@ -79,10 +75,7 @@ def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
         tied = tuple(i for e in diagnosis.effects for i in e.indistinguishable)
         facts = (diagnosis.candidates, tuple(e.id for e in diagnosis.effects), tied)
         drawn["candidates"] = inline_svg(
-            "candidates",
-            "Candidates by score",
-            diagnosis_bars.draw_candidates,
-            *facts,
+            "candidates", "Candidates by score", diagnosis_bars.draw_candidates, *facts
         )
     drawn["paths"] = [_path(k, *entry) for k, entry in enumerate(words.path_lines(diagnosis.path))]
     if words.held_out(diagnosis):
@@ -166,15 +159,8 @@ def _schedule(k: int, e: Experiment) -> str:
 def _logs(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """(role, names) of the records."""
     roles = dict.fromkeys(t.role for t in diagnosis.traces)
-    return [(r, ", ".join(dict.fromkeys(_names(diagnosis, r)))) for r in roles]
-
-
-def _names(diagnosis: Diagnosis, role: str) -> Iterable[str]:
-    return (t.record.name for t in diagnosis.traces if t.role == role)
-
-
-def _equations(diagnosis: Diagnosis) -> tuple[str, ...]:
-    return diagnosis.after.equations()
+    names = {r: [t.record.name for t in diagnosis.traces if t.role == r] for r in roles}
+    return [(role, ", ".join(dict.fromkeys(each))) for role, each in names.items()]
 
 
 def _number(value: Any, digits: int = 4) -> str:

@@ -76,30 +76,29 @@ class MissionPicture:
         if len(lengths) != 1 or 0 in lengths:
             raise DataError(f"the signals of a mission must be equally long, got {sorted(lengths)}")
 
-
-def draw(figure: "Figure", picture: MissionPicture) -> None:
-    """Draw the scene, and speed, heading, PWM and distance to the goal over time."""
-    words, colour = _ENDINGS.get(picture.outcome, (f"{picture.outcome} after", style.INK))
-    end = picture.pose[-1]
-    facts = [
-        f"ends at x = {end[0]:.2f} m, y = {end[1]:.2f} m, ψ = {end[2]:.2f} rad",
-        f"path {_travelled(picture)[-1]:.2f} m",
-    ]
-    if picture.min_clearance is not None:
-        facts.append(f"{picture.min_clearance:.2f} m clear of the nearest obstacle")
-    title = f"{picture.name}: {words} {picture.t[-1] - picture.t[0]:.1f} s"
-    left, right, bottom, top = _scene(picture)
-    wide = right - left > _WIDE * (top - bottom)
-    height = 4.6 + min(8.3 * (top - bottom) / (right - left), 3.4) if wide else 5.6
-    style.heading(figure, height, title, ", ".join(facts), colour)
-    scene, panels = (_wide_layout if wide else _square_layout)(figure)
-    _draw_scene(scene, picture)
-    for axes, fill in zip(
-        panels, (_draw_speed, _draw_heading, _draw_pwm, _draw_distance), strict=True
-    ):
-        fill(axes, picture)
-        axes.set_xlim(*_span(picture.t))
-        axes.locator_params(axis="y", nbins=5)
+    def draw(self, figure: "Figure") -> None:
+        """Draw the scene, and speed, heading, PWM and distance to the goal over time."""
+        words, colour = _ENDINGS.get(self.outcome, (f"{self.outcome} after", style.INK))
+        end = self.pose[-1]
+        facts = [
+            f"ends at x = {end[0]:.2f} m, y = {end[1]:.2f} m, ψ = {end[2]:.2f} rad",
+            f"path {_travelled(self)[-1]:.2f} m",
+        ]
+        if self.min_clearance is not None:
+            facts.append(f"{self.min_clearance:.2f} m clear of the nearest obstacle")
+        title = f"{self.name}: {words} {self.t[-1] - self.t[0]:.1f} s"
+        left, right, bottom, top = _scene(self)
+        wide = right - left > _WIDE * (top - bottom)
+        height = 4.6 + min(8.3 * (top - bottom) / (right - left), 3.4) if wide else 5.6
+        style.heading(figure, height, title, ", ".join(facts), colour)
+        scene, panels = (_wide_layout if wide else _square_layout)(figure)
+        _draw_scene(scene, self)
+        for axes, fill in zip(
+            panels, (_draw_speed, _draw_heading, _draw_pwm, _draw_distance), strict=True
+        ):
+            fill(axes, self)
+            axes.set_xlim(*_span(self.t))
+            axes.locator_params(axis="y", nbins=5)
 
 
 def _square_layout(figure: "Figure") -> "tuple[Axes, list[Axes]]":

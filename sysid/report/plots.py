@@ -16,82 +16,27 @@ import html
 import io
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from sysid.data.files import write_atomic
 from sysid.errors import UsageError
-from sysid.report import (
-    fan_drawing,
-    fit_drawing,
-    mission_drawing,
-    ranking_drawing,
-    style,
-    vehicle_drawing,
-)
-from sysid.report.correlation_panels import LagTest
-from sysid.report.fan_drawing import FanPanel, FanPicture
-from sysid.report.fit_picture import FitPicture, FitSegment
-from sysid.report.mission_drawing import MissionPicture
-from sysid.report.missions import (
-    front_drawing,
-    plan_drawing,
-    response_drawing,
-    runs_drawing,
-)
-from sysid.report.missions.front_drawing import FrontPicture, Mark, Trade
-from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
-from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
-from sysid.report.missions.runs_drawing import RunsPicture
-from sysid.report.missions.scene import Obstacle, Scene
-from sysid.report.ranking_drawing import RankingPicture, RankingRow
-from sysid.report.vehicle_drawing import VehiclePicture, WheelMark
+from sysid.report import style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
-__all__ = [
-    "CurvePanel",
-    "FanPanel",
-    "FanPicture",
-    "FitPicture",
-    "FitSegment",
-    "FrontPicture",
-    "LagTest",
-    "Line",
-    "Mark",
-    "MissionPicture",
-    "Obstacle",
-    "Panel",
-    "PlanPicture",
-    "RankingPicture",
-    "RankingRow",
-    "ResponsePicture",
-    "RunsPicture",
-    "Scene",
-    "Trade",
-    "VehiclePicture",
-    "WheelMark",
-    "inline_svg",
-    "picture_format",
-    "share_letters",
-    "write_picture",
-]
-
 PictureFormat = Literal["svg", "png"]
-Picture = (
-    FitPicture
-    | RankingPicture
-    | MissionPicture
-    | FanPicture
-    | PlanPicture
-    | RunsPicture
-    | FrontPicture
-    | ResponsePicture
-    | VehiclePicture
-)
+
+
+class Picture(Protocol):
+    """What a picture shows; it gives a figure its size and draws it."""
+
+    def draw(self, figure: "Figure") -> None:
+        """Draw it."""
+
 
 _PNG_DPI = 200
 """Twice the 100 px/in at which a picture is 900 px wide: sharp on dense screens."""
@@ -111,27 +56,13 @@ def picture_format(path: Path) -> PictureFormat:
     raise UsageError(f"cannot draw to {str(path)!r}: choose a file name that ends in .svg or .png")
 
 
-_DRAWN_BY: Mapping[type, Any] = {
-    FitPicture: fit_drawing,
-    RankingPicture: ranking_drawing,
-    MissionPicture: mission_drawing,
-    FanPicture: fan_drawing,
-    PlanPicture: plan_drawing,
-    RunsPicture: runs_drawing,
-    FrontPicture: front_drawing,
-    ResponsePicture: response_drawing,
-    VehiclePicture: vehicle_drawing,
-}
-"""Kind of picture → the module whose ``draw`` gives a figure its size and draws it."""
-
-
 def write_picture(path: Path, picture: Picture) -> None:
     """Draw a picture of any kind into a file.
 
     Raises:
         UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
     """
-    write_atomic(path, _render(picture_format(path), _DRAWN_BY[type(picture)].draw, picture))
+    write_atomic(path, _render(picture_format(path), picture.draw))
 
 
 def inline_svg(

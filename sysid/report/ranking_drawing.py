@@ -83,28 +83,27 @@ class RankingPicture:
                     f"{row.model}: {len(row.fit_percent)} fits for {len(self.outputs)} outputs"
                 )
 
-
-def draw(figure: "Figure", picture: RankingPicture) -> None:
-    """Draw the table; bars take the room that the texts around them leave."""
-    rows = picture.rows[:_MOST_ROWS]
-    hidden = len(picture.rows) - len(rows)
-    subtitle = f"best first; fit in % of {picture.fit_of}"
-    height = _TOP + _HEADER + _ROW * len(rows) + _BOTTOM
-    style.heading(
-        figure, height, picture.title, subtitle + (f"; {hidden} more not shown" * bool(hidden))
-    )
-    figure.set_layout_engine("none")  # every panel is placed by the width of the texts
-    page = _page(figure, len(rows))
-    left = _write_names(page, rows)
-    right = _write_columns(page, picture, rows)
-    width, height = figure.get_size_inches()
-    place = (
-        left / width,
-        _BOTTOM / height,
-        max(right - left, 0.5) / width,
-        _ROW * len(rows) / height,
-    )
-    _draw_bars(figure.add_axes(place), picture, rows)
+    def draw(self, figure: "Figure") -> None:
+        """Draw the table; bars take the room that the texts around them leave."""
+        rows = self.rows[:_MOST_ROWS]
+        hidden = len(self.rows) - len(rows)
+        subtitle = f"best first; fit in % of {self.fit_of}"
+        height = _TOP + _HEADER + _ROW * len(rows) + _BOTTOM
+        style.heading(
+            figure, height, self.title, subtitle + (f"; {hidden} more not shown" * bool(hidden))
+        )
+        figure.set_layout_engine("none")  # every panel is placed by the width of the texts
+        page = _page(figure, len(rows))
+        left = _write_names(page, rows)
+        right = _write_columns(page, self, rows)
+        width, height = figure.get_size_inches()
+        place = (
+            left / width,
+            _BOTTOM / height,
+            max(right - left, 0.5) / width,
+            _ROW * len(rows) / height,
+        )
+        _draw_bars(figure.add_axes(place), self, rows)
 
 
 def _page(figure: "Figure", n: int) -> "Axes":

@@ -3,8 +3,9 @@
 import math
 from collections.abc import Sequence
 
+from sysid.estimation.assessment.delta_method import Estimate
 from sysid.estimation.assessment.own_motion import OwnMode
-from sysid.estimation.assessment.step_response import Estimate, StepResponse
+from sysid.estimation.assessment.step_response import StepResponse
 
 CLEAR = 2.0
 """Standard errors from zero that make a gain significant."""

@@ -77,32 +77,31 @@ class VehiclePicture:
     mass_centre: Point | None = None
     tracks: Sequence[tuple[float, float, float, float]] = ()
 
-
-def draw(figure: "Figure", picture: VehiclePicture) -> None:
-    """Draw the vehicle with x to the right and y up, in metres."""
-    style.heading(figure, 0.7 + _HEIGHT, picture.title, picture.subtitle)
-    axes = figure.add_subplot()
-    low, high = _extent(picture)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    axes.set_aspect("equal", adjustable="box")
-    _draw_body(axes, picture)
-    shown = [k for k in KINDS if any(w.kind == k for w in picture.wheels)]
-    for mark in picture.wheels:
-        _draw_wheel(axes, mark, _size(picture))
-    _draw_names(axes, picture)
-    _draw_velocities(axes, picture)
-    entries = {f"{KINDS[k][0]} wheel": (KINDS[k][1], 5.0) for k in shown}
-    if any(w.kind in ("fixed", "steerable") for w in picture.wheels):
-        entries["axle"] = (style.FAINT, 1.2)
-    if picture.line is not None:
-        entries["possible centres of turning"] = (style.INK, 1.4)
-    if any(w.velocity for w in picture.wheels):
-        entries["velocity"] = (style.INK, 1.4)
-    style.legend_above(axes, entries)
-    _draw_centre(axes, picture, low, high)
-    axes.set_xlabel("x, forward [m]")
-    axes.set_ylabel("y, to the left [m]")
+    def draw(self, figure: "Figure") -> None:
+        """Draw the vehicle with x to the right and y up, in metres."""
+        style.heading(figure, 0.7 + _HEIGHT, self.title, self.subtitle)
+        axes = figure.add_subplot()
+        low, high = _extent(self)
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
+        axes.set_aspect("equal", adjustable="box")
+        _draw_body(axes, self)
+        shown = [k for k in KINDS if any(w.kind == k for w in self.wheels)]
+        for mark in self.wheels:
+            _draw_wheel(axes, mark, _size(self))
+        _draw_names(axes, self)
+        _draw_velocities(axes, self)
+        entries = {f"{KINDS[k][0]} wheel": (KINDS[k][1], 5.0) for k in shown}
+        if any(w.kind in ("fixed", "steerable") for w in self.wheels):
+            entries["axle"] = (style.FAINT, 1.2)
+        if self.line is not None:
+            entries["possible centres of turning"] = (style.INK, 1.4)
+        if any(w.velocity for w in self.wheels):
+            entries["velocity"] = (style.INK, 1.4)
+        style.legend_above(axes, entries)
+        _draw_centre(axes, self, low, high)
+        axes.set_xlabel("x, forward [m]")
+        axes.set_ylabel("y, to the left [m]")
 
 
 def _corners(picture: VehiclePicture) -> Array:

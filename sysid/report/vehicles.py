@@ -8,14 +8,9 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError
-from sysid.report.plots import (
-    Line,
-    Panel,
-    ResponsePicture,
-    VehiclePicture,
-    WheelMark,
-    write_picture,
-)
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.plots import write_picture
+from sysid.report.vehicle_drawing import VehiclePicture, WheelMark
 from sysid.robot.calibration.slip_curves import SlipPoint
 from sysid.robot.calibration.slip_model import Kinematic, Motion
 from sysid.robot.calibration.trajectory import Part, Trajectory

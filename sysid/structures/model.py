@@ -47,6 +47,12 @@ class ParameterEstimate:
     at_bound: bool
     visited: bool = True
 
+    def to_json(self) -> dict[str, Any]:
+        """Its fields; no value where it says nothing."""
+        written = documents.by_field(self)
+        del written["visited"]
+        return written if self.visited else written | {"value": None}
+
 
 ALONE = 0.999
 """Weight from which a direction without information is a single parameter."""

@@ -64,15 +64,6 @@ class Orders:
         """Whether some output depends on past values of another."""
         return any(n for i, row in enumerate(self.na) for j, n in enumerate(row) if i != j)
 
-    def input_lag(self, i: int) -> int:
-        """Largest input lag in the equation of output ``i``."""
-        pairs = zip(self.nb[i], self.nk[i], strict=True)
-        return max((nb + nk - 1 for nb, nk in pairs if nb), default=0)
-
-    def start(self, i: int) -> int:
-        """First sample of output ``i`` whose measured regressors are all inside the record."""
-        return max(0, self.input_lag(i), *self.na[i])
-
     def value(self, letter: str) -> int | list[int] | list[list[int]]:
         """The order named ``letter`` in its shortest form: a number for one-by-one systems."""
         raw = getattr(self, letter)
@@ -159,7 +150,7 @@ def _matrix(name: str, value: object, rows: int, columns: int, diagonal: bool = 
             tuple(order if not diagonal or i == j else 0 for j in range(columns))
             for i in range(rows)
         )
-    cells = [list(row) if isinstance(row, list | tuple) else [row] for row in value]
+    cells = _rows(value)
     if len(cells) == columns and rows == 1 and all(len(row) == 1 for row in cells):
         cells = [[row[0] for row in cells]]
     if len(cells) != rows or any(len(row) != columns for row in cells):
@@ -174,7 +165,7 @@ def _matrix(name: str, value: object, rows: int, columns: int, diagonal: bool = 
 def _vector(name: str, value: object, rows: int) -> tuple[int, ...]:
     if not isinstance(value, list | tuple):
         return (_checked(name, value),) * rows
-    flat = [c for row in value for c in (row if isinstance(row, list | tuple) else [row])]
+    flat = [cell for row in _rows(value) for cell in row]
     if len(flat) != rows:
         raise UsageError(f"`orders`: {name} must be a number or {rows} numbers, got {len(flat)}")
     return tuple(_checked(name, cell) for cell in flat)
@@ -187,9 +178,15 @@ def require_orders(orders: Mapping[str, Any]) -> None:
         UsageError: there is one.
     """
     for name, value in orders.items():
-        for row in value if isinstance(value, list | tuple) else [value]:
-            for cell in row if isinstance(row, list | tuple) else [row]:
+        for row in _rows(value):
+            for cell in row:
                 _checked(name, cell)
+
+
+def _rows(value: Any) -> list[list[Any]]:
+    """A number, a row or a matrix as rows."""
+    rows = value if isinstance(value, list | tuple) else [value]
+    return [list(row) if isinstance(row, list | tuple) else [row] for row in rows]
 
 
 def _checked(name: str, value: Any) -> int:
@@ -201,12 +198,7 @@ def _checked(name: str, value: Any) -> int:
 
 def orders_text(orders: Mapping[str, Any]) -> str:
     """``na=2 nb=2 nk=1``, matrices as ``na=1,0;0,1``, as short as they are read back."""
-    parts = []
-    for name, value in orders.items():
-        rows = value if isinstance(value, list | tuple) else [value]
-        cells = [list(r) if isinstance(r, list | tuple) else [r] for r in rows]
-        parts.append(f"{name}={_shortest(name, cells)}")
-    return " ".join(parts)
+    return " ".join(f"{name}={_shortest(name, _rows(value))}" for name, value in orders.items())
 
 
 def _shortest(name: str, cells: list[list[Any]]) -> str:

@@ -1,5 +1,6 @@
 """Kinematics of slipping tracks (thesis 2.24–2.26), and the slips of a steady motion."""
 
+from collections.abc import Callable
 from typing import Any
 
 from sysid.runners.loops import repeated
@@ -93,18 +94,24 @@ def balanced_velocity(
     return body_velocity(left / r, right / r, car.geometry)
 
 
-def _slip_for(thrust: Real, side: int, under: Any, xp: Any) -> Real:
-    """The smallest slip at which a track has this thrust."""
+def _bisected(xp: Any, ends: Pair, beyond: Callable[[Real], Real]) -> Real:
+    """Where ``beyond`` changes from false to true between both ends."""
 
     def halved(ends: Pair) -> Pair:
         low, high = ends
         middle = 0.5 * (low + high)
-        enough = under(side, middle).thrust >= thrust
-        return xp.where(enough, low, middle), xp.where(enough, middle, high)
+        passed = beyond(middle)
+        return xp.where(passed, low, middle), xp.where(passed, middle, high)
 
-    nothing = 0.0 * thrust
-    low, high = repeated(xp, HALVINGS, halved, (nothing, nothing + MOST_SLIP))
+    low, high = repeated(xp, HALVINGS, halved, ends)
     return 0.5 * (low + high)
+
+
+def _slip_for(thrust: Real, side: int, under: Any, xp: Any) -> Real:
+    """The smallest slip at which a track has this thrust."""
+    nothing = 0.0 * thrust
+    ends = nothing, nothing + MOST_SLIP
+    return _bisected(xp, ends, lambda slip: under(side, slip).thrust >= thrust)
 
 
 def _straight(rolls: Pair, rolling: Real, under: Any, xp: Any) -> Real:
@@ -115,15 +122,11 @@ def _straight(rolls: Pair, rolling: Real, under: Any, xp: Any) -> Real:
         slip = xp.minimum(xp.abs(apart) / (xp.abs(rolls[side]) + 1e-9), MOST_SLIP)
         return xp.sign(apart) * under(side, slip).thrust
 
-    def halved(ends: Pair) -> Pair:
-        low, high = ends
-        middle = 0.5 * (low + high)
-        faster = thrust(0, middle) + thrust(1, middle) > rolling * xp.sign(middle)
-        return xp.where(faster, middle, low), xp.where(faster, high, middle)
+    def slower(speed: Real) -> Real:
+        return xp.logical_not(thrust(0, speed) + thrust(1, speed) > rolling * xp.sign(speed))
 
     # a track that rolls forward is not slower than 0, and not faster than the faster one
     low = xp.minimum(xp.minimum(rolls[0], rolls[1]), 0.0)
     high = xp.maximum(xp.maximum(rolls[0], rolls[1]), 0.0)
-    low, high = repeated(xp, HALVINGS, halved, (low, high))
-    middle = 0.5 * (low + high)
-    return xp.where((rolls[0] == 0.0) & (rolls[1] == 0.0), 0.0, middle)
+    stands = (rolls[0] == 0.0) & (rolls[1] == 0.0)
+    return xp.where(stands, 0.0, _bisected(xp, (low, high), slower))

@@ -74,9 +74,10 @@ class Soil:
         _check(
             "residual", self.residual, lambda v: (v > 0.0) & (v <= 1.0), "a share above 0, up to 1"
         )
+        listed = f"{', '.join(NUMBERS[:-1])} and {NUMBERS[-1]}"
         for name, value in self.std:
             if name not in NUMBERS:
-                raise ModelError(f"the soil has no number {name}: std may name {_named(NUMBERS)}")
+                raise ModelError(f"the soil has no number {name}: std may name {listed}")
             _check(f"std of {name}", value, lambda v: (v >= 0.0) & (v < math.inf), "at least 0")
 
     @property
@@ -105,7 +106,3 @@ def _check(name: str, value: Any, within: Any, wanted: str) -> None:
         return  # traced by a compiler: it has no value yet
     if not np.all(within(value)):
         raise ModelError(f"the soil's {name} is {value}: give {wanted}")
-
-
-def _named(names: tuple[str, ...]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -76,7 +76,6 @@ class StoredData:
         return Contender(stored.id, stored.model, records, stored.report, judged_on)
 
     def estimation(self, stored: StoredModel) -> "tuple[Record, ...] | None":
-        """What the model was fitted to, or None when it is gone or has changed."""
         provenance = stored.model.provenance
         wanted = [(s.sha256, s.first, s.samples) for s in provenance.data]
         return self._found(

@@ -163,7 +163,12 @@ def test_only_a_tie_lets_a_settled_model_pass() -> None:
     names = {"calm": calm, "slow": slow, "wild": wild}
 
     def lead(order: list[str], tied: set[str]) -> str:
-        return leader(order, names.__getitem__, tied.__contains__)
+        return leader(
+            order,
+            lambda e: not names[e].unbounded,
+            lambda e, best: e in tied,
+            lambda e: names[e].settled,
+        )
 
     assert lead(["slow", "calm"], {"slow"}) == "slow"
     assert lead(["slow", "calm"], {"slow", "calm"}) == "calm"

@@ -10,7 +10,7 @@ from sysid.data.checks.level_checks import check_levels, visited_levels
 from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Record
-from sysid.estimation.assessment.data_notes import notes_for
+from sysid.estimation.assessment.advice import notes_for
 from sysid.structures.registry import structure_class
 
 

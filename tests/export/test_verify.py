@@ -19,8 +19,7 @@ from sysid.export.verification import runtimes
 from sysid.export.verification import verify as module
 from sysid.export.verification.rebuilt import foreign_code
 from sysid.export.verification.verify import verify
-from sysid.plant.content_hash import KEY, content_hash
-from sysid.plant.package import files_of, read_package
+from sysid.plant.package import KEY, content_hash, files_of, read_package
 from sysid.plant.storage import zip_bytes
 from sysid.robot.mission.spec import load_mission
 

@@ -11,7 +11,7 @@ from sysid.data.io import read_logs
 from sysid.data.reading.read_options import ReadOptions
 from sysid.estimation.pem import fit
 from sysid.fitting.uncertainty import AR_ORDER, half_of, uncertainty
-from sysid.structures.model import Model
+from sysid.structures.model import Model, ParameterEstimate
 from sysid.structures.registry import structure_class
 
 
@@ -82,7 +82,12 @@ def test_every_free_parameter_has_a_standard_error(
 
 def test_the_table_says_in_words_what_is_no_number() -> None:
     """An infinite error is "not determined", a bound is named; ± 0 is only a fixed value's."""
-    assert render.standard_error(0.25, fixed=False, at_bound=False) == "0.25"
-    assert render.standard_error(np.inf, fixed=False, at_bound=False) == "not determined"
-    assert render.standard_error(0.25, fixed=False, at_bound=True) == "at its bound"
-    assert render.standard_error(0.0, fixed=True, at_bound=False) == "fixed"
+    assert render.standard_error(ParameterEstimate("a", 1.0, 0.25, "", False, False)) == "0.25"
+    assert (
+        render.standard_error(ParameterEstimate("a", 1.0, np.inf, "", False, False))
+        == "not determined"
+    )
+    assert (
+        render.standard_error(ParameterEstimate("a", 1.0, 0.25, "", False, True)) == "at its bound"
+    )
+    assert render.standard_error(ParameterEstimate("a", 1.0, 0.0, "", True, False)) == "fixed"

@@ -91,10 +91,10 @@ def _use_model(path: Path) -> None:
 
 
 def _use_plant(path: Path) -> None:
-    from sysid.plant.description import from_text, to_model, to_plant
+    from sysid.plant.description import from_text, to_model
 
     raw = from_text(path.read_bytes(), path.name)
-    _run(to_plant(raw, path.name))
+    _run(to_model(raw, path.name).plant())
     to_model(raw, path.name).equations()
 
 
@@ -191,9 +191,10 @@ def _urdf() -> list[str]:
 
 
 def _soils(path: Path) -> None:
-    from sysid.vehicle.ground.files import read_soil, read_vehicle
+    from sysid.vehicle.ground.presets import read_soil
+    from sysid.vehicle.wheels.description import load_tracks
 
-    for read in (read_soil, read_vehicle):
+    for read in (read_soil, load_tracks):
         with contextlib.suppress(SysidError):
             read(path)
 

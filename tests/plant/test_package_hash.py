@@ -12,8 +12,7 @@ from plant_models import bench_model, robot_model
 
 from sysid.errors import ModelError
 from sysid.export.package import write_package
-from sysid.plant.content_hash import KEY
-from sysid.plant.package import load_model, load_plant, read_package
+from sysid.plant.package import KEY, load_model, load_plant, read_package
 from sysid.structures.model import Model
 from sysid.workspace.store import Workspace
 

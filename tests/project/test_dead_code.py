@@ -35,7 +35,7 @@ def definitions(path: Path) -> Iterator[str]:
 def words() -> Counter[str]:
     """How often each word stands in what could use something, definitions included."""
     found: Counter[str] = Counter()
-    suffixes = {".py", ".md", ".j2", ".toml", ".yaml"}
+    suffixes = {".py", ".md", ".j2", ".toml", ".yaml", ".h"}
     files = [p for user in USERS for p in (ROOT / user).rglob("*") if p.suffix in suffixes]
     for path in (*files, *ROOT.glob("*.md"), ROOT / "pyproject.toml"):
         found.update(re.findall(r"\w+", path.read_text(encoding="utf-8")))

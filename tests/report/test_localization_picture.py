@@ -7,9 +7,10 @@ import pytest
 from mission_cases import Robot, goal
 
 from sysid.errors import DataError
+from sysid.report.mission_drawing import MissionPicture
 from sysid.report.missions.drives import draw_mission
 from sysid.report.missions.localization_drawing import PoseEstimate, ellipse
-from sysid.report.plots import MissionPicture, Scene
+from sysid.report.missions.scene import Scene
 from sysid.robot.mission.registry import law_class
 from sysid.robot.mission.simulator import simulate
 

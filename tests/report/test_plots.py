@@ -15,17 +15,12 @@ from hypothesis import strategies as st
 from sysid.data.record import Channel
 from sysid.errors import DataError, UsageError
 from sysid.report import plots
+from sysid.report.correlation_panels import LagTest
 from sysid.report.envelope import envelope, isolated
-from sysid.report.plots import (
-    FitPicture,
-    FitSegment,
-    LagTest,
-    MissionPicture,
-    Obstacle,
-    RankingPicture,
-    RankingRow,
-    Scene,
-)
+from sysid.report.fit_picture import FitPicture, FitSegment
+from sysid.report.mission_drawing import MissionPicture
+from sysid.report.missions.scene import Obstacle, Scene
+from sysid.report.ranking_drawing import RankingPicture, RankingRow
 
 
 def channels(letter: str, n: int, unit: str) -> tuple[Channel, ...]:

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import ModelError
-from sysid.estimation.assessment.operating_range import beyond_range
+from sysid.estimation.assessment.advice import beyond_range
 from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener
@@ -220,7 +220,7 @@ def test_a_state_that_nothing_shows_does_not_stop_a_descent(kind: str) -> None:
         s, r, theta, start = unfelt_start(kind, seed)
         data = ChainData.of([r])
         best = Trial(s, theta).descended(data, Effort(100, 1e-9))
-        hidden = data.with_states(s.chain, start)
+        hidden = data.problem(s.chain).with_states(start)
         hidden[s.chain.n] = 0.01 if kind == "wiener-hammerstein" else 1.4
         found = Trial(s, hidden).descended(data, Effort(100, 1e-9))
         assert found.cost < 1.02 * best.cost

@@ -237,7 +237,7 @@ def test_a_given_geometry_is_taken(warthog: Path, capsys: Capture) -> None:
         ("0.3,1.08", "--geometry cannot read '0.3'"),
         ("r=0.3", "gives no B"),
         ("r=0.3,B=wide", "cannot read 'B=wide'"),
-        ("r=0.3,r=0.3", "cannot read 'r=0.3'"),
+        ("r=0.3,r=0.3", "--geometry names r twice"),
         ("r=0,B=1", "length in metres above 0"),
     ],
 )

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid.data.record import Array, Record
+from sysid.diagnosis.diagnosis import NamedEffect, Value
 from sysid.diagnosis.gap import Gap
-from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.policies import POSE, RULE
 from sysid.diagnosis.pose.evidence import PoseResiduals, holdout_pairs, pose_gap, pose_residuals
 from sysid.diagnosis.pose.growth import Step, allowed, grown
@@ -108,7 +108,6 @@ def diagnose_pose(
     """Name effects of the vehicle stage.
 
     Args:
-        estimation: records that parameters are estimated on.
         holdout: held-out records; where they hold too few windows, or hardly a turn, all records,
             or stretches of them, estimate and judge in turn.
         geometry: lengths of the vehicle. Unless given, those of the thesis's robot, or estimated

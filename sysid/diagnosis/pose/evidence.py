@@ -109,9 +109,7 @@ def pose_gap(
     The interval is a bootstrap over groups of windows that overlap.
 
     Args:
-        pairs: errors before and after of each record (see ``holdout_pairs``).
         floor: noise of the increments, (3,).
-        everywhere: over all windows instead.
     """
     at = [np.ones(len(a), dtype=bool) for a, _ in pairs] if everywhere else _touched(pairs)
     old, new = (np.concatenate([p[i][t] for p, t in zip(pairs, at, strict=True)]) for i in (0, 1))

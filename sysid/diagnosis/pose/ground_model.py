@@ -23,7 +23,6 @@ def with_ground(
     """The model with effects of the vehicle; its outputs stay what they are.
 
     Args:
-        ground: effects and parameters, left and right.
         std_errors: standard errors of these parameters, 0 where a parameter was not estimated; they
             are taken as uncorrelated with all others, because they come from other data (the pose).
         tracks: outputs of the left and of the right track.

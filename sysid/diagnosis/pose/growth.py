@@ -194,10 +194,8 @@ def _is_acceptable(
 
 def _short(c: Candidate, f: Fitted, search: PoseSearch) -> bool:
     """Whether a candidate is a lag so short that the sampling may make it."""
-    lag = c in lags() or (c.law is not None and c.law.as_lag)
-    return (
-        lag and abs(float(f.q[c.slots[0]])) <= POSE.min_lag_samples * search.estimation.tracks[0].dt
-    )
+    least = POSE.min_lag_samples * search.estimation.tracks[0].dt
+    return (c in lags() or c.law.as_lag) and abs(float(f.q[c.slots[0]])) <= least
 
 
 def _late(evidence: Evidence) -> bool:
@@ -210,35 +208,27 @@ def allowed(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bo
     speed is one of them, which only a known radius shows. One law says what way is lost
     while the vehicle speeds up."""
     taken = (*search.always, *chosen)
-    if c in taken or (_of_changes(c) and any(_of_changes(x) for x in taken)):
+    if c in taken or (c.law.of_changes and any(x.law.of_changes for x in taken)):
         return False
-    radii = [x for x in taken if x.length is Length.RADIUS or _as_radius(x)]
-    if _as_radius(c):
+    radii = [x for x in taken if x.length is Length.RADIUS or x.law.as_radius]
+    if c.law.as_radius:
         return search.radius_known and not radii
     return not (c.length is Length.RADIUS and len(radii) == 2)
-
-
-def _of_changes(c: Candidate) -> bool:
-    return c.law is not None and c.law.of_changes
-
-
-def _as_radius(c: Candidate) -> bool:
-    return c.law is not None and c.law.as_radius
 
 
 def _large_enough(c: Candidate, fitted: Fitted, search: PoseSearch) -> bool:
     """Whether a parameter is beyond what a ruler, or the sampling, leaves open."""
     value = abs(float(fitted.q[c.slots[0]]))
-    if c.law is not None and c.law.of_speed:
+    if c.law.of_speed:
         fastest = max(float(np.nanmax(np.abs(t.omega))) for t in search.estimation.tracks)
         return value * fastest > POSE.min_growing_slip
-    return not _as_radius(c) or value > POSE.min_slip
+    return not c.law.as_radius or value > POSE.min_slip
 
 
 def _beyond_others(c: Candidate, search: PoseSearch, chosen: Sequence[Candidate]) -> bool:
     """Whether a law is there whatever does nearly the same is worth: measurements of the pose that
     come late for one with a memory; for slip in straight drive what only shortens turns."""
-    if c.law is None:
+    if not c.law.parameters:
         return True
     alike = lags() if c.law.as_lag else [x for x in lengths() if x.id]
     beside = [*chosen, *(x for x in alike if x not in (*search.always, *chosen))]

@@ -23,8 +23,7 @@ from sysid.robot.calibration.ground_fit import (
 def sentence_of(c: Candidate, value: float, error: float, side: int) -> str:
     """An effect with its parameter, in plain words."""
     e = effect(c.id)
-    in_numbers = e.in_numbers if c.law is None else c.law.in_numbers
-    if in_numbers is not None:
+    if in_numbers := c.law.in_numbers or e.in_numbers:
         return in_numbers(value, error, side)
     p = e.parameters[0]
     where = "" if side < 0 else f" on the {('left', 'right')[side]}"

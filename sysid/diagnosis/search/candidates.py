@@ -33,7 +33,6 @@ class CandidateSearch:
     """The search for one more effect on one system.
 
     Args:
-        estimation, holdout: records, or what is known of them.
         level: whether a constant load belongs to the base.
         weights: weights of the samples of both parts, (N, tracks) a record; all 1 when None.
         needed: what the held-out error must fall below, as a share of before.
@@ -218,7 +217,6 @@ class CandidateSearch:
         """Which of the effects that took their first steps are fitted in full, the likeliest first.
 
         Args:
-            cost: of each, (laws, tracks).
             now: without them, (tracks,).
             most: effects at most, besides those that are alike.
         """

@@ -19,7 +19,7 @@ from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.samples import smallest_named
 from sysid.diagnosis.search.evidence import effective_samples
 from sysid.diagnosis.search.forward_selection import ForwardSelection
-from sysid.diagnosis.search.parameter_table import NO_LIMIT
+from sysid.diagnosis.search.parameter_table import NO_LIMIT, ModelParameter
 from sysid.diagnosis.search.selection import CandidateModel
 from sysid.effects.base import Effect, EffectParameter
 from sysid.effects.sensor import MOST_SAMPLED
@@ -93,8 +93,7 @@ def _ways(search: ForwardSelection, e: Effect) -> Sequence[Mapping[int, float]]:
     a log could have shown knows such parameters, so a size has to show with the least favourable.
     """
     model, first = search.model, e.parameters[0]
-    starts = model.starts(e)
-    track = -1 if e.shared else 0
+    starts, track = model.starts(e), model.sides(e)[0]
     choices = [model.index[e.id, p.name, track] for p in e.parameters if p.choice]
     others = [
         model.index[e.id, p.name, track]
@@ -106,17 +105,11 @@ def _ways(search: ForwardSelection, e: Effect) -> Sequence[Mapping[int, float]]:
 
 
 def _noise(model: CandidateModel) -> _Noise:
-    before, holdout = model.errors.mean_squares()
-    weight = 1.0 / np.maximum(np.sqrt(before), 1e-300)
-    counts = [
-        np.sum(np.isfinite(np.concatenate(p)), axis=0)
-        for p in (model.errors.estimation, model.errors.holdout)
-    ]
-    squares = [
-        float(np.sum(v * n * weight**2)) for v, n in zip((before, holdout), counts, strict=True)
-    ]
+    weight = 1.0 / np.maximum(np.sqrt(model.errors.mean_squares()[0]), 1e-300)
+    parts = (model.errors.estimation, model.errors.holdout)
+    first, second = (float(np.nansum((np.concatenate(p) * weight) ** 2)) for p in parts)
     effective = float(np.min(effective_samples(model.errors.estimation))) * len(weight)
-    return _Noise(weight, (squares[0], squares[1]), effective)
+    return _Noise(weight, (first, second), effective)
 
 
 def _needed(noise: _Noise, parameters: int, below: float, part: int) -> float:
@@ -139,7 +132,7 @@ def _unexplained(
         total = sum(data.lengths)
         weight = np.sqrt(data.weight[:total]) * noise.weight
         J = np.concatenate(search.slopes(model, holdout)) * weight[:, :, None]
-        J = J.reshape(J.shape[0] * J.shape[1], J.shape[2])
+        J = J.reshape(-1, J.shape[2])
         base = search.model.run(model.q, data)[0]
         change = (search.model.run(batch, data) - base)[:, :total] * weight
         flat = np.nan_to_num(change.reshape(len(batch), -1), posinf=0.0, neginf=0.0)
@@ -147,9 +140,8 @@ def _unexplained(
         if coefficients is None:
             size = np.maximum(np.sqrt(np.sum(J**2, axis=0)), 1e-300)
             A = (J / size).T @ (J / size)
-            coefficients = (np.linalg.pinv(A, 1e-9, hermitian=True) @ ((J / size).T @ flat.T)) / (
-                size[:, None]
-            )
+            inverse = np.linalg.pinv(A, 1e-9, hermitian=True)
+            coefficients = (inverse @ ((J / size).T @ flat.T)) / size[:, None]
         squares.append(np.sum((flat - (J @ coefficients).T) ** 2, axis=1))
     return np.array(squares)
 
@@ -188,12 +180,11 @@ def _steepest(search: ForwardSelection, model: CandidateModel) -> Array:
     return np.asarray(np.max(np.abs(np.diff(run, axis=0)), axis=0, initial=0.0) / search.model.dt)
 
 
-def _upper(search: ForwardSelection, e: Effect, k: int, steepest: Array) -> float:
+def _upper(e: Effect, p: ModelParameter, steepest: Array) -> float:
     """Loosest value of an effect's size that means anything."""
-    upper, track = (search.model.parameters[k].upper, search.model.parameters[k].track)
-    if e.parameters[0].unit == "speed/s" and track >= 0:
-        return float(np.clip(steepest[track], 2.0 * search.model.parameters[k].lower, upper))
-    return upper
+    if e.parameters[0].unit == "speed/s" and p.track >= 0:
+        return float(np.clip(steepest[p.track], 2.0 * p.lower, p.upper))
+    return p.upper
 
 
 def _with(
@@ -205,36 +196,31 @@ def _with(
     steepest: Array,
 ) -> Array:
     """The model with an effect on all tracks; parameters other than its size at a start value."""
-    model, moved = search.model, q.copy()
-    first = e.parameters[0]
-    for track in (-1,) if e.shared else range(model.tracks):
-        parameter = model.parameters[model.index[e.id, first.name, track]]
-        begin = start[model.index[e.id, first.name, track]]
-        upper = _upper(search, e, model.index[e.id, first.name, track], steepest)
-        value = _value(parameter.null, parameter.lower, upper, begin, severity)
+    model, moved, first = search.model, q.copy(), e.parameters[0]
+    for track in model.sides(e):
+        at = model.index[e.id, first.name, track]
+        size = model.parameters[at]
+        upper = _upper(e, size, steepest)
+        value = _value(size.null, size.lower, upper, start[at], severity)
         for p in e.parameters:
             k = model.index[e.id, p.name, track]
-            other = model.parameters[k]
+            other, moved[k] = model.parameters[k], value
             if p.null != first.null or p.unit != first.unit:
                 moved[k] = start[k]
-            elif _is_limit(first):
-                moved[k] = value
-            else:
-                ratio = (start[k] - other.null) / (begin - parameter.null)
-                moved[k] = other.null + ratio * (value - parameter.null)
-            moved[k] = np.clip(moved[k], other.lower, other.upper)
+            elif not _is_limit(first):
+                ratio = (start[k] - other.null) / (start[at] - size.null)
+                moved[k] = other.null + ratio * (value - size.null)
+            moved[k] = other.within(moved[k])
     return moved
 
 
 def _size(search: ForwardSelection, e: Effect, severity: float, steepest: Array) -> float:
     """The size in the unit of the first parameter."""
-    model, first = search.model, e.parameters[0]
-    values = []
-    for track in (-1,) if e.shared else range(model.tracks):
-        k = model.index[e.id, first.name, track]
-        parameter = model.parameters[k]
-        upper = _upper(search, e, k, steepest)
-        value = _value(parameter.null, parameter.lower, upper, model.starts(e)[0][k], severity)
-        values.append(value if _is_limit(first) else abs(value - parameter.null))
+    model, first, values = search.model, e.parameters[0], []
+    for track in model.sides(e):
+        at = model.index[e.id, first.name, track]
+        p, start = model.parameters[at], model.starts(e)[0][at]
+        value = _value(p.null, p.lower, _upper(e, p, steepest), start, severity)
+        values.append(value if _is_limit(first) else abs(value - p.null))
     size = float(np.mean(values))
     return max(size, MOST_SAMPLED * model.dt) if e.beyond_sampling else size

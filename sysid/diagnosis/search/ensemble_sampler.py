@@ -6,8 +6,6 @@ Weare 2010, Comm. App. Math. Comp. Sci. 5, 65) and accept by ln L = −½ Σ_i n
 bounds; their spread is that of the parameters. All walkers run as one batch.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from sysid.data.record import Array
@@ -34,23 +32,10 @@ the interval of 99 % of them held the truth in 94 % of 66 parameters of made log
 gaps of logs of two inertias with a stiff damped contact and coloured noise."""
 
 
-_HALVES = (
-    (slice(0, WALKERS // 2), slice(WALKERS // 2, None)),
-    (slice(WALKERS // 2, None), slice(0, WALKERS // 2)),
-)
+HALVES = (np.arange(WALKERS // 2), np.arange(WALKERS // 2, WALKERS))
 
-
-@dataclass(frozen=True, eq=False)
-class EnsembleResult:
-    """What the walkers found.
-
-    Attributes:
-        intervals: 95 % intervals by parameter.
-        best: all parameters where the likelihood was highest, track by track, (parameters,).
-    """
-
-    intervals: dict[int, Interval]
-    best: Array
+Groups = list[tuple[list[int], list[int]]]
+"""(parameters, tracks) that move together."""
 
 
 def sample_ensemble(
@@ -59,14 +44,18 @@ def sample_ensemble(
     parameters: tuple[int, ...],
     joined: bool,
     seed: int = 0,
-) -> EnsembleResult:
+) -> tuple[dict[int, Interval], Array]:
     """Let walkers drift over the free parameters of a candidate model.
 
     Args:
-        parameters: whose intervals are asked for.
         joined: whether the tracks feel each other, so that they move together.
+
+    Returns:
+        (95 % intervals by parameter; all parameters where the likelihood was highest, track by
+        track, (parameters,)).
     """
-    model, rng = base.model, np.random.default_rng(seed)
+    every, rng = base.model.parameters, np.random.default_rng(seed)
+    lower, upper = np.array([(p.lower, p.upper) for p in every]).T
     groups = _groups(base, candidate, joined)
     samples = effective_samples(candidate.errors.estimation)
     positions = _initial_positions(base, candidate, rng)
@@ -74,55 +63,41 @@ def sample_ensemble(
     log_likelihood = _log_likelihoods(base, positions, groups, samples)
     best, top = positions[0].copy(), log_likelihood[0].copy()
     kept: list[Array] = []
-    half = WALKERS // 2
     for turn in range(DRIFT + KEPT):
-        for movers, others in _HALVES:
-            trial = positions[movers].copy()
-            allowed = np.ones((half, len(groups)), dtype=bool)
-            stretch = np.zeros((half, len(groups)))
+        for movers, others in (HALVES, HALVES[::-1]):
+            trial = positions[movers]
+            allowed = np.ones((len(movers), len(groups)), dtype=bool)
+            stretch = np.zeros(allowed.shape)
             for g, (group, _) in enumerate(groups):
-                index = np.array(group)
-                partner = positions[others][rng.integers(0, half, half)][:, index]
-                z = ((STRETCH - 1.0) * rng.random(half) + 1.0) ** 2 / STRETCH
-                trial[:, index] = partner + z[:, None] * (trial[:, index] - partner)
-                stretch[:, g] = (len(group) - 1) * np.log(z)
-                low = np.array([model.parameters[k].lower for k in group])
-                high = np.array([model.parameters[k].upper for k in group])
-                inside = np.all((trial[:, index] >= low) & (trial[:, index] <= high), axis=1)
-                allowed[:, g] = inside
-                trial[np.ix_(~inside, index)] = positions[movers][np.ix_(~inside, index)]
+                now = trial[:, group]
+                partner = positions[rng.choice(others, len(movers))][:, group]
+                z = ((STRETCH - 1.0) * rng.random(len(movers)) + 1.0) ** 2 / STRETCH
+                proposed = partner + z[:, None] * (now - partner)
+                inside = np.all((proposed >= lower[group]) & (proposed <= upper[group]), axis=1)
+                trial[:, group] = np.where(inside[:, None], proposed, now)
+                allowed[:, g], stretch[:, g] = inside, (len(group) - 1) * np.log(z)
             new = _log_likelihoods(base, trial, groups, samples)
             gain = stretch + new - log_likelihood[movers]
             taken = allowed & (np.log(rng.random(gain.shape)) < gain)
             for g, (group, _) in enumerate(groups):
                 rows = np.flatnonzero(taken[:, g])
-                at = rows + (movers.start or 0)
-                index = np.array(group)
-                positions[np.ix_(at, index)] = trial[np.ix_(rows, index)]
-                log_likelihood[at, g] = new[rows, g]
+                positions[movers[rows][:, None], group] = trial[rows][:, group]
+                log_likelihood[movers[rows], g] = new[rows, g]
                 k = int(np.argmax(log_likelihood[:, g]))
                 if log_likelihood[k, g] > top[g]:
-                    top[g] = log_likelihood[k, g]
-                    best[list(group)] = positions[k, list(group)]
+                    top[g], best[group] = log_likelihood[k, g], positions[k, group]
         if turn >= DRIFT:
-            kept.append(positions[:, list(parameters)].copy())
-    low, high = np.quantile(np.concatenate(kept), [TAIL, 1.0 - TAIL], axis=0)
-    return EnsembleResult(
-        {k: Interval(float(a), float(b)) for k, a, b in zip(parameters, low, high, strict=True)},
-        best,
-    )
-
-
-Groups = list[tuple[tuple[int, ...], tuple[int, ...]]]
-"""(parameters, tracks) that move together."""
+            kept.append(positions[:, list(parameters)])
+    ends = np.quantile(np.concatenate(kept), [TAIL, 1.0 - TAIL], axis=0).T.tolist()
+    return {k: Interval(*pair) for k, pair in zip(parameters, ends, strict=True)}, best
 
 
 def _groups(base: ForwardSelection, candidate: CandidateModel, joined: bool) -> Groups:
-    every = tuple(range(base.model.tracks))
+    tracks, free = list(range(base.model.tracks)), candidate.free
     if joined:
-        return [(tuple(candidate.free), every)]
-    parts = [tuple(k for k in candidate.free if base.model.parameters[k].track == i) for i in every]
-    return [(part, (i,)) for i, part in zip(every, parts, strict=True) if part]
+        return [(list(free), tracks)]
+    parts = [([k for k in free if base.model.parameters[k].track == i], [i]) for i in tracks]
+    return [(part, track) for part, track in parts if part]
 
 
 def _initial_positions(
@@ -143,8 +118,7 @@ def _initial_positions(
 
 def _log_likelihoods(base: ForwardSelection, rows: Array, groups: Groups, samples: Array) -> Array:
     """ln L of every walker, group by group, (walkers, groups)."""
-    data = base.data
-    runs = base.model.run(rows, data)
-    cost = np.nan_to_num(np.sum((data.weight * (data.y - runs)) ** 2, axis=1), nan=np.inf)
-    each = -0.5 * samples * np.log(cost + 1e-300)
-    return np.array([each[:, list(tracks)].sum(axis=1) for _, tracks in groups]).T
+    each = (
+        -0.5 * samples * np.log(base.data.squared_error(base.model.run(rows, base.data)) + 1e-300)
+    )
+    return np.array([each[:, tracks].sum(axis=1) for _, tracks in groups]).T

@@ -75,10 +75,8 @@ def compare_errors(
     """Evidence from free-run errors before and after.
 
     Args:
-        before, after: errors of both models on the same samples.
         touched: outputs that the effect changes, (ny,).
         samples: effective number of estimation samples of each output, common to all compared.
-        needed: what the held-out ratio must fall below.
     """
     from scipy.stats import t as student
 

@@ -2,11 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from enum import Enum, auto
 
 import numpy as np
 
-from sysid.data.record import Array
 from sysid.diagnosis.policies import BUDGET, RULE, VERDICT
 from sysid.diagnosis.search.admission import tied
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
@@ -22,7 +20,7 @@ from sysid.diagnosis.search.selection import (
     SelectedEffect,
     Selection,
 )
-from sysid.effects.base import Effect, Place
+from sysid.effects.base import Effect
 from sysid.effects.catalogue import NOT_NAMED, about
 
 Progress = Callable[[str, float], None]
@@ -75,8 +73,8 @@ class ForwardSelection(CandidateSearch):
             if self.best_of(base, (best, other)) is other:
                 best, minor = other, other_minor if other_minor is not None else minor
         best = self.fitted(best)
-        say("dropping and swapping", 0.85)
-        best = self.pruned(base, best, effects)
+        say("dropping what is needless", 0.85)
+        best = self.pruned(base, best)
         selected = self.account(base, best, effects, judged)
         say("done", 1.0)
         return Selection(base, best, selected, minor, first)
@@ -99,10 +97,10 @@ class ForwardSelection(CandidateSearch):
                     model = other
                     continue
             say(f"{', '.join(model.effects)}: looking for more", 0.2 * len(model.effects))
-            passed, judged = self._next(base, model, effects, needed)
+            passed, judged = self._next(model, effects, needed)
             minor = self._minor(judged)
             if not passed and (wide := on_more_tracks(self, model)) is not None:
-                passed, _ = self._next(base, wide, effects, needed)
+                passed, _ = self._next(wide, effects, needed)
             if not passed or self.best_of(base, (model, passed[0].model)) is model:
                 break
             model = passed[0].model
@@ -111,17 +109,14 @@ class ForwardSelection(CandidateSearch):
         return model, minor
 
     def _next(
-        self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect], needed: float
+        self, model: CandidateModel, effects: Sequence[Effect], needed: float
     ) -> tuple[list[ScoredCandidate], list[ScoredCandidate]]:
         """Effects that may be added to a candidate, likeliest first, and all that were tried."""
-        judged, beside = beside_either(self, model, effects)
-        passed = [
+        judged = beside_either(self, model, effects)
+        return [
             j
             for j in self.passing(judged)
-            if j.evidence.ratio < needed or self.unrivalled(beside[j.id], j.id, judged)
-        ]
-        return [
-            j for j in passed if not self.is_redundant(base, beside[j.id], j.model, judged)
+            if j.evidence.ratio < needed or self.unrivalled(j.id, judged)
         ], judged
 
     def passing(self, judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
@@ -174,60 +169,21 @@ class ForwardSelection(CandidateSearch):
             and self.admissible(j.model)
         )
 
-    def pruned(
-        self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect]
-    ) -> CandidateModel:
-        """Drop effects that the others have made needless; ``effects`` are those to try."""
+    def pruned(self, base: CandidateModel, model: CandidateModel) -> CandidateModel:
+        """Drop effects that the others have made needless."""
         while len(model.effects) > 1:
             rests = [self.without(model, id) for id in model.effects]
             best = self.best_of(base, rests)
             whole = self._beside(model, best)
             evidence = self.evidence(best, whole, 1)
-            needed = evidence.significant and evidence.ratio < RULE.own_part
-            if needed and not self.is_redundant(base, best, whole, effects):
+            if evidence.significant and evidence.ratio < RULE.own_part:
                 break
             model = best
         return model
 
-    def is_redundant(
-        self,
-        base: CandidateModel,
-        rest: CandidateModel,
-        whole: CandidateModel,
-        judged: Sequence[ScoredCandidate] | Sequence[Effect],
-    ) -> bool:
-        """Whether the newest effect is redundant: it only corrects the laws of others.
-
-        What one law leaves looks partly like its look-alikes, and what two leave like anything. So
-        a look-alike that takes little of the gap is redundant, and one that takes less than it
-        leaves; and a third effect with a minor share, unless it takes most of the rest or has no
-        rivals.
-
-        Args:
-            judged: effects tried on ``rest``, or those to try.
-        """
-        small = small_gain(base, rest, whole)
-        most = explains_most_of_remainder(rest, whole, self.data.noise)
-        if small is SmallGain.PARTIAL:
-            return not most
-        if small is not SmallGain.AMONG_OTHERS:
-            return small is SmallGain.LOOK_ALIKE
-        if most:
-            return False
-        return not self.unrivalled(rest, whole.effects[-1], judged)
-
-    def unrivalled(
-        self, rest: CandidateModel, id: str, judged: Sequence[ScoredCandidate] | Sequence[Effect]
-    ) -> bool:
-        """Whether no other effect comes near this one beside the same model.
-
-        Args:
-            judged: effects tried on it, or those to try.
-        """
-        scored = [j for j in judged if isinstance(j, ScoredCandidate)]
-        if not scored:
-            scored = self.candidates(rest, [e for e in judged if isinstance(e, Effect)])
-        scores = {j.id: j.score for j in scored}
+    def unrivalled(self, id: str, judged: Sequence[ScoredCandidate]) -> bool:
+        """Whether of the effects tried on one model no other one comes near this one."""
+        scores = {j.id: j.score for j in judged}
         most = max((s for other, s in scores.items() if other != id), default=0.0)
         most, score = max(most, 0.0), scores.get(id, 0.0)
         return score > RULE.unrivalled * most and score - most > -RULE.certain_bic
@@ -314,46 +270,3 @@ def _little_left(base: CandidateModel, best: CandidateModel) -> bool:
     """Whether less than a minor share of the gap is left on held-out data, noise included."""
     (_, first), (_, now) = (n.errors.mean_squares() for n in (base, best))
     return bool(np.sum(now) < 0.01 * VERDICT.min_share * np.sum(first))
-
-
-def _look_alike(a: Effect, b: Effect) -> bool:
-    """Whether the catalogue lists two effects as a tie, or both bend the command by a curve."""
-    curves = all(e.place is Place.COMMAND and not e.states for e in (a, b))
-    return curves or a.id in b.ties or b.id in a.ties
-
-
-class SmallGain(Enum):
-    """How an effect takes little of the gap."""
-
-    NO = auto()
-    LOOK_ALIKE = auto()
-    PARTIAL = auto()
-    AMONG_OTHERS = auto()
-
-
-def small_gain(base: CandidateModel, rest: CandidateModel, whole: CandidateModel) -> SmallGain:
-    """Whether the newest effect takes little of the gap, beside a look-alike or several others."""
-    id = whole.effects[-1]
-    others = [e for e in rest.effects if e not in NOT_NAMED]
-    alike = any(_look_alike(about(id), about(other)) for other in others)
-    if id in NOT_NAMED or not (alike or len(others) > 1):
-        return SmallGain.NO
-    first, now, then = (n.errors.mean_squares()[1][whole.touched] for n in (base, rest, whole))
-    taken, gap = now - then, first - then
-    if alike and np.any(taken >= RULE.redundant * gap):
-        return SmallGain.NO if np.any(taken >= RULE.look_alike * gap) else SmallGain.PARTIAL
-    if not alike and np.any(taken >= 0.01 * VERDICT.min_share * gap):
-        return SmallGain.NO
-    return SmallGain.LOOK_ALIKE if alike else SmallGain.AMONG_OTHERS
-
-
-def explains_most_of_remainder(rest: CandidateModel, whole: CandidateModel, noise: Array) -> bool:
-    """Whether the newest effect takes most of what the others leave above the noise of an output.
-
-    Args:
-        noise: of each output, (ny,).
-    """
-    now, then = (n.errors.mean_squares()[1] for n in (rest, whole))
-    at = whole.touched
-    remainder = (now - noise**2)[at]
-    return bool(np.any((remainder > 0.0) & ((now - then)[at] > RULE.of_remainder * remainder)))

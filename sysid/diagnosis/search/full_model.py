@@ -202,11 +202,9 @@ def _moved(
     """Measurements (M, batch, tracks) of the motion, before what acts on them as a whole.
 
     Args:
-        jax, jnp: the module, and its functions of arrays.
         core, parameters: parameters (batch, tracks).
         x: drive, drive that acts, measurements, whether the record begins in motion, counted angle;
             then time, whether a record begins, and its log.
-        shape: items and tracks.
     """
     zero = jnp.zeros(shape)
 
@@ -235,7 +233,6 @@ class _Rows:
     """Which parameters a simulation takes: one row a parameter.
 
     Attributes:
-        names: owner and name of each row.
         indices: parameters of each row, (rows, tracks).
     """
 
@@ -256,11 +253,7 @@ def _rows(table: ParameterTable, effects: Sequence[Effect]) -> _Rows:
 def _unpacked(
     jax: Any, order: int, rows: _Rows, table: Any
 ) -> tuple[Core, dict[str, dict[str, Any]]]:
-    """The core and the parameters of some effects, each (batch, tracks).
-
-    Args:
-        rows: what the table (rows, batch, tracks) holds.
-    """
+    """The core and the parameters of some effects, each (batch, tracks)."""
     lax = jax.lax
     each = [lax.squeeze(row, (0,)) for row in lax.split(table, (1,) * len(rows.names))]
     f, tail = each[1 : order + 1], each[order + 1 : 2 * order]

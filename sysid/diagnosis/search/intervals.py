@@ -17,7 +17,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.diagnosis.policies import BUDGET
 from sysid.diagnosis.search.batched_search import search
-from sysid.diagnosis.search.ensemble_sampler import EnsembleResult, sample_ensemble
+from sysid.diagnosis.search.ensemble_sampler import sample_ensemble
 from sysid.diagnosis.search.evidence import effective_samples
 from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.parameter_table import NO_LIMIT
@@ -69,17 +69,17 @@ def intervals_of(
         (the candidate model, moved where a value held explains more than its own; intervals).
     """
     intervals: dict[int, Interval] = {}
-    ensemble: EnsembleResult | None = None
+    sampled: dict[int, Interval] = {}
     for _ in range(REPEATS + 1):
         parameters = _profiled(base, candidate, uncertain)
         if not parameters:
             return candidate, {}
         ragged = _ragged(base, parameters, candidate)
         walk = _Walk(base, candidate, [k for k in parameters if k not in ragged])
-        if ragged and ensemble is None:  # once: walkers go far, wherever they begin
-            ensemble = sample_ensemble(base, candidate, ragged, walk.joined)
-            walk.remember(ensemble.best)
-        intervals = ({} if ensemble is None else ensemble.intervals) | walk.intervals()
+        if ragged and not sampled:  # once: walkers go far, wherever they begin
+            sampled, best = sample_ensemble(base, candidate, ragged, walk.joined)
+            walk.remember(best)
+        intervals = sampled | walk.intervals()
         better = walk.better()
         if better is None:
             break
@@ -91,11 +91,9 @@ def _as_sampled(
     base: ForwardSelection, candidate: CandidateModel, k: int, interval: Interval
 ) -> Interval:
     """An interval that holds its estimate, and what sampling leaves open of a delay."""
-    value = float(candidate.q[k])
-    interval_ = interval.holding(value)
-    if not about(base.model.parameters[k].owner).beyond_sampling:
-        return interval_
-    return interval_.widened(value, NORMAL * BETWEEN_SAMPLES * base.model.dt)
+    value, late = float(candidate.q[k]), about(base.model.parameters[k].owner).beyond_sampling
+    by = NORMAL * BETWEEN_SAMPLES * base.model.dt if late else 0.0
+    return interval.holding(value).widened(value, by)
 
 
 def _ragged(
@@ -153,15 +151,12 @@ class _Walk:
         """Slots on which the run depends anywhere between their bounds and null values."""
         if not parameters:
             return []
-        rows = []
-        for k in parameters:
+        rows = np.repeat(self.candidate.q[None], 3 * len(parameters), axis=0)
+        for j, k in enumerate(parameters):
             s = self.model.parameters[k]
-            for value in (s.lower, s.upper, s.null):
-                row = self.candidate.q.copy()
-                row[k] = value
-                rows.append(row)
+            rows[3 * j : 3 * j + 3, k] = (s.lower, s.upper, s.null)
         data = self.base.data
-        runs = self.model.run(np.array(rows), data) * (data.weight > 0.0)
+        runs = self.model.run(rows, data) * (data.weight > 0.0)
         here = self.model.run(self.candidate.q, data)[0] * (data.weight > 0.0)
         size = np.max(np.abs(here)) + 1e-300
         apart = np.max(np.abs(np.nan_to_num(runs - here)), axis=(1, 2)).reshape(len(parameters), -1)

@@ -22,28 +22,23 @@ CLEARLY = 10.0
 
 def beside_either(
     search: CandidateSearch, model: CandidateModel, effects: Sequence[Effect]
-) -> tuple[list[ScoredCandidate], dict[str, CandidateModel]]:
+) -> list[ScoredCandidate]:
     """Effects tried on a candidate model, and on the one with the other lag where there is one.
 
-    Returns:
-        (each effect where it explains more, the most likely first; the candidate model it was tried
-        on, by id).
+    Each where it explains more, the most likely first.
     """
     judged = search.candidates(model, effects)
     other = with_other_lag(search, model)
     if other is None:
-        return judged, {j.id: model for j in judged}
+        return judged
     tried = [(model, j) for j in judged] + [(other, j) for j in search.candidates(other, effects)]
-    if not tried:
-        return [], {}
-    samples = common_samples([j.model for _, j in tried])
-    best: dict[str, tuple[CandidateModel, ScoredCandidate]] = {}
+    samples = common_samples([j.model for _, j in tried]) if tried else np.zeros(0)
+    best: dict[str, ScoredCandidate] = {}
     for rest, j in tried:
         scored = search.scored(rest, j.model, len(effects), samples)
-        if j.id not in best or scored.score > best[j.id][1].score + CLEARLY:
-            best[j.id] = rest, scored
-    ordered = sorted(best.values(), key=lambda b: -b[1].score)
-    return [j for _, j in ordered], {j.id: rest for rest, j in ordered}
+        if j.id not in best or scored.score > best[j.id].score + CLEARLY:
+            best[j.id] = scored
+    return sorted(best.values(), key=lambda j: -j.score)
 
 
 def with_other_lag(search: CandidateSearch, candidate: CandidateModel) -> CandidateModel | None:

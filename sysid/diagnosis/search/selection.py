@@ -43,16 +43,10 @@ class Interval:
         """With another cause of error, independent of the log's.
 
         Args:
-            value: the estimate.
             by: half of the 95 % interval that the other cause makes alone.
         """
         low = None if self.low is None else value - math.hypot(value - self.low, by)
         high = None if self.high is None else value + math.hypot(self.high - value, by)
-        return Interval(low, high, self.visited)
-
-    def times(self, factor: float) -> "Interval":
-        """That of the parameter in another unit."""
-        low, high = (None if v is None else factor * v for v in (self.low, self.high))
         return Interval(low, high, self.visited)
 
 
@@ -62,7 +56,6 @@ class CandidateModel:
 
     Attributes:
         q: all parameters, (parameters,).
-        touched: outputs that the newest effect changes.
         excluded: effects that could not be distinguished from an accepted one, not looked for
             again.
     """
@@ -85,7 +78,6 @@ class SelectedEffect:
     """An accepted effect: its evidence and what cannot be distinguished from it.
 
     Attributes:
-        touched: outputs on which it shows.
         rivals: the fitted models of it and of its ties, by id.
     """
 

@@ -42,7 +42,6 @@ def starts_of(
     Args:
         q: parameters of the model without it, (parameters,).
         errors: its free-run errors on the data, (M, tracks).
-        fixed_core: whether the core's parameters stay as they are.
     """
     if e.id == CHANGED.id:
         return _other_cores(model, q)

@@ -5,11 +5,16 @@ say: Q = Σ ((θ_k − θ̄)/s_k)² is χ² with one degree less than logs, θ̄
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from sysid.data.record import Record
 from sysid.diagnosis.base_model import Base
+from sysid.diagnosis.diagnosis import NamedEffect
 from sysid.diagnosis.policies import RULE
+from sysid.diagnosis.pose.diagnosis import PoseDiagnosis, diagnose_pose
+from sysid.diagnosis.search.prepared import Logs
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.diagnosis.session import DiagnosisSession
 from sysid.diagnosis.several.results import (
@@ -27,8 +32,9 @@ from sysid.diagnosis.several.results import (
 from sysid.diagnosis.several.single_log_fits import LogFit, fits_of_logs
 from sysid.diagnosis.validation.acceptance import final_evidence
 from sysid.effects.by_log import BY_LOG, GAIN_BY_LOG, parameter_of_log
-from sysid.effects.catalogue import CHANGED, about
+from sysid.effects.catalogue import CHANGED, about, effect
 from sysid.fitting.profile import NORMAL
+from sysid.vehicle.kinematics import Geometry
 
 SEEN = 3.0
 """A log whose standard error is so many times smaller than the value of all logs would have shown
@@ -181,3 +187,53 @@ def _difference(base: Base, selection: Selection, n: SelectedEffect) -> Differen
     sentence = f"{about(n.id).sentence} The {what}, of {', '.join(names)}: {said}."
     evidence = final_evidence(base, selection, n)
     return Difference(n.id, tuple(names), by_log, evidence.p_value, 1.0 / evidence.ratio, sentence)
+
+
+CLEARLY = 2.0
+"""A log that would show so small a share of the effect of all logs, and does not, speaks against
+it: half as large is found in nearly all logs."""
+
+
+def with_ground(
+    several: SeveralLogs,
+    records: Sequence[Record],
+    logs: Logs,
+    pose: PoseDiagnosis | None,
+    geometry: Geometry | None,
+) -> SeveralLogs:
+    """The findings with the effects between tracks and ground that all logs show together.
+
+    Args:
+        records: those of all logs, as ``logs`` has them: first those that were searched on.
+    """
+    if not several.logs or pose is None or not pose.effects:
+        return several
+    if geometry is None:
+        geometry = Geometry() if pose.geometry is None else pose.geometry.geometry
+    of = (*logs.estimation, *logs.holdout)
+    views = []
+    for k, view in enumerate(several.logs):
+        of_log = {id(r): r for r, i in zip(records, of, strict=False) if i == k}
+        alone = diagnose_pose(tuple(of_log.values()), (), geometry)
+        shown = tuple(_shown_on_ground(e, alone) for e in pose.effects)
+        views.append(replace(view, effects=(*view.effects, *shown)))
+    ids = [e.id for e in views[0].effects]
+    return replace(several, logs=tuple(views), constancy=constancies(views, ids))
+
+
+def _shown_on_ground(e: NamedEffect, alone: PoseDiagnosis | None) -> LogEffect:
+    """What one log shows of an effect; parameters where it names the same one."""
+    effects = () if alone is None else alone.effects
+    same = next((f for f in effects if f.id == e.id), None)
+    if same is not None:
+        own = tuple(LogParameter(v.name, v.value, v.std_error, v.unit) for v in same.parameters)
+        return LogEffect(e.id, SIGNIFICANT, own)
+    names = {e.id, *e.indistinguishable}
+    if any(names & {f.id, *f.indistinguishable} for f in effects):
+        return LogEffect(e.id, SIGNIFICANT, ())
+    least = None if alone is None else alone.detectable.get(e.id)
+    null = {p.name: p.null for p in effect(e.id).parameters}
+    first = e.parameters[0]
+    size = abs(first.value - null[first.name.partition("[")[0]])
+    seen = least is not None and CLEARLY * least < size
+    return LogEffect(e.id, ABSENT if seen else INCONCLUSIVE, ())

@@ -63,7 +63,6 @@ class LogView:
     """One log beside the others.
 
     Attributes:
-        validation: whether it was only used for validation.
         base: gain and time constant of each output as the log alone has them.
         noise: noise of each output in this log, by name.
     """
@@ -109,7 +108,6 @@ class Difference:
 
     Attributes:
         id: ``gain-by-log`` or ``load-by-log``.
-        logs: of each log, by its name, the parameter of each output.
         p_value: chance of its gain among all that was tried.
         error_ratio_without: held-out RMSE without it over that with it.
     """

@@ -40,7 +40,6 @@ class LogFit:
     Attributes:
         std_errors: of the free parameters that the log determines, by index.
         rms: free-run error of each output with all effects, parameters of all logs.
-        without: the same without each effect, by id.
         lacks: effects that the log alone does as well without, by their own parameters at null.
     """
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.diagnosis.augment import covariance_of
+from sysid.diagnosis.augment import std_errors
 from sysid.diagnosis.base_model import Base
-from sysid.diagnosis.named_effects import RejectedEffect
+from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN
@@ -151,11 +151,3 @@ def uncertain_parameters(base: Base, selection: Selection) -> tuple[int, ...]:
         far = [abs(final.q[k] - model.parameters[k].null) > UNCERTAIN * at[k] > 0.0 for k in own]
         doubtful += own if not any(far) else [k for k in own if at[k] == 0.0]
     return tuple(doubtful)
-
-
-def std_errors(base: Base, candidate: CandidateModel) -> dict[int, float]:
-    """Standard errors of the free parameters by slopes; 0 where these say nothing."""
-    if not candidate.free:
-        return {}
-    errors = np.sqrt(np.maximum(np.diag(covariance_of(base, candidate)), 0.0))
-    return {k: float(e) for k, e in zip(candidate.free, errors, strict=True)}

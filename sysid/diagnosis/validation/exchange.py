@@ -14,13 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.diagnosis.augment import covariance_of
+from sysid.diagnosis.augment import covariance_of, std_errors
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.evidence import effective_samples
 from sysid.diagnosis.search.lags import exchanged, lags_of
 from sysid.diagnosis.search.selection import CandidateModel, Interval, Selection
-from sysid.diagnosis.validation.acceptance import std_errors
 from sysid.fitting.profile import LEVEL, NORMAL
 
 

@@ -18,6 +18,7 @@ from sysid.data.record import Array, Record
 from sysid.diagnosis.validation.error_tests import orthonormal
 from sysid.diagnosis.validation.known_terms import known_terms
 from sysid.diagnosis.validation.model_error import first_order_slopes
+from sysid.structures.difference_equations.frols import forward, gram_beyond
 
 THRESHOLDS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6)
 """Coefficients below this share of the errors' size are set to zero."""
@@ -82,7 +83,8 @@ def explain(
         X = np.concatenate(terms.columns)
         rows = np.isfinite(y)
         y, X = y[rows], X[rows]
-        basis = _own(records, simulated, i, scales)[rows]
+        # what another gain or time constant would do is no missing term
+        basis = orthonormal(np.concatenate(first_order_slopes(records, simulated, i, scales)))[rows]
         X, y = X - basis @ (basis.T @ X), y - basis @ (basis.T @ y)
         above = float(y @ y) - len(y) * float(floor[i]) ** 2
         if len(y) < 100 or above <= 0.0:
@@ -90,27 +92,17 @@ def explain(
         size = float(np.sqrt(np.mean(y**2)))
         threshold, gain = _chosen(X, y / size)
         share = float(np.clip(gain * size**2 / above, 0.0, 1.0))
-        order = np.array(_forward(X, y, MOST_TERMS), dtype=np.int64)
+        order = _first(X, y)
         beta = np.zeros(X.shape[1])
         beta[order] = _thresholded(X[:, order], y / size, threshold) * size
         kept = np.flatnonzero(beta)
         if share < LEAST_SHARE or not len(kept):
             continue
         kept = kept[np.argsort(-np.abs(beta[kept]))]
-        descriptions.append(
-            Description(
-                name,
-                tuple(terms.names[k] for k in kept),
-                tuple(float(beta[k] / terms.sizes[k]) for k in kept),
-                share,
-            )
-        )
+        factors = (beta[kept] / terms.sizes[kept]).tolist()
+        named = tuple(terms.names[k] for k in kept)
+        descriptions.append(Description(name, named, tuple(factors), share))
     return tuple(descriptions)
-
-
-def _own(records: Sequence[Record], simulated: Sequence[Array], i: int, scales: Array) -> Array:
-    """Basis of what another gain or time constant would do: that is no missing term."""
-    return orthonormal(np.concatenate(first_order_slopes(records, simulated, i, scales)))
 
 
 def described(descriptions: Sequence[Description]) -> str:
@@ -124,7 +116,7 @@ def _chosen(X: Array, y: Array) -> tuple[float, float]:
     gains = np.zeros((len(THRESHOLDS), FOLDS))
     for j, rows in enumerate(blocks):
         train = np.setdiff1d(np.arange(len(y)), rows)
-        order = _forward(X[train], y[train], MOST_TERMS)
+        order = _first(X[train], y[train])
         for k, threshold in enumerate(THRESHOLDS):
             beta = _thresholded(X[train][:, order], y[train], threshold)
             residual = y[rows] - X[rows][:, order] @ beta
@@ -150,22 +142,7 @@ def _thresholded(X: Array, y: Array, threshold: float) -> Array:
     return coefficients
 
 
-def _forward(X: Array, y: Array, count: int) -> list[int]:
-    """Terms in the order in which each explains most of what the earlier ones left."""
-    residual, rest = y.copy(), X.copy()
-    order: list[int] = []
-    power = np.sum(X**2, axis=0)
-    for _ in range(min(count, X.shape[1])):
-        size = np.sum(rest**2, axis=0)
-        gain = np.where(
-            size > 1e-4 * power, (rest.T @ residual) ** 2 / np.maximum(size, 1e-300), -1.0
-        )
-        gain[order] = -1.0
-        k = int(np.argmax(gain))
-        if gain[k] <= 0.0:
-            break
-        order.append(k)
-        unit = rest[:, k] / np.sqrt(size[k])
-        residual = residual - unit * float(unit @ residual)
-        rest = rest - np.outer(unit, unit @ rest)
-    return order
+def _first(X: Array, y: Array) -> Array:
+    """The first terms of an orthogonal forward selection."""
+    gram, usable, _ = gram_beyond(np.zeros((len(y), 0)), X, y)
+    return np.asarray(forward(gram, usable, MOST_TERMS).order)

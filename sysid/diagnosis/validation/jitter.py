@@ -114,19 +114,15 @@ def detect_jitter(base: Base, candidate: CandidateModel, floor: Array) -> tuple[
     data = search.data
     run = search.model.run(candidate.q, data)[0]
     errors = np.where(data.weight > 0.0, data.y - run, np.nan)
-    starts = np.cumsum([0, *data.lengths])
-    jitters = []
+    starts = np.cumsum([0, *data.lengths]).tolist()
+    jitters, dt = [], search.model.dt
     for i, name in enumerate(names):
-        seen = [
-            _behind(data.drive[a:b, i], errors[a:b, i], run[a:b, i])
-            for a, b in pairwise(starts.tolist())
-        ]
-        parts = [s for s in seen if s is not None]
+        pieces = [(data.drive[a:b, i], errors[a:b, i], run[a:b, i]) for a, b in pairwise(starts)]
+        parts = [seen for piece in pieces if (seen := _behind(*piece)) is not None]
         measured = _spread(parts, float(floor[i])) if parts else None
         if measured is not None:
-            changes = sum(len(p.power) for p in parts)
             spread, share, furthest = measured
-            dt = search.model.dt
+            changes = sum(len(p.power) for p in parts)
             jitters.append(Jitter(name, spread * dt, changes, share, furthest * dt))
     return tuple(jitters)
 
@@ -224,7 +220,7 @@ def _spread(parts: Sequence[Behind], floor: float) -> tuple[float, float, float]
 def _least(costs: Array) -> tuple[float, float]:
     """The shift of the least cost and that cost, by a parabola through three neighbours."""
     k = int(np.clip(np.argmin(costs), 1, len(costs) - 2))
-    slope, bend = (costs[k + 1] - costs[k - 1]) / 2.0, costs[k + 1] - 2.0 * costs[k] + costs[k - 1]
+    slope, bend = _parabola(costs, k)
     part = float(np.clip(-slope / bend, -1.0, 1.0)) if bend > 0.0 else 0.0
     shift = float(SHIFTS[k]) + part * STEP
     return shift, _at(costs, shift)
@@ -233,6 +229,11 @@ def _least(costs: Array) -> tuple[float, float]:
 def _at(costs: Array, shift: float) -> float:
     """The cost at a shift, by the parabola through the three nearest."""
     k = int(np.clip(round((shift + FURTHEST) / STEP), 1, len(costs) - 2))
-    x = (shift - float(SHIFTS[k])) / STEP
-    slope, bend = (costs[k + 1] - costs[k - 1]) / 2.0, costs[k + 1] - 2.0 * costs[k] + costs[k - 1]
+    x, (slope, bend) = (shift - float(SHIFTS[k])) / STEP, _parabola(costs, k)
     return float(costs[k] + slope * x + 0.5 * bend * x**2)
+
+
+def _parabola(costs: Array, k: int) -> tuple[float, float]:
+    """Slope and bend at a shift."""
+    low, now, high = costs[k - 1 : k + 2].tolist()
+    return (high - low) / 2.0, high - 2.0 * now + low

@@ -25,7 +25,6 @@ class Drives:
 
     Attributes:
         own, other: names of the commands, ``other`` empty with one track.
-        speed: name of the output.
         pole: of the simulation's lag at its sample time.
         top: largest simulated speed, in the output's unit.
     """
@@ -42,7 +41,6 @@ class Terms:
     """Named columns over all records.
 
     Attributes:
-        names: in words that read as formulas.
         columns: one array a record, (N, n), each column with RMS one over all records.
         sizes: RMS of each column before, (n,).
     """

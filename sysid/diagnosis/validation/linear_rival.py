@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.base_model import Base
-from sysid.diagnosis.named_effects import RejectedEffect
+from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.effects.catalogue import about
@@ -110,45 +110,30 @@ def linear_rival(base: Base) -> LinearRival:
 def _best(base: Base, i: int) -> tuple[int, float]:
     """(order, held-out RMSE) of one output."""
     parts, order_of_base = base.parts, base.search.model.order
-    estimation_weights, holdout_weights = parts.weights
+    weights, counts = parts.weights
     if parts.holdout is parts.estimation:
-        there = [a + b for a, b in zip(estimation_weights, holdout_weights, strict=True)]
-        holdout = _columns(parts.estimation, i, there)
+        holdout = _columns(
+            parts.estimation, i, [a + b for a, b in zip(*parts.weights, strict=True)]
+        )
         fitted = list(hold_out(holdout).train)  # the same blocks as those of the base
     else:
-        fitted, holdout = (
-            _columns(parts.estimation, i, estimation_weights),
-            _columns(parts.holdout, i, holdout_weights),
-        )
-    best = (order_of_base, np.inf)
-    facts = LogFacts(tuple(fitted))
+        fitted = _columns(parts.estimation, i, weights)
+        holdout = _columns(parts.holdout, i, counts)
+    best, facts = (order_of_base, np.inf), LogFacts(tuple(fitted))
+    detrend = "none" if fitted[0].is_robot_log else "auto"
     for order in (order_of_base + more for more in MORE):
+        structure = OE.from_orders({"nb": order, "nf": order, "nk": base.delay}, 1, 1)
         try:
-            rmse = _judged(order, base.delay, facts, holdout, [w[:, i] for w in holdout_weights])
+            model = fit(structure, facts, ROUGH, detrend=detrend)
+            runs = [outputs(model, r, None, Start.ESTIMATED) for r in holdout]
         except SysidError:
             continue
+        each = zip(holdout, runs, counts, strict=True)
+        errors = np.concatenate([(r.y - run)[w[:, i] > 0.0] for r, run, w in each])
+        rmse = float(np.sqrt(np.mean(errors**2)))
         if RULE.tie * rmse < best[1]:
             best = (order, rmse)
     return best
-
-
-def _judged(
-    order: int,
-    delay: int,
-    fitted: LogFacts,
-    holdout: Sequence[Record],
-    counts: Sequence[Array],
-) -> float:
-    """Held-out RMSE of the free run of an output-error model."""
-    structure = OE.from_orders({"nb": order, "nf": order, "nk": delay}, 1, 1)
-    detrend = "none" if fitted.records[0].is_robot_log else "auto"
-    model = fit(structure, fitted, ROUGH, detrend=detrend)
-    errors = [
-        (r.y - outputs(model, r, None, Start.ESTIMATED))[w > 0.0]
-        for r, w in zip(holdout, counts, strict=True)
-    ]
-    rmse = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
-    return rmse if np.isfinite(rmse) else np.inf
 
 
 def _columns(records: Sequence[Record], i: int, weights: Sequence[Array]) -> list[Record]:

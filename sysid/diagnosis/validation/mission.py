@@ -8,6 +8,7 @@ with guidance, control and an odometry that sees the wheels alone.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -72,13 +73,10 @@ class MissionProof:
 
     Attributes:
         facts: JSON-able: ``mission``, ``open_loop``, ``closed_loop``, ``sentence``, ``warnings``.
-        driven: the mission by each plant, ``before`` and ``after``; one that cannot is left out.
     """
 
     facts: dict[str, Any]
     traces: tuple[PathTrace, ...]
-    mission: Mission
-    driven: dict[str, MissionResult]
 
 
 def prove_on_mission(
@@ -94,7 +92,6 @@ def prove_on_mission(
         mission_path: the mission file; its geometry moves the vehicle.
         records: whole mission logs with pose; the first is compared with the closed loop.
         before, after: models of two tracks; effects of the vehicle are part of them.
-        geometry: lengths of the vehicle; None takes the mission's.
 
     Raises:
         DataError: the mission file cannot be read.
@@ -110,7 +107,10 @@ def prove_on_mission(
             "the path cannot be compared: no log has the columns x, y, psi and the speeds of a "
             "left and a right side"
         )
-    traces = tuple(_replayed(r, before, after, channels, mission) for r in posed)
+    replays = [_Replay(r, mission, channels) for r in posed]
+    traces = tuple(
+        PathTrace(r.record.name, r.record.t, r.measured, r.by(before), r.by(after)) for r in replays
+    )
     driven, warnings = {}, []
     elsewhere = not_this_mission(posed[0], mission, channels)
     for name, model in (("before", before), ("after", after)):
@@ -123,19 +123,18 @@ def prove_on_mission(
             warnings.append(f"The mission cannot be driven by the {WHICH[name]} model: {error}.")
             continue
         warnings += [n for n in notes if n not in warnings]
-    by_wheels = [_by_wheels(r, after, channels, mission) for r in posed]
     facts = {
         "mission": Path(mission_path).name,
         "open_loop": [
-            _open_facts(t) | {"from_measured_speeds": w}
-            for t, w in zip(traces, by_wheels, strict=True)
+            _open_facts(t) | {"from_measured_speeds": r.by_wheels(after)}
+            for t, r in zip(traces, replays, strict=True)
         ],
         "closed_loop": {"measured": _measured_facts(posed[0], mission)}
         | {k: _closed_facts(v, posed[0]) for k, v in driven.items()},
         "sentence": f"{elsewhere} {_sentence(traces[0], driven, posed[0])}".lstrip(),
         "warnings": warnings,
     }
-    return MissionProof(facts, traces, mission, driven)
+    return MissionProof(facts, traces)
 
 
 def not_this_mission(record: Record, mission: Mission, channels: tuple[int, int]) -> str:
@@ -151,13 +150,12 @@ def not_this_mission(record: Record, mission: Mission, channels: tuple[int, int]
     Returns:
         A sentence, empty where start, goal and path fit.
     """
-    assert record.pose is not None
-    place = record.pose[np.isfinite(record.pose).all(axis=1), :2]
+    replay = _Replay(record, mission, channels)
+    place = replay.measured[np.isfinite(replay.measured).all(axis=1), :2]
     start, goal = np.array(mission.start[:2]), np.array(mission.goal)
     apart = max(float(np.hypot(*(goal - start))), mission.tolerance)
     off = float(np.hypot(*(place[0] - start)))
-    begin, wheels = _start(record, mission), mission.vehicle.geometry
-    rolled = _path(record.y, record.dt, Ground(), wheels, begin, channels)[:, :2]
+    rolled = replay.path(record.y, Ground())[:, :2]
     to_goal = min(float(np.min(np.hypot(*(way - goal).T))) for way in (place, rolled))
     strayed = float(np.max(np.minimum(*(np.hypot(*(place - p).T) for p in (start, goal)))))
     reasons = []
@@ -178,56 +176,51 @@ def not_this_mission(record: Record, mission: Mission, channels: tuple[int, int]
 # Open loop ----------------------------------------------------------------------------------------
 
 
-def _replayed(
-    record: Record, before: Model, after: Model, channels: tuple[int, int], mission: Mission
-) -> PathTrace:
-    assert record.pose is not None
-    geometry, start = mission.vehicle.geometry, _start(record, mission)
-    paths = []
-    for model in (before, after):
-        wheels = without_sensor_effects(model)
-        run = wheels.simulate(record.u, wheels.fitted_state(record, HEAD))
-        ground = ground_effects(model.structure, model.theta)
-        paths.append(_path(run, record.dt, ground, geometry, start, channels))
-    return PathTrace(record.name, record.t, record.pose, paths[0], paths[1])
+@dataclass(frozen=True, eq=False)
+class _Replay:
+    """A log with a pose, and the vehicle of the mission that it drove.
 
+    Attributes:
+        channels: outputs of the left and of the right track.
+    """
 
-def _path(
-    omega: Array,
-    dt: float,
-    ground: Ground,
-    geometry: Geometry,
-    start: Array,
-    channels: tuple[int, int],
-) -> Array:
-    at = list(channels)
-    moved = ground.ordered(channels) if ground else ground
-    return path_of(np.nan_to_num(omega[:, at]), dt, moved, geometry, start)
+    record: Record
+    mission: Mission
+    channels: tuple[int, int]
 
+    @property
+    def measured(self) -> Array:
+        """x, y [m], ψ [rad], (N, 3)."""
+        assert self.record.pose is not None
+        return self.record.pose
 
-def _start(record: Record, mission: Mission) -> Array:
-    """The mission's start where the log begins there, else the first pose measured."""
-    assert record.pose is not None
-    first = record.pose[int(np.argmax(np.isfinite(record.pose).all(axis=1)))]
-    given = np.array(mission.start)
-    near = math.dist(first[:2], given[:2]) < SAME_PLACE
-    return given if near and abs(wrap_angle(first[2] - given[2])) < SAME_PLACE else first
+    @cached_property
+    def start(self) -> Array:
+        """The mission's start where the log begins there, else the first pose measured."""
+        first = self.measured[int(np.argmax(np.isfinite(self.measured).all(axis=1)))]
+        given = np.array(self.mission.start)
+        near = math.dist(first[:2], given[:2]) < SAME_PLACE
+        return given if near and abs(wrap_angle(first[2] - given[2])) < SAME_PLACE else first
 
+    def path(self, omega: Array, ground: Ground) -> Array:
+        """Where wheel speeds (N, ny) lead, (N, 3)."""
+        moved = ground.ordered(self.channels) if ground else ground
+        wheels = np.nan_to_num(omega[:, list(self.channels)])
+        return path_of(wheels, self.record.dt, moved, self.mission.vehicle.geometry, self.start)
 
-def _by_wheels(
-    record: Record, after: Model, channels: tuple[int, int], mission: Mission
-) -> dict[str, float]:
-    """Path errors of the measured wheel speeds, without and with the effects of the vehicle."""
-    assert record.pose is not None
-    start, errors = _start(record, mission), {}
-    for name, ground in (
-        ("before", Ground()),
-        ("after", ground_effects(after.structure, after.theta)),
-    ):
-        geometry = mission.vehicle.geometry
-        path = _path(record.y, record.dt, ground, geometry, start, channels)
-        errors[f"rms_{name}_m"], errors[f"end_{name}_m"], _ = _apart(path, record.pose)
-    return errors
+    def by(self, model: Model) -> Array:
+        """Where the logged commands lead a model, (N, 3)."""
+        wheels, r = without_sensor_effects(model), self.record
+        run = wheels.simulate(r.u, wheels.fitted_state(r, HEAD))
+        return self.path(run, ground_effects(model.structure, model.theta))
+
+    def by_wheels(self, after: Model) -> dict[str, float]:
+        """Path errors of the measured speeds, without and with the effects of the vehicle."""
+        ground, errors = ground_effects(after.structure, after.theta), dict[str, float]()
+        for name, acting in (("before", Ground()), ("after", ground)):
+            rms, end, _ = _apart(self.path(self.record.y, acting), self.measured)
+            errors |= {f"rms_{name}_m": rms, f"end_{name}_m": end}
+        return errors
 
 
 def _apart(path: Array, measured: Array) -> tuple[float, float, float]:

@@ -136,7 +136,9 @@ def error_structure(
             gradients = first_order_slopes(records, simulated, i, scales)
         else:
             gradients = [s[:, i] for s in slopes]
-        gradients = [_with_transient(z, records, simulated, i, scales) for z in gradients]
+        # with what a wrong initial speed would add
+        pole = drives_of(records, simulated, i, scales).pole
+        gradients = [np.column_stack([z, pole ** np.arange(len(z))]) for z in gradients]
         kept = [_fresh(x[:, i]) or _stretches(y) for x, y in zip(errors, filled, strict=True)]
         speeds = [s[:, i] for s in simulated]
         e, gradients, columns, angle, speed = (
@@ -179,14 +181,6 @@ def first_order_slopes(
         pole = lfilter([0.0, 1.0], [1.0, -a], s[:, i])
         columns.append(np.column_stack([gain, pole]))
     return columns
-
-
-def _with_transient(
-    columns: Array, records: Sequence[Record], simulated: Sequence[Array], i: int, scales: Array
-) -> Array:
-    """With what a wrong initial speed would add."""
-    a = drives_of(records, simulated, i, scales).pole
-    return np.column_stack([columns, a ** np.arange(len(columns))])
 
 
 def _filled(e: Array) -> Array:

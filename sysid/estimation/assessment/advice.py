@@ -5,10 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.criteria.verdicts import ResidualReport, ResidualTest
+from sysid.data.finding import Finding, Severity
+from sysid.data.record import Record
 from sysid.errors import Termination
 from sysid.estimation.assessment.figures import Figures
 from sysid.estimation.soundness import INTEGRATING, largest_radius, motion_doubts
 from sysid.structures import motion
+from sysid.structures.base import Structure
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model, unvisited
 
@@ -205,7 +208,6 @@ def _residuals(model: Model, report: ResidualReport) -> list[str]:
 
 
 def _nonlinear(report: ResidualReport) -> list[str]:
-    """What the tests of nonlinear models found, the clearest sign of each output."""
     alarms: dict[str, ResidualTest] = {}
     for t in report.nonlinear:
         if t.judged and not t.passed:
@@ -213,3 +215,60 @@ def _nonlinear(report: ResidualReport) -> list[str]:
             if t.p_value < before.p_value:
                 alarms[t.output] = t
     return [t.sentence for t in alarms.values()]
+
+
+# What the data say ---------------------------------------------------------------------------
+
+FOR_LINEAR = ("nonlinearity", "integrates")
+"""Findings that are no fault of the log but say what the numbers of a linear structure hide."""
+
+FOR_NONLINEAR = ("levels",)
+"""Findings that say what no nonlinear structure can learn from this log."""
+
+
+def notes_for(structure: Structure, findings: Sequence[Finding]) -> tuple[str, ...]:
+    """The sentences of warnings, and of the notes that matter to such a structure.
+
+    Args:
+        findings: verdicts on the data, of any severity.
+    """
+    codes = FOR_LINEAR if structure.traits.linear else FOR_NONLINEAR
+    return tuple(
+        f.text
+        for f in findings
+        if f.severity >= Severity.WARNING or (f.severity >= Severity.NOTE and f.code in codes)
+    )
+
+
+BEYOND = 0.05
+"""Share of the range of the estimation data by which other data may exceed it unsaid."""
+
+
+def beyond_range(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
+    """One sentence for each input that leaves the range the model has seen.
+
+    Linear models are left out: what they do at one level they do at every level.
+
+    Args:
+        records: the data it is judged on.
+    """
+    if model.structure.traits.linear or len(model.ranges) < len(model.inputs):
+        return ()
+    warnings = []
+    for k, channel in enumerate(model.inputs):
+        low, high = model.ranges[k]
+        values = np.concatenate([r.u[:, k] for r in records])
+        if not len(values) or not high > low:
+            continue
+        least, most = float(values.min()), float(values.max())
+        slack = BEYOND * (high - low)
+        if least < low - slack or most > high + slack:
+            share = 100.0 * float(np.mean((values < low) | (values > high)))
+            unit = f" {channel.unit}" if channel.unit else ""
+            warnings.append(
+                f"{channel.name} runs from {least:.4g} to {most:.4g}{unit} in the validation data "
+                f"but only from {low:.4g} to {high:.4g}{unit} in the estimation data "
+                f"({share:.0f} % of the samples lie outside): a nonlinear model extrapolates "
+                "there; fit to data of that amplitude."
+            )
+    return tuple(warnings)

@@ -1,10 +1,13 @@
 """Standard errors of functions of the parameters: var g(θ̂) ≈ ∇gᵀ P ∇g."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.data.schema import Null
 from sysid.structures.model import Model
 
 MANY = 60
@@ -15,6 +18,29 @@ DIRECTIONS = 48
 
 DELTA = 0.01
 """Step of the differences, in standard errors: small against every curvature that matters."""
+
+
+Number = Annotated[float, Null()]
+"""A number that may not be defined, which documents write as null."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number and its standard error; infinite where the data say nothing about it."""
+
+    value: Number
+    std_error: Number
+
+
+def estimates(model: Model, numbers: Callable[[Array], Array]) -> Iterator[Estimate]:
+    """Numbers that follow from θ, with their standard errors.
+
+    Args:
+        numbers: θ → (m,).
+    """
+    centre = numbers(model.theta)
+    errors = delta_errors(model, numbers, centre)
+    return (Estimate(float(v), float(e)) for v, e in zip(centre, errors, strict=True))
 
 
 def delta_errors(model: Model, numbers: Callable[[Array], Array], centre: Array) -> Array:

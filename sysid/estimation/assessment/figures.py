@@ -13,13 +13,13 @@ from sysid.criteria.residuals import residual_report
 from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError, argument
-from sysid.estimation.assessment.robust_judging import judged
 from sysid.estimation.offsets.states import (
     estimated_columns,
     fixed_parameter_tests_of,
     offset_column,
     uncertain_columns,
 )
+from sysid.estimation.robust_fit import judged
 from sysid.structures.model import Model
 from sysid.structures.motion import initial_state_window
 

@@ -7,17 +7,16 @@ from typing import Any
 from sysid.criteria.verdicts import ResidualReport
 from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Record
-from sysid.estimation.assessment.advice import advice
+from sysid.estimation.assessment.advice import advice, beyond_range
 from sysid.estimation.assessment.figures import (
     Figures,
     Start,
     figures,
     residual_tests,
 )
-from sysid.estimation.assessment.operating_range import beyond_range
 from sysid.estimation.assessment.own_motion import own_modes
-from sysid.estimation.assessment.robust_judging import judged
 from sysid.estimation.assessment.step_response import StepResponse, step_responses
+from sysid.estimation.robust_fit import judged
 from sysid.structures.model import Model
 
 
@@ -73,23 +72,12 @@ class Assessment:
         return self.validation or self.estimation
 
     def to_json(self) -> dict[str, Any]:
-        """The fit report without the model's id and path; non-finite numbers may occur."""
         m = self.model
         return plain_object(
             {
                 "structure": m.structure.name,
                 "orders": m.structure.order_values(),
-                "parameters": [
-                    {
-                        "name": p.name,
-                        "value": p.value if p.visited else None,
-                        "std_error": p.std_error,
-                        "unit": p.unit,
-                        "fixed": p.fixed,
-                        "at_bound": p.at_bound,
-                    }
-                    for p in m.parameter_table()
-                ],
+                "parameters": m.parameter_table(),
                 "policy": self.policy,
                 "estimation": self.estimation,
                 "validation": self.validation,

@@ -1,15 +1,18 @@
-"""Natural modes of a signal without inputs: frequencies and time constants."""
+"""Modes of a model: frequencies and time constants; those of a signal without inputs."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array
-from sysid.estimation.assessment.delta_method import delta_errors
-from sysid.estimation.assessment.step_response import Estimate
+from sysid.estimation.assessment.delta_method import Estimate, estimates
 from sysid.structures import motion
 from sysid.structures.model import Model
+
+Poles = NDArray[np.complex128]
+"""Poles in z, (n,)."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +30,40 @@ class OwnMode:
     time_constant: Estimate | None
 
 
+def mode_numbers(poles: Poles, like: Poles, dt: float) -> list[float]:
+    """Of every mode its time constant, or its natural frequency and its damping.
+
+    Poles p = e^(s Ts) with s = −ζω ± jω√(1 − ζ²), or s = −1/T. The poles at θ̂, ``like``, decide
+    which of them: near a double root a real pair turns complex and back with the smallest change
+    of θ, and the numbers must stay the same ones.
+
+    Args:
+        poles: at some θ, of which the nearest to each of ``like`` counts.
+    """
+    numbers: list[float] = []
+    for p in like:
+        s = np.log(complex(poles[np.argmin(np.abs(poles - p))])) / dt
+        if p.imag:
+            numbers += [float(abs(s)), float(-s.real / abs(s))]
+        else:
+            numbers.append(float(-1.0 / s.real) if s.real else float("inf"))
+    return numbers
+
+
+def modes_of(poles: Poles, numbers: Iterator[Estimate]) -> tuple[OwnMode, ...]:
+    """The modes of poles from the ``mode_numbers`` that follow."""
+    return tuple(
+        OwnMode(next(numbers), next(numbers), None)
+        if p.imag
+        else OwnMode(None, None, next(numbers))
+        for p in poles
+    )
+
+
 def own_modes(model: Model) -> tuple[OwnMode, ...]:
     """The modes of a model without inputs with their standard errors, the slowest first.
 
-    Poles p = e^(s Ts) with s = −ζω ± jω√(1 − ζ²), or s = −1/T; poles that are negative or at the
-    origin mean nothing in continuous time and are left out.
+    Poles that are negative or at the origin mean nothing in continuous time and are left out.
 
     Args:
         model: a fitted model; nothing is said of one with inputs.
@@ -39,24 +71,13 @@ def own_modes(model: Model) -> tuple[OwnMode, ...]:
     if model.inputs:
         return ()
 
-    def poles(theta: Array) -> "np.ndarray[Any, Any]":
+    def poles(theta: Array) -> Poles:
         return motion.poles(model.structure, theta)
 
     kept = [p for p in poles(model.theta) if p.imag > 0.0 or (p.imag == 0.0 and p.real > 0.0)]
-    kept.sort(key=lambda p: -abs(p))
+    like = np.array(sorted(kept, key=lambda p: -abs(p)))
 
     def numbers(theta: Array) -> Array:
-        modes: list[float] = []
-        now = poles(theta)
-        for p in kept:
-            s = np.log(complex(now[np.argmin(np.abs(now - p))])) / model.dt
-            modes += [abs(s), -s.real / abs(s)] if p.imag else [-1.0 / s.real if s.real else np.inf]
-        return np.array(modes)
+        return np.array(mode_numbers(poles(theta), like, model.dt))
 
-    centre = numbers(model.theta)
-    errors = delta_errors(model, numbers, centre)
-    rest = iter(Estimate(float(v), float(e)) for v, e in zip(centre, errors, strict=True))
-    return tuple(
-        OwnMode(next(rest), next(rest), None) if p.imag else OwnMode(None, None, next(rest))
-        for p in kept
-    )
+    return modes_of(like, estimates(model, numbers))

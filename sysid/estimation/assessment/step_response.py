@@ -4,16 +4,14 @@ These are the numbers by which a person knows their machine. Each comes with a s
 the delta method.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any
 
 import numpy as np
 
 from sysid.data.record import Array, Channel
-from sysid.data.schema import Null
 from sysid.data.unit_words import bracketed
-from sysid.estimation.assessment.delta_method import delta_errors
+from sysid.estimation.assessment.delta_method import Estimate, Number, estimates
+from sysid.estimation.assessment.own_motion import Poles, mode_numbers, modes_of
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model
 
@@ -41,17 +39,6 @@ samples a period a pair of poles is noise or a delay, not a motion that anybody 
 
 MOVES = 1e-6
 """Share of the final change from which a response has begun."""
-
-
-Number = Annotated[float, Null()]
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A number and its standard error; infinite where the data say nothing about it."""
-
-    value: Number
-    std_error: Number
 
 
 @dataclass(frozen=True)
@@ -139,7 +126,6 @@ class _Run:
 
 
 def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
-    """What a step of input j does to every output it reaches."""
     start, level = _levels(model, j, share)
     if level == start:
         return []
@@ -155,18 +141,15 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
             for i in reached:
                 run = _read(y[:, i], model.dt, level - start)
                 values += [run.gain, run.rise, run.settling]
-                moved = _followed(model, theta, i, j, poles[i])
-                values += _mode_numbers(moved, poles[i], model.dt)
+                values += mode_numbers(_poles(model, theta, i, j), poles[i], model.dt)
         return np.array(values)
 
-    centre = numbers(model.theta)
-    errors = delta_errors(model, numbers, centre)
-    rest = iter(Estimate(float(v), float(s)) for v, s in zip(centre, errors, strict=True))
+    rest = estimates(model, numbers)
     steps = []
     for i in reached:
         u, y, run = model.inputs[j], model.outputs[i], runs[i]
         gain, rise, settling = next(rest), next(rest), next(rest)
-        times, oscillation = _modes(poles[i], rest)
+        modes = modes_of(poles[i], rest)
         unit, file_unit = _gain_units(u, y, run.integrates)
         steps.append(
             StepResponse(
@@ -179,8 +162,10 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
                 unit=unit,
                 file_factor=abs(u.scale / y.scale),
                 file_unit=file_unit,
-                time_constants=times,
-                oscillation=oscillation,
+                time_constants=tuple(m.time_constant for m in modes if m.time_constant),
+                oscillation=next(
+                    ((m.frequency, m.damping) for m in modes if m.frequency and m.damping), None
+                ),
                 dead_time=_dead_time(model, i, j, run),
                 rise=rise,
                 settling=settling,
@@ -193,7 +178,6 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
 
 
 def _levels(model: Model, j: int, share: float | None) -> tuple[float, float]:
-    """The input before and after the step."""
     low, high = model.ranges[j] if len(model.ranges) else (0.0, 1.0)
     if share is None:
         return 0.0, 1.0
@@ -283,11 +267,8 @@ def _return(share: Array, k: int) -> float:
 
 def _reaches(model: Model, i: int, j: int) -> bool:
     """Whether an input has a path to an output at all; of a nonlinear model nobody knows."""
-    structure = model.structure
-    return not isinstance(structure, PolynomialStructure) or any(
-        g.output == i and j in g.inputs and bool(np.any(g.num[g.inputs.index(j)]))
-        for g in structure.transfer(model.theta).groups
-    )
+    entry = _entry(model, model.theta, i, j)
+    return entry is None or bool(np.any(entry[0]))
 
 
 def _entry(model: Model, theta: Array, i: int, j: int) -> tuple[Array, Array] | None:
@@ -302,16 +283,22 @@ def _entry(model: Model, theta: Array, i: int, j: int) -> tuple[Array, Array] | 
     return np.zeros(1), np.ones(1)
 
 
-def _visible_poles(model: Model, i: int, j: int) -> "np.ndarray[Any, Any] | None":
-    """Poles that a step shows, the slowest first, one of each complex pair; None if nonlinear.
+def _poles(model: Model, theta: Array, i: int, j: int) -> Poles:
+    """Poles from input j to output i, none of them at the origin; of a nonlinear model none."""
+    entry = _entry(model, theta, i, j)
+    roots = np.zeros(0) if entry is None else np.roots(np.trim_zeros(entry[1], "b"))
+    return roots.astype(np.complex128)
+
+
+def _visible_poles(model: Model, i: int, j: int) -> Poles:
+    """Poles that a step shows, the slowest first, one of each complex pair.
 
     The k-th mode of Σ rₖ/(1 − pₖ q⁻¹) carries rₖ/(1 − pₖ) of the final value.
     """
-    entry = _entry(model, model.theta, i, j)
+    entry, poles = _entry(model, model.theta, i, j), _poles(model, model.theta, i, j)
     if entry is None:
-        return None
+        return poles
     num, den = entry
-    poles = np.roots(np.trim_zeros(den, "b"))
     poles = poles[np.abs(poles) > 0.0]
     carried = []
     for k, p in enumerate(poles):
@@ -330,56 +317,8 @@ def _visible_poles(model: Model, i: int, j: int) -> "np.ndarray[Any, Any] | None
     return np.array(sorted(kept, key=lambda p: -abs(p)))
 
 
-def _followed(
-    model: Model, theta: Array, i: int, j: int, poles: "np.ndarray[Any, Any] | None"
-) -> "np.ndarray[Any, Any] | None":
-    """The same poles at another θ: each time the nearest."""
-    if poles is None or not len(poles):
-        return poles
-    entry = _entry(model, theta, i, j)
-    assert entry is not None
-    roots = np.roots(np.trim_zeros(entry[1], "b"))
-    return np.array([roots[np.argmin(np.abs(roots - p))] for p in poles])
-
-
-def _mode_numbers(
-    poles: "np.ndarray[Any, Any] | None", like: "np.ndarray[Any, Any] | None", dt: float
-) -> list[float]:
-    """Of every pole its time constant, or its natural frequency and its damping.
-
-    The poles at θ̂, ``like``, decide which of them: near a double root a real pair turns complex
-    and back with the smallest change of θ, and the numbers must stay the same ones.
-    """
-    numbers: list[float] = []
-    for p, kind in zip(() if poles is None else poles, () if like is None else like, strict=True):
-        s = np.log(complex(p)) / dt
-        if kind.imag:
-            numbers += [float(abs(s)), float(-s.real / abs(s))]
-        else:
-            numbers.append(float(-1.0 / s.real) if s.real else float("inf"))
-    return numbers
-
-
-def _modes(
-    poles: "np.ndarray[Any, Any] | None", rest: Iterator[Estimate]
-) -> tuple[tuple[Estimate, ...], tuple[Estimate, Estimate] | None]:
-    times: list[Estimate] = []
-    oscillation: tuple[Estimate, Estimate] | None = None
-    for p in () if poles is None else poles:
-        if p.imag:
-            pair = (next(rest), next(rest))
-            oscillation = oscillation or pair
-        else:
-            times.append(next(rest))
-    return tuple(times), oscillation
-
-
-def _slowest(poles: "np.ndarray[Any, Any] | None") -> float:
-    """Longest time constant of the visible poles in samples; 0 when unknown."""
-    if poles is None or not len(poles):
-        return 0.0
-    decay = -np.log(np.abs(poles))
-    slow = float(np.min(decay, initial=np.inf))
+def _slowest(poles: Poles) -> float:
+    slow = float(np.min(-np.log(np.abs(poles)), initial=np.inf))
     return 1.0 / slow if slow > 0.0 else 0.0
 
 

@@ -167,14 +167,12 @@ def _about(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets:
 
 
 def _both_sides(records: Sequence[Record]) -> bool:
-    """Whether every channel spends a fair share of the samples on either side of zero."""
     joined = np.concatenate([np.column_stack([r.u, r.y]) for r in records])
     low, high = np.quantile(joined, [STRADDLES, 1.0 - STRADDLES], axis=0)
     return bool(np.all((low < 0.0) & (high > 0.0)))
 
 
 def _shows_zero(records: Sequence[Record]) -> bool:
-    """Whether every input comes near zero, or changes its side."""
     u = np.concatenate([r.u for r in records])
     near = np.min(np.abs(u), axis=0) <= NEAR_ZERO * np.max(np.abs(u), axis=0)
     return bool(np.all(near | ((u.min(axis=0) < 0.0) & (u.max(axis=0) > 0.0))))

@@ -11,6 +11,7 @@ from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Index, Record
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.robust_fit import fitter
+from sysid.fitting.differences import propagated
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
 from sysid.methods.method import Fitter
@@ -101,7 +102,6 @@ def narrowed(
         offsets: what was removed before.
     """
     places, _ = constant_places(wide)
-    kept = np.setdiff1d(np.arange(len(outcome.theta)), places)
     before = offsets.detrend
     records, seen = facts.records, facts.outliers.records
     u, y = (np.concatenate([getattr(r, side) for r in seen]) for side in ("u", "y"))
@@ -114,17 +114,8 @@ def narrowed(
     shift, u_error, y_error = move(target - base)
     at_base = move(np.zeros(len(base)))[0]
     y_error = np.maximum(y_error, _least_error(wide, outcome, records, before))
-    null = outcome.null[kept]
-    narrow = replace(
-        outcome,
-        structure=without_constant(wide),
-        parameters=tuple(outcome.parameters[k] for k in kept),
-        theta=outcome.theta[kept],
-        covariance=outcome.covariance[np.ix_(kept, kept)],
-        null=null[:, np.linalg.norm(null, axis=0) > 0.0] if null.size else null,
-    )
     return FitWithOffset(
-        narrow,
+        without_offset(wide, outcome),
         _moved(before, shift),
         _moved(before, at_base),
         OperatingPoint(
@@ -134,6 +125,20 @@ def narrowed(
             len(places),
             offsets.why,
         ),
+    )
+
+
+def without_offset(wide: PolynomialStructure, outcome: FitOutcome) -> FitOutcome:
+    """What a fit says of the structure without its constant."""
+    kept = np.setdiff1d(np.arange(len(outcome.theta)), constant_places(wide)[0])
+    null = outcome.null[kept]
+    return replace(
+        outcome,
+        structure=without_constant(wide),
+        parameters=tuple(outcome.parameters[k] for k in kept),
+        theta=outcome.theta[kept],
+        covariance=outcome.covariance[np.ix_(kept, kept)],
+        null=null[:, np.linalg.norm(null, axis=0) > 0.0] if null.size else null,
     )
 
 
@@ -176,7 +181,6 @@ class _SteadyState:
     ranges: Array
 
     def _sums(self, theta: Array) -> tuple[Array, Array, Array]:
-        """A(1), B(1) and c."""
         p = self.wide.polynomials(theta)
         A = np.array([[float(x.sum()) for x in row] for row in p.A])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -207,17 +211,15 @@ class _SteadyState:
             numpy.linalg.LinAlgError: outputs not among the drifting ones have no steady state.
         """
         theta = self.outcome.theta
+        known = np.isfinite(np.diag(self.outcome.covariance))
+        covariance = np.where(np.outer(known, known), self.outcome.covariance, 0.0)
+        steps = np.where(known, STEP * np.maximum(np.abs(theta), 1e-3), 0.0)
+
+        def of(theta: Array) -> Array:
+            return self._operating_point(theta, du, drifting)
+
         with np.errstate(all="ignore"):
-            middle = self._operating_point(theta, du, drifting)
-            slopes = np.zeros((len(middle), len(theta)))
-            for k, value in enumerate(theta):
-                step = STEP * max(abs(value), 1e-3)
-                nudged = theta.copy()
-                nudged[k] += step
-                slopes[:, k] = (self._operating_point(nudged, du, drifting) - middle) / step
-            known = np.isfinite(np.diag(self.outcome.covariance))
-            S, C = slopes[:, known], self.outcome.covariance[np.ix_(known, known)]
-            return middle, np.sqrt(np.maximum(np.einsum("ik,kl,il->i", S, C, S), 0.0))
+            return of(theta), propagated(of, theta, covariance, steps)
 
     def far(self, values: Array, errors: Array) -> Index:
         """Outputs whose offset lies far outside the data, or is as uncertain as that."""

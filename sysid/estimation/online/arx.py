@@ -115,7 +115,7 @@ class RecursiveARX:
         self._terms = [lay.terms for lay in self._layouts]
         self.block = max(SHORTEST_BLOCK, ROWS_A_COEFFICIENT * max(map(len, self._terms)))
         width = structure.ny + structure.nu
-        self._kept = RowsKept(width)
+        self._kept = RowsKept()
         self.changes: tuple[Changed, ...] = ()
         self.total = 0
         self._pending: list[Array] = []
@@ -140,7 +140,6 @@ class RecursiveARX:
 
     @property
     def since(self) -> int:
-        """Rows since the beginning, or the last change."""
         return self._kept.since + self._waiting
 
     @property
@@ -161,7 +160,7 @@ class RecursiveARX:
         Raises:
             UsageError: the shapes do not fit, or a number is not finite.
         """
-        rows = self._rows(u, y)
+        rows = self.rows(u, y)
         before = len(self.changes)
         while len(rows):
             room = self.block - self._waiting
@@ -193,7 +192,8 @@ class RecursiveARX:
         waiting = self._stacked()
         return (self._grown(waiting) if len(waiting) else self._factors)[output]
 
-    def _rows(self, u: ArrayLike, y: ArrayLike) -> Array:
+    def rows(self, u: ArrayLike, y: ArrayLike) -> Array:
+        """Outputs, inputs and the constant of rows, (N, ny + nu)."""
         s = self.structure
         nu = s.nu - int(s.orders.constant)
         inputs = np.asarray(u, dtype=np.float64).reshape(-1, nu) if nu else None
@@ -216,7 +216,6 @@ class RecursiveARX:
         return np.concatenate(self._pending) if self._pending else self._history[:0]
 
     def _equations(self, rows: Array) -> list[Array]:
-        """[φᵀ y] of every output for rows that follow the history."""
         joined = np.concatenate([self._history, rows])
         return [
             regressors(joined, i, terms, max(lay.start, len(self._history)))

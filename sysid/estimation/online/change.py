@@ -76,7 +76,6 @@ class ChangeWatch:
         self._blocks = 0
 
     def begin(self) -> None:
-        """Forget what came before: nothing of it is compared any more."""
         self._past.clear()
         for recent in self._recent.values():
             recent.clear()  # they may hold the change
@@ -88,7 +87,6 @@ class ChangeWatch:
         self._calm[alarm.window] = (total + alarm.statistic, count + 1)
 
     def before(self, blocks: int) -> Factor:
-        """What was known before the last blocks."""
         return self._past[-blocks][0]
 
     def window(self, blocks: int) -> Array:

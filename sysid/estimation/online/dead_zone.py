@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
+from sysid.estimation.online.arx import regressors
 from sysid.fitting import normal_equations as ne
 from sysid.fitting.uncertainty import AR_ORDER, half_of, portmanteau_white, sandwich
 
@@ -102,53 +103,55 @@ class _Rows:
     start: int
     still: float
 
+    @classmethod
+    def of(
+        cls,
+        pieces: Sequence[Array],
+        output: int,
+        signal: int,
+        terms: Sequence[tuple[int, int]],
+        still: float,
+    ) -> "_Rows":
+        """Those of the pieces that are long enough."""
+        start = max([1, *(lag for _, lag in terms), sum(s == signal for s, _ in terms)])
+        return cls([p for p in pieces if len(p) > start], output, signal, terms, start, still)
+
     def equations(
-        self, delta: float, friction: bool
+        self, delta: float, friction: bool, theta: Array | None = None
     ) -> list[tuple[Array, Array, NDArray[np.bool_]]]:
-        """Φ, y (N,) and which rows move (N,), for each piece; friction's columns stand behind."""
-        equations = []
+        """Φ, y (N,) and which rows move (N,), for each piece.
+
+        Args:
+            friction: whether −sign(y(t−k)), k = 1 …, as many as the input has coefficients, stand
+                behind the other columns of Φ.
+            theta: where ∂(Φθ)/∂δ, which stands last, is that of this θ.
+        """
+        equations, output = [], self.output
         for p in self.pieces:
-            phi, y, moving = self._equation(p, delta)
+            u, y = p[:, self.signal], p[self.start :, output]
+            beyond = np.maximum(np.abs(u) - delta, 0.0)
+            columns = [self._columns(p, np.sign(u) * beyond)]
             if friction:
-                phi = np.column_stack([phi, self.directions(p)])
-            equations.append((phi, y, moving))
+                lags = [(output, k) for k in range(1, int(self.own.sum()) + 1)]
+                columns.append(regressors(-np.sign(p), output, lags, self.start)[:, :-1])
+            if theta is not None:
+                slopes = self._columns(np.zeros_like(p), -np.sign(u) * (beyond > 0.0))
+                columns.append(slopes @ theta[: len(self.terms), None])
+            past = p[self.start - 1 : -1, output]
+            moving = (np.minimum(np.abs(y), np.abs(past)) > self.still) & (y * past > 0.0)
+            equations.append((np.column_stack(columns), y, moving))
         return equations
 
-    def _equation(self, rows: Array, delta: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-        n, first = len(rows), self.start
-        u = rows[:, self.signal]
-        dz = np.sign(u) * np.maximum(np.abs(u) - delta, 0.0)
-        phi = np.empty((n - first, len(self.terms)))
-        for c, (signal, lag) in enumerate(self.terms):
-            source = dz if signal == self.signal else rows[:, signal]
-            phi[:, c] = source[first - lag : n - lag]
-        y = rows[first:, self.output]
-        past = rows[first - 1 : n - 1, self.output]
-        moving = (np.minimum(np.abs(y), np.abs(past)) > self.still) & (y * past > 0.0)
-        return phi, y, moving
-
-    def slopes(self, rows: Array, delta: float, theta: Array) -> Array:
-        """∂(Φθ)/∂δ, (N,)."""
-        n, first = len(rows), self.start
-        u = rows[:, self.signal]
-        edge = -np.sign(u) * (np.abs(u) > delta)
-        slopes = np.zeros(n - first)
-        for c, (signal, lag) in enumerate(self.terms):
-            if signal == self.signal:
-                slopes += theta[c] * edge[first - lag : n - lag]
-        return slopes
+    def _columns(self, rows: Array, u: Array) -> Array:
+        """Φ with another input."""
+        other = rows.copy()
+        other[:, self.signal] = u
+        return regressors(other, self.output, self.terms, self.start)[:, :-1]
 
     @property
     def own(self) -> NDArray[np.bool_]:
         """Which regressors are lags of the input, (n,)."""
         return np.array([signal == self.signal for signal, _ in self.terms])
-
-    def directions(self, rows: Array) -> Array:
-        """−sign(y(t−k)), k = 1 …, as many as the input has coefficients."""
-        n, first = len(rows), self.start
-        y = np.sign(rows[:, self.output])
-        lags = range(1, int(self.own.sum()) + 1)
-        return np.column_stack([-y[first - k : n - k] for k in lags])
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,14 +175,11 @@ def dead_zone(
     Returns:
         What was found; None where too few rows move, or none of the input's lags is a regressor.
     """
-    lags = [lag for _, lag in terms]
-    start = max([1, *lags, sum(s == signal for s, _ in terms)])
-    pieces = [p for p in pieces if len(p) > start]
-    if not pieces or all(s != signal for s, _ in terms):
+    largest = max((float(np.max(np.abs(p[:, output]))) for p in pieces), default=0.0)
+    command = max((float(np.max(np.abs(p[:, signal]))) for p in pieces), default=0.0)
+    rows = _Rows.of(pieces, output, signal, terms, STILL * largest)
+    if not rows.pieces or not rows.own.any():
         return None
-    largest = max(float(np.max(np.abs(p[:, output]))) for p in pieces)
-    command = max(float(np.max(np.abs(p[:, signal]))) for p in pieces)
-    rows = _Rows(pieces, output, signal, terms, start, STILL * largest)
     plain = _solve(rows, 0.0, False)
     if plain is None or command == 0.0 or largest == 0.0 or not plain.loss > 0.0:
         return None
@@ -216,12 +216,10 @@ def changed_beyond(
     """
     from scipy.special import fdtrc
 
-    start = max([1, *(lag for _, lag in terms), sum(s == where[1] for s, _ in terms)])
     friction = zone.law != "command"
     largest = max(float(np.max(np.abs(p[:, where[0]]))) for part in parts for p in part)
     rows = [
-        _Rows([p for p in part if len(p) > start], *where, terms, start, STILL * largest)
-        for part in (*parts, [*parts[0], *parts[1]])
+        _Rows.of(part, *where, terms, STILL * largest) for part in (*parts, [*parts[0], *parts[1]])
     ]
     solutions = [_solve(r, zone.edge, friction) if r.pieces else None for r in rows]
     before, after, joint = solutions
@@ -234,7 +232,6 @@ def changed_beyond(
 
 
 def _law(rows: _Rows, law: str, command: float) -> tuple[DeadZone, float] | None:
-    """The dead zone by one law, and its sum of squares."""
     friction, edge = law != "command", law != "friction"
     farthest = FARTHEST * command
     delta, steps = 0.0, 0
@@ -283,13 +280,7 @@ def _grid_loss(rows: _Rows, delta: float, friction: bool) -> float:
 
 def _solve(rows: _Rows, delta: float, friction: bool, theta: Array | None = None) -> _Solved | None:
     """Least squares at one δ; with its slope at ``theta`` as one more column, what δ lacks."""
-    equations = rows.equations(delta, friction)
-    if theta is not None:
-        equations = [
-            (np.column_stack([phi, rows.slopes(p, delta, theta)]), y, moving)
-            for p, (phi, y, moving) in zip(rows.pieces, equations, strict=True)
-        ]
-    return _least_squares(equations)
+    return _least_squares(rows.equations(delta, friction, theta))
 
 
 def _least_squares(equations: Sequence[tuple[Array, Array, NDArray[np.bool_]]]) -> _Solved | None:

@@ -91,7 +91,6 @@ def excitation(
 
 
 def _why(output: str, lacking: Sequence[str], inputs: Sequence[str], y: Array, u: Array) -> str:
-    """What a person can change about it."""
     if len(y) < 2:
         return "no rows yet."
     still = [n for n, c in zip(inputs, u.T, strict=True) if np.ptp(c) == 0.0]

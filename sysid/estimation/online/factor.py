@@ -57,17 +57,14 @@ class Factor:
 
     @property
     def n(self) -> int:
-        """Number of coefficients."""
         return len(self.T) - 1
 
     @property
     def R(self) -> Array:
-        """Triangle of the regressors, (n, n)."""
         return self.T[:-1, :-1]
 
     @property
     def z(self) -> Array:
-        """R θ, (n,)."""
         return self.T[:-1, -1]
 
     @property
@@ -109,7 +106,6 @@ class Factor:
         return np.column_stack([self.best, self.best @ theta])
 
     def solution(self) -> ne.LeastSquares:
-        """θ, (RᵀR)⁻¹, the loss, and the directions without information."""
         if self.weight == 0.0:
             n = self.n
             return ne.LeastSquares(np.zeros(n), np.zeros((n, n)), 0.0, np.eye(n))

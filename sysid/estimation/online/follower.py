@@ -3,23 +3,22 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from sysid.data.facts import LogFacts
 from sysid.data.following.lines import Lines
-from sysid.data.following.rows import Lost, RowReader, Rows
+from sysid.data.following.rows import RowReader, Rows
 from sysid.data.operating_point import OperatingPoint, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.record import Channel, Record, names_of
-from sysid.data.same_kind import Sampled
+from sysid.data.record import Record, names_of
 from sysid.errors import DataError, Termination, UsageError
 from sysid.estimation import pem
 from sysid.estimation.assessment.findings import Policy, assess
 from sysid.estimation.identify import Identification
-from sysid.estimation.offsets.estimated_offset import narrowed
+from sysid.estimation.offsets.estimated_offset import narrowed, without_offset
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.online.change import FALSE_ALARMS
 from sysid.estimation.online.live_fit import LiveFit
@@ -72,59 +71,17 @@ class LiveOptions:
             )
 
 
-class Feed(Sampled, Protocol):
-    """Where rows come from: a file, a pipe, or a topic."""
-
-    where: str
-    ended: bool
-
-    @property
-    def ready(self) -> bool:
-        """Whether channels and sample time are known."""
-
-    def new(self, last: bool = False) -> Rows | None:
-        """The rows since the last call; None while channels are not known."""
-
-    def close(self) -> None:
-        """Let go of it."""
-
-
 class LogFeed:
     """Rows of a log's lines.
 
     Attributes:
+        reader: of the lines; it knows channels and sample time once rows have come.
         ended: whether nothing can come any more.
-        restarts: how often the file began anew.
     """
 
     def __init__(self, lines: Lines, options: ReadOptions) -> None:
-        self._lines, self._reader = lines, RowReader(lines.where, options)
-        self.where, self.ended, self.restarts = lines.where, False, 0
-
-    @property
-    def ready(self) -> bool:
-        """Whether channels and sample time are known."""
-        return self._reader.ready
-
-    @property
-    def inputs(self) -> tuple[Channel, ...]:
-        """Input channels."""
-        return self._reader.inputs
-
-    @property
-    def outputs(self) -> tuple[Channel, ...]:
-        """Output channels."""
-        return self._reader.outputs
-
-    @property
-    def dt(self) -> float:
-        """Sample time [s]."""
-        return self._reader.dt
-
-    @property
-    def lost(self) -> Lost:
-        """Lines that gave no row."""
-        return self._reader.lost
+        self._lines, self.reader = lines, RowReader(lines.where, options)
+        self.where, self.ended = lines.where, False
 
     def new(self, last: bool = False) -> Rows | None:
         """The rows since the last call; None while channels are not known.
@@ -134,15 +91,13 @@ class LogFeed:
         """
         lines = self._lines.new()
         if self._lines.restarted:
-            self.restarts += 1
-            self._reader.restart()
+            self.reader.restart()
         self.ended = self._lines.ended
         if last or self.ended:
             lines += self._lines.last()
-        return self._reader.read(lines, last or self.ended)
+        return self.reader.read(lines, last or self.ended)
 
     def close(self) -> None:
-        """Let go of the file."""
         self._lines.close()
 
 
@@ -154,7 +109,7 @@ class Follower:
         live: the estimate, None before the first rows.
     """
 
-    feed: Feed
+    feed: LogFeed
     options: LiveOptions = field(default_factory=LiveOptions)
     live: LiveFit | None = None
 
@@ -185,15 +140,15 @@ class Follower:
         return len(rows.t), tuple(changes)
 
     def _begun(self, rows: Rows) -> LiveFit:
-        feed, options = self.feed, self.options
-        sample = Record(rows.u, rows.y, feed.dt, feed.inputs, feed.outputs)
+        reader, options = self.feed.reader, self.options
+        sample = Record(rows.u, rows.y, reader.dt, reader.inputs, reader.outputs)
         level = options.detrend == "level" or (
             options.detrend == "auto" and not sample.is_robot_log
         )
         return LiveFit(
-            feed.inputs,
-            feed.outputs,
-            feed.dt,
+            reader.inputs,
+            reader.outputs,
+            reader.dt,
             options.orders,
             forgetting=options.forgetting,
             level=level,
@@ -276,32 +231,15 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
         termination=Termination.CLOSED_FORM,
         starts=(StartReport("all", "recursive least squares", None, None, 1),),
     )
-    none = Detrend.none(plain.nu, ny)
-    if not wide.orders.constant:
-        return pem.model_of(outcome, records, records, options, none, OperatingPoint())
-    places, _ = constant_places(wide)
-    if np.all(np.isfinite(np.diag(estimate.covariance)[places])):
-        offsets = Offsets(none, Origin.ESTIMATED, (True,) * ny)
-        with_offset = narrowed(wide, outcome, LogFacts.of(records), offsets)
-        without = [with_offset.at_fit.remove(r) for r in records]
-        return pem.model_of(
-            with_offset.outcome,
-            records,
-            without,
-            options,
-            with_offset.detrend,
-            with_offset.operating_point,
+    if wide.orders.constant:
+        places, _ = constant_places(wide)
+        if np.all(np.isfinite(np.diag(estimate.covariance)[places])):
+            offsets = Offsets(Detrend.none(plain.nu, ny), Origin.ESTIMATED, (True,) * ny)
+            fitted = narrowed(wide, outcome, LogFacts.of(records), offsets)
+            return pem.model_with_offset(fitted, records, options)
+        unknown = (
+            "the offset cannot be distinguished from the effect of the inputs; it was set to zero."
         )
-    kept = np.setdiff1d(np.arange(len(estimate.theta)), places)
-    outcome = replace(
-        outcome,
-        structure=plain,
-        parameters=plain.parameters(live.inputs, live.outputs),
-        theta=estimate.theta[kept],
-        covariance=estimate.covariance[np.ix_(kept, kept)],
-        null=estimate.null[kept],
-        warnings=(
-            "the offset cannot be distinguished from the effect of the inputs; it was set to zero.",
-        ),
-    )
+        outcome = replace(without_offset(wide, outcome), warnings=(unknown,))
+    none = Detrend.none(plain.nu, ny)
     return pem.model_of(outcome, records, records, options, none, OperatingPoint())

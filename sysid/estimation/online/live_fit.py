@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel
-from sysid.errors import DataError, Termination, UsageError
+from sysid.errors import DataError, Termination
 from sysid.estimation.assessment.step_response import StepResponse, step_responses
 from sysid.estimation.online.arx import Changed, RecursiveARX, RecursiveEstimate
 from sysid.estimation.online.change import FALSE_ALARMS
@@ -105,10 +105,8 @@ class LiveFit:
         Raises:
             UsageError: the shapes do not fit, or a number is not finite.
         """
-        inputs = np.asarray(u, dtype=np.float64).reshape(-1, len(self.inputs))
-        outputs = np.asarray(y, dtype=np.float64).reshape(-1, len(self.outputs))
-        if len(inputs) != len(outputs):
-            raise UsageError(f"{len(inputs)} rows of inputs but {len(outputs)} of outputs")
+        rows, ny = self.recursion.rows(u, y), len(self.outputs)
+        inputs, outputs = rows[:, ny : ny + len(self.inputs)], rows[:, :ny]
         seen = len(self._changes)
         while len(inputs):
             # orders are chosen at a row, not wherever the rows that came at once happen to end
@@ -122,16 +120,13 @@ class LiveFit:
         return tuple(self._changes[seen:])
 
     def interrupt(self) -> None:
-        """Rows are missing between those before and those that follow."""
         self.recursion.interrupt()
 
     @property
     def rows(self) -> int:
-        """Rows taken in since the beginning."""
         return self._earlier + self.recursion.total + self.recursion.waiting
 
     def state(self) -> LiveState:
-        """What the stream shows now."""
         model = self.model()
         linear = step_responses(model)
         changes = self._changes
@@ -216,7 +211,6 @@ class LiveFit:
         return changed_beyond(zone, parts, (output, signal), terms)
 
     def _remember(self, change: Changed) -> None:
-        """A change as it is reported, with the numbers before it."""
         before = step_responses(self._model_of(change.before))
         if self._changes:
             self._changes[-1] = followed_by(self._changes[-1], before)
@@ -270,7 +264,6 @@ class LiveFit:
         )
 
     def _pairs(self, model: Model, linear: Sequence[StepResponse]) -> tuple[LivePair, ...]:
-        """What every input does to every output, beyond its dead zone where one is seen."""
         pieces = self.recursion.pieces(DEAD_ZONE_ROWS)
         drives = _drives(linear, self.inputs, pieces, len(self.outputs))
         pairs: list[LivePair] = []

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from sysid.data.documents import by_field, plain_object
-from sysid.estimation.assessment.step_response import Estimate, StepResponse
+from sysid.estimation.assessment.delta_method import Estimate
+from sysid.estimation.assessment.step_response import StepResponse
 from sysid.estimation.online.dead_zone import DeadZone
 from sysid.estimation.online.excitation import Excitation
 from sysid.structures.model import Model, unvisited

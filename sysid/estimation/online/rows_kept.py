@@ -17,19 +17,17 @@ class RowsKept:
         since: rows added since the beginning or since ``only_last``, kept or not.
     """
 
-    def __init__(self, width: int, most: int = MOST) -> None:
-        self._width, self._most = width, most
+    def __init__(self) -> None:
         self._blocks: deque[tuple[int, Array]] = deque()
         self._stretch = 0
         self._rows = 0
         self.since = 0
 
     def add(self, rows: Array) -> None:
-        """Rows that follow those before."""
         self._blocks.append((self._stretch, rows))
         self._rows += len(rows)
         self.since += len(rows)
-        while self._rows - len(self._blocks[0][1]) >= self._most:
+        while self._rows - len(self._blocks[0][1]) >= MOST:
             self._rows -= len(self._blocks.popleft()[1])
 
     def interrupt(self) -> None:
@@ -37,7 +35,6 @@ class RowsKept:
         self._stretch += 1
 
     def only_last(self, rows: int) -> None:
-        """Drop all but the newest rows."""
         while self._blocks and self._rows - len(self._blocks[0][1]) >= rows:
             self._rows -= len(self._blocks.popleft()[1])
         if self._blocks and self._rows > rows:

@@ -1,5 +1,6 @@
 """Rank models on equal terms: same data, same samples, same initial-state policy."""
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,11 +11,10 @@ from sysid.criteria import table
 from sysid.criteria.information import information_criteria, on_common_samples
 from sysid.data.documents import plain
 from sysid.data.record import Record, names_of
-from sysid.errors import ModelError
+from sysid.errors import ModelError, SysidError
 from sysid.estimation.assessment.figures import residual_tests
-from sysid.estimation.assessment.findings import DataFigures, Policy, figures_on
-from sysid.estimation.assessment.robust_judging import judged_errors
-from sysid.estimation.selection.step_time import step_time
+from sysid.estimation.assessment.findings import Policy, figures_on
+from sysid.estimation.robust_fit import judged_errors
 from sysid.estimation.soundness import doubts_about, leader, relative_gap
 from sysid.fitting.holdout import CLOSE
 from sysid.structures.model import Model
@@ -169,17 +169,16 @@ def _seen_before(contenders: Sequence[Contender], judged: Sequence[Record]) -> l
     seen = [c.id for c in contenders if not _unseen(c.model, judged)]
     if not seen:
         return []
-    who = "All models were" if len(seen) == len(contenders) else f"{', '.join(seen)}: "
-    called = names_of(judged)
-    who = who if len(seen) == len(contenders) else who + ("was" if len(seen) == 1 else "were")
+    who = f"{', '.join(seen)}: {'was' if len(seen) == 1 else 'were'}"
+    if len(seen) == len(contenders):
+        who = "All models were"
     return [
-        f"{who} fitted to data of {called}, on which they are judged here; that favours large "
-        "models and those that saw the log. Judge on a log that no model saw."
+        f"{who} fitted to data of {names_of(judged)}, on which they are judged here; that favours "
+        "large models and those that saw the log. Judge on a log that no model saw."
     ]
 
 
 def _unseen(model: Model, judged: Sequence[Record]) -> bool:
-    """Whether no sample of the records is among those that the model was fitted to."""
     return not any(
         bool(s.sha256) and s.sha256 == r.sha256 and _overlap(s.first, s.samples, r, model.dt)
         for s in model.provenance.data
@@ -188,18 +187,17 @@ def _unseen(model: Model, judged: Sequence[Record]) -> bool:
 
 
 def _overlap(first: float, samples: int, record: Record, dt: float) -> bool:
-    """Whether a stretch of the same file and the record have an instant in common."""
     return first < record.t0 + len(record) * record.dt and record.t0 < first + samples * dt
 
 
 def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranked:
     """The model to take, and a note where it is not the first or has something against it."""
     doubts = {x.contender.id: doubts_about(x.contender.model) for x in lines}
-    able = [x for x in lines if not doubts[x.contender.id].unbounded] or lines
     best = leader(
         lines,
-        lambda x: doubts[x.contender.id],
-        lambda x: _gap(x, able[0], criterion) <= _margin(able[0]),
+        lambda x: not doubts[x.contender.id].unbounded,
+        lambda x, first: _gap(x, first, criterion) <= _margin(first),
+        lambda x: doubts[x.contender.id].settled,
     )
     first, doubt = lines[0].contender.id, doubts[lines[0].contender.id].words
     if best is not lines[0]:
@@ -214,24 +212,19 @@ def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranke
 
 
 def _margin(line: Ranked) -> float:
-    """Fraction by which the RMS of errors is uncertain: one standard error, 1/√(2N)."""
     samples = int(line.figures.get("samples") or 0) * len(line.contender.model.outputs)
     return max(CLOSE, 1.0 / float(np.sqrt(2.0 * max(samples, 1))))
 
 
 def _gap(line: Ranked, best: Ranked, criterion: str) -> float:
-    """By which fraction a model's errors exceed the best one's."""
     ny, samples = len(line.contender.model.outputs), int(best.figures.get("samples") or 0)
     return relative_gap(criterion, line.value, best.value, samples, ny)
 
 
 def _residuals(c: Contender) -> Mapping[str, Any] | None:
-    """Residual tests as they were reported, or made now where the fit made none."""
-    stored = c.report.get("residuals")
-    if stored:
-        return dict(stored)
-    if c.records is None:
-        return None
+    stored: Mapping[str, Any] | None = c.report.get("residuals")
+    if stored or c.records is None:
+        return stored or None
     return residual_tests(c.model, c.records).as_dict()
 
 
@@ -245,21 +238,17 @@ def _all_figures(
     figures = {}
     for c in contenders:
         try:
-            figures[c.id] = _figures(c, validation, policy)
+            if validation is None:
+                role = "validation" if c.report.get("validation") else "estimation"
+                figures[c.id] = _figures_made(c, role, policy)
+                continue
+            for r in validation[0]:
+                c.model.check(r)
+            made = figures_on(c.model, validation[0], validation[1], policy)
+            figures[c.id] = {**made.to_json(), "held_out": True}
         except ModelError as error:
             excluded[c.id] = str(error)
     return figures
-
-
-def _figures(
-    c: Contender, validation: tuple[Sequence[Record], str] | None, policy: Policy
-) -> dict[str, Any]:
-    if validation is not None:
-        for r in validation[0]:
-            c.model.check(r)
-        figures: DataFigures = figures_on(c.model, validation[0], validation[1], policy)
-        return {**figures.to_json(), "held_out": True}
-    return _figures_made(c, "validation" if c.report.get("validation") else "estimation", policy)
 
 
 def _figures_made(c: Contender, role: str, policy: Policy) -> dict[str, Any]:
@@ -295,36 +284,28 @@ def _identity(c: Contender) -> tuple[object, ...]:
 
 def _same_data(contenders: Sequence[Contender], excluded: dict[str, str]) -> list[Contender]:
     """Those fitted to the same data as the newest model; the others are excluded."""
-    if not contenders:
-        return []
-    newest = contenders[-1]
-    kept = []
-    for c in contenders:
-        if _identity(c) == _identity(newest):
-            kept.append(c)
-        else:
-            excluded[c.id] = (
-                f"{c.id} was fitted to other data or channels than {newest.id}: such models must "
-                "not be ranked against each other by this criterion (use `validation=LOG` with "
-                "`criterion='fit'`)"
-            )
+    kept = [c for c in contenders if _identity(c) == _identity(contenders[-1])]
+    excluded |= {
+        c.id: f"{c.id} was fitted to other data or channels than {contenders[-1].id}: such models "
+        "must not be ranked against each other by this criterion (use `validation=LOG` with "
+        "`criterion='fit'`)"
+        for c in contenders
+        if c not in kept
+    }
     return kept
 
 
 def _criteria(contenders: Sequence[Contender], notes: list[str]) -> dict[str, dict[str, float]]:
     """Criteria on common samples where the data are at hand, else as stored with each model."""
-    stored = {c.id: dict(c.model.criteria) for c in contenders}
     first = contenders[0]
     same = all(_identity(c) == _identity(first) for c in contenders)
-    if not same:
-        return stored
-    if first.records is None:
-        if len(contenders) > 1:
-            notes.append(
-                "The estimation data are gone or have changed; the criteria are those stored at "
-                "each fit, each over the samples its own model predicts."
-            )
-        return stored
+    if same and first.records is None and len(contenders) > 1:
+        notes.append(
+            "The estimation data are gone or have changed; the criteria are those stored at each "
+            "fit, each over the samples its own model predicts."
+        )
+    if not same or first.records is None:
+        return {c.id: dict(c.model.criteria) for c in contenders}
     errors = [judged_errors(c.model, first.records) for c in contenders]
     common = on_common_samples(errors)
     return {
@@ -336,11 +317,32 @@ def _criteria(contenders: Sequence[Contender], notes: list[str]) -> dict[str, di
 def _value(criterion: str, criteria: Mapping[str, float], figures: Mapping[str, Any]) -> float:
     if criterion in criteria:
         return criteria[criterion]
-    values = [
-        v
-        for v in figures["fit_percent" if criterion == "fit" else "rmse"].values()
-        if v is not None
-    ]
+    each = figures["fit_percent" if criterion == "fit" else "rmse"].values()
+    values = [v for v in each if v is not None]
     if not values:
         return float("nan")
     return float(np.mean(values) if criterion == "fit" else np.sqrt(np.mean(np.square(values))))
+
+
+STEPS, ROUNDS = 50, 4
+"""Steps timed together, and how often: the quickest round is the one that nothing disturbed."""
+
+
+def step_time(model: Model) -> float | None:
+    """Processor time of one step of the model's plant in Python [s]; None where it has none.
+
+    Args:
+        model: stepped from rest with the middle of its inputs' range.
+    """
+    try:
+        plant = model.plant()
+        state, u = plant.initial_state(), plant.u_offset
+        best = float("inf")
+        for _ in range(ROUNDS):
+            start = time.process_time()
+            for _ in range(STEPS):
+                state, _ = plant.step(state, u)
+            best = min(best, time.process_time() - start)
+    except SysidError:
+        return None
+    return best / STEPS

@@ -8,9 +8,9 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.errors import DataError, SysidError, UsageError
 from sysid.estimation.assessment.figures import Start, outputs
-from sysid.estimation.assessment.robust_judging import judged
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.pem import fit
+from sysid.estimation.robust_fit import judged
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial
 from sysid.methods.table import method_of

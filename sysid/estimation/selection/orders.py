@@ -12,8 +12,8 @@ from sysid.criteria.table import Loss
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, ModelError
 from sysid.estimation.pem import fit_prepared
-from sysid.estimation.robust_fit import bounded_errors, outliers_of
-from sysid.estimation.soundness import bounded_run, motion_doubts, relative_gap
+from sysid.estimation.robust_fit import counted_errors
+from sysid.estimation.soundness import bounded_run, excess, leader, motion_doubts
 from sysid.fitting.holdout import HoldOut, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
@@ -23,7 +23,6 @@ from sysid.structures.linear.constant_input import with_constant, with_ones, wit
 from sysid.structures.linear.families import ARX
 from sysid.structures.linear.least_squares import promising, solved_at_once
 from sysid.structures.linear.polynomial import PolynomialStructure
-from sysid.structures.motion import initial_state_window
 from sysid.structures.orders import orders_text
 from sysid.structures.registry import structure_class
 
@@ -80,7 +79,6 @@ class OrderSearch:
 
     @property
     def best(self) -> Candidate:
-        """The chosen orders."""
         return self.candidates[0]
 
 
@@ -147,16 +145,14 @@ def ranked(
     On held-out error the smallest of those leads; an information criterion weighs size itself.
     """
     ordered = sorted(candidates, key=lambda c: (not c.stable, c.score, c.n, orders_text(c.orders)))
-    ranks, best = table.criterion(criterion), ordered[0]
-
-    def exceeds(c: Candidate) -> float:
-        if ranks.of_free_run:
-            return c.score / best.score - 1.0 if best.score else float(c.score > 0.0)
-        return relative_gap(criterion, ranks.cost(c.score), ranks.cost(best.score), *equations)
-
-    close = [c for c in ordered if c.stable == best.stable and exceeds(c) <= margin]
-    size = {id(c): c.n if ranks.of_free_run else 0 for c in close}
-    lead = min(close, key=lambda c: (not c.settled, size[id(c)], c.score, orders_text(c.orders)))
+    by_size = table.criterion(criterion).of_free_run
+    lead = leader(
+        ordered,
+        lambda c: c.stable,
+        lambda c, best: excess(criterion, c.score, best.score, equations) <= margin,
+        lambda c: c.settled,
+        lambda c: (c.n if by_size else 0, c.score, orders_text(c.orders)),
+    )
     return (lead, *(c for c in ordered if c is not lead))
 
 
@@ -180,7 +176,7 @@ def _one_after_another(
 ) -> list[Candidate]:
     """Fit each candidate, warm-started from the best smaller neighbours already fitted."""
     candidates: list[Candidate] = []
-    train, longest = data.train, max(len(r) for r in data.whole)
+    train = data.train
     options, ranks = searching(options), table.criterion(criterion)
     fitted: dict[int, tuple[float, dict[str, float]]] = {}
     for k, s in enumerate(structures):
@@ -204,52 +200,39 @@ def _one_after_another(
             score = error
             if not ranks.of_free_run:
                 free = sum(q.fixed is None for q in outcome.parameters) + outcome.n_states
-                loss = _loss(s, theta, free, train, common, options.robust)
-                score = ranks.cost_of(loss)
+                errors = counted_errors(s, theta, train, options.robust)
+                score = ranks.cost_of(loss_of([e[common:] for e in errors], free))
             if np.isfinite(score):
-                stable = bounded_run(s, theta)
-                calm = not motion_doubts(s, theta, longest, train[0].dt)
-                candidates.append(Candidate(_orders(s), len(names), score, error, stable, calm))
+                candidates.append(_candidate(s, theta, score, error, data.whole))
                 fitted[k] = (score, dict(zip(names, theta.tolist(), strict=True)))
         if progress:
             progress(k + 1, len(structures), f"{s.name} {orders_text(_orders(s))}")
     return candidates
 
 
-def _loss(
-    s: Structure, theta: Array, n: int, records: Sequence[Record], start: int, robust: bool
-) -> Loss:
-    """The loss of one-step errors from the sample ``start`` on."""
-    window = initial_state_window(s, theta)
-    if robust:
-        outliers = [outliers_of(s, theta, r, window) for r in records]
-        pairs = zip(records, outliers, strict=True)
-        errors = [
-            bounded_errors(s.errors(theta, r.u, f.marked(r).y, window), f)[start:] for r, f in pairs
-        ]
-    else:
-        errors = [s.errors(theta, r.u, r.y, window)[start:] for r in records]
-    return loss_of(errors, n)
+def _candidate(
+    s: Structure, theta: Array, score: float, error: float, records: Sequence[Record]
+) -> Candidate:
+    calm = not motion_doubts(s, theta, max(map(len, records)), records[0].dt)
+    orders = _orders(s)
+    return Candidate(orders, len(theta), score, error, bounded_run(s, theta), calm)
 
 
 def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str) -> list[Candidate]:
     """Every ARX candidate from two Gram matrices, free runs of the promising ones only."""
     solved = solved_at_once([s for s in structures if isinstance(s, ARX)], data)
-    longest = max(len(r) for r in data.whole)
     ranks, candidates = table.criterion(criterion), []
     for a in promising(solved) if ranks.of_free_run else solved:
-        s, n = a.structure, len(a.theta)
+        s = a.structure
         if ranks.of_free_run:
             score = error = free_run_error(
                 s, a.theta, data.whole, data.counted, one_step=data.one_step
             )
         else:
-            loss = Loss(a.log_det, a.samples, n, s.ny)
+            loss = Loss(a.log_det, a.samples, len(a.theta), s.ny)
             score, error = ranks.cost_of(loss), float("nan")
         if np.isfinite(score):
-            stable = bounded_run(s, a.theta)
-            calm = not motion_doubts(s, a.theta, longest, data.whole[0].dt)
-            candidates.append(Candidate(_orders(s), n, score, error, stable, calm))
+            candidates.append(_candidate(s, a.theta, score, error, data.whole))
     return candidates
 
 

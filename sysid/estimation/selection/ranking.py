@@ -1,6 +1,6 @@
 """Rank fitted structures, and say why the first leads."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +8,9 @@ import numpy as np
 from sysid.criteria import table
 from sysid.criteria.information import loss_of, on_common_samples
 from sysid.data.record import Record
-from sysid.estimation.assessment.robust_judging import judged_errors
+from sysid.estimation.robust_fit import judged_errors
 from sysid.estimation.selection.orders import OrderSearch
-from sysid.estimation.soundness import bounded_run, doubts_about, relative_gap
+from sysid.estimation.soundness import bounded_run, doubts_about, excess, leader
 from sysid.fitting.options import FitOptions
 from sysid.methods.held_out_error import free_run_error
 from sysid.structures.model import Model
@@ -87,60 +87,50 @@ def ranked_entries(
     loop have to be.
     """
     counted = [np.ones(len(r), dtype=bool) for r in records]
-    follows = {
-        id(e): free_run_error(
+    follows = [
+        free_run_error(
             e.model.structure,
             e.model.theta,
-            _seen(e, records),
+            [e.model.detrend.remove(r) for r in records],
             counted,
             options.robust,
             one_step=one_step,
         )
         for e in entries
-    }
-    limit = FOLLOWS * min(follows.values())
-    following = [e for e in entries if follows[id(e)] <= limit]
+    ]
+    limit = FOLLOWS * min(follows)
+    following = [e for e, error in zip(entries, follows, strict=True) if error <= limit]
     bounded = [e for e in following if bounded_run(e.model.structure, e.model.theta)]
     sound = bounded or following or list(entries)
     searched = all(e.error is not None for e in entries)
     of_free_run = table.criterion(criterion).of_free_run
     rule = criterion if not of_free_run else "bic" if searched else "aic"
-    value = table.criterion(rule).cost  # its own inverse
     values = _costs(entries, records, rule)
     score = {id(e): (v, _size(e)) for e, v in zip(entries, values, strict=True)}
     calm = {id(e): doubts_about(e.model).settled for e in entries}
-    by_error = searched and of_free_run
+    by_error, errors = searched and of_free_run, score
     if by_error:
         errors = {id(e): (float(e.error or 0.0), _size(e)) for e in entries}
-        close = (1.0 + margin) * min(errors[id(e)][0] for e in sound)
-        tied = [e for e in sound if errors[id(e)][0] <= close]
-    else:
-        errors, samples = score, sum(len(r) for r in records)
-        least = value(min(score[id(e)] for e in sound)[0])
-        ny = records[0].ny
-        tied = [
-            e
-            for e in sound
-            if relative_gap(rule, value(score[id(e)][0]), least, samples, ny) <= margin
-        ]
+    equations, judge = (sum(map(len, records)), records[0].ny), criterion if by_error else rule
+    ordered = sorted(entries, key=lambda e: (e not in sound, errors[id(e)]))
 
-    def rank(e: Entry) -> tuple[float, ...]:
-        # outliers rule the likelihood: a robust fit goes by size alone
-        return (_size(e),) if by_error and options.robust else score[id(e)]
+    def first_of(settled: Callable[[Entry], bool]) -> Entry:
+        return leader(
+            ordered,
+            lambda e: e in sound,
+            lambda e, best: (
+                excess(judge, errors[id(e)][0], errors[id(best)][0], equations) <= margin
+            ),
+            settled,
+            # outliers rule the likelihood: a robust fit goes by size alone
+            lambda e: _size(e) if by_error and options.robust else score[id(e)],
+        )
 
-    first = min(tied, key=rank)
-    lead = min(tied, key=lambda e: (not calm[id(e)], rank(e)))
-    rest = sorted(
-        (e for e in entries if e is not lead), key=lambda e: (e not in sound, errors[id(e)])
-    )
+    first, lead = first_of(lambda e: True), first_of(lambda e: calm[id(e)])
+    rest = [e for e in ordered if e is not lead]
     decided = "size" if options.robust and by_error else rule
     passed = None if lead is first else first
     return StructureRanking((lead, *rest), tuple(sound), margin, decided, passed, one_step)
-
-
-def _seen(entry: Entry, records: Sequence[Record]) -> list[Record]:
-    """The records as the model sees them."""
-    return [entry.model.detrend.remove(r) for r in records]
 
 
 def _costs(entries: Sequence[Entry], records: Sequence[Record], name: str) -> list[float]:
@@ -179,13 +169,11 @@ def reason(order: StructureRanking, criterion: str, words: str, *, given: bool) 
 
 
 def _called(entry: Entry) -> str:
-    """Structure and orders."""
     s = entry.model.structure
     return f"{s.name} {orders_text(s.order_values())}".rstrip()
 
 
 def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) -> str:
-    """What put the first entry first."""
     first = order.entries[0]
     text = _called(first)
     unsearched = any(e.error is None for e in order.entries)
@@ -228,7 +216,6 @@ _AMONG_EQUALS = (
 
 
 def _origin(model: Model, given: bool) -> str:
-    """Where the orders of a model come from that was fitted without a search of orders."""
     if not model.structure.order_values():
         return "fitted; it has no orders"
     if given:

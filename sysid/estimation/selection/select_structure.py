@@ -181,40 +181,28 @@ def _entries(
             continue
         if progress:
             progress(0.9 + 0.1 * k / len(tasks), f"fitting {name} to all data")
-        search = searches.get(name)
+        search, seconds = searches.get(name, (None, 0.0))
         # one candidate is fitted as asked for, alone and in company: what a structure that
         # searches within itself found on the part that was fitted only says how good it is
-        orders = chosen[0] if len(chosen) == 1 or search is None else search[0].best.orders
+        orders = chosen[0] if len(chosen) == 1 or search is None else search.best.orders
         structure = _structure(name, orders, facts.records, options)
+        started = perf_counter()
         try:
-            entries.append(_entry(structure, search, facts, options, offsets))
+            model, notes = _fitted(structure, facts, options, offsets)
         except (DataError, ModelError) as error:
             if len(tasks) == 1:
                 raise
             failed[name] = str(error)
+        else:
+            entries.append(Entry(model, search, perf_counter() - started + seconds, notes))
     return entries
 
 
 def _structure(
     name: str, orders: Mapping[str, Any], records: Sequence[Record], options: FitOptions
 ) -> Structure:
-    """A structure of these orders for the channels of the records."""
     nu, ny = records[0].nu, records[0].ny
     return structure_class(name).from_orders(dict(orders), nu, ny, options.structure_options)
-
-
-def _entry(
-    structure: Structure,
-    search: tuple[OrderSearch, float] | None,
-    facts: LogFacts,
-    options: FitOptions,
-    offsets: Offsets,
-) -> Entry:
-    """The structure fitted to all data, with the search that chose its orders and its seconds."""
-    started = perf_counter()
-    model, notes = _fitted(structure, facts, options, offsets)
-    spent = perf_counter() - started + (search[1] if search else 0.0)
-    return Entry(model, search[0] if search else None, spent, notes)
 
 
 def _by_structure(
@@ -301,6 +289,7 @@ def _searches(
         for name, grid in searched
         for nk in _delays(name, grid)
     ]
+    done = 0
     if jobs > 1 and work > PARALLEL_WORK:
         from joblib import Parallel, delayed
 
@@ -311,23 +300,21 @@ def _searches(
             delayed(tied)(os.getpid(), _timed, name, chain, grid, data[name], options, criterion)
             for name, chain, grid in chains
         )
-        done = 0
-        for outcome in outcomes:
-            done += outcome[2]
-            _collect(outcome, searches, failed)
-            if progress:
-                progress(0.9 * done / total, f"searched {done} of {total} orders")
     else:
-        done = 0
-        for name, chain, grid in chains:
 
-            def report(k: int, n: int, what: str, base: int = done) -> None:
-                if progress:
-                    progress(0.9 * (base + k) / total, what)
+        def report(k: int, n: int, what: str) -> None:
+            if progress:
+                progress(0.9 * (done + k) / total, what)
 
-            outcome = _timed(name, chain, grid, data[name], options, criterion, report)
-            _collect(outcome, searches, failed)
-            done += len(chain)
+        outcomes = (
+            _timed(name, chain, grid, data[name], options, criterion, report)
+            for name, chain, grid in chains
+        )
+    for outcome in outcomes:
+        done += outcome[2]
+        _collect(outcome, searches, failed)
+        if progress:
+            progress(0.9 * done / total, f"searched {done} of {total} orders")
     return searches, {k: v for k, v in failed.items() if k not in searches}
 
 
@@ -344,12 +331,13 @@ def _timed(
     progress: Callable[[int, int, str], None] | None = None,
 ) -> Outcome:
     started = perf_counter()
+    search: OrderSearch | str
     try:
         search = search_orders(name, chain, data[0], options, criterion, progress, grid, data[1])
     except UsageError:
         raise
     except SysidError as error:
-        return name, str(error), len(chain), perf_counter() - started
+        search = str(error)
     return name, search, len(chain), perf_counter() - started
 
 
@@ -376,8 +364,5 @@ def _delays(name: str, grid: Grid) -> list[Any]:
     """The delays of a grid, each once; one stands for all where candidates are no starts."""
     if structure_class(name).traits.solved_at_once:
         return [ANY]
-    delays: list[Any] = []
-    for orders in grid:
-        if orders.get("nk") not in delays:
-            delays.append(orders.get("nk"))
-    return delays
+    every = [orders.get("nk") for orders in grid]
+    return [nk for k, nk in enumerate(every) if nk not in every[:k]]

@@ -8,21 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.report.fan_drawing import FanPanel, FanPicture
+from sysid.report.mission_drawing import MissionPicture
 from sysid.report.missions.localization_drawing import PoseEstimate, ellipse
-from sysid.report.plots import (
-    CurvePanel,
-    FanPanel,
-    FanPicture,
-    Line,
-    MissionPicture,
-    Obstacle,
-    Panel,
-    PlanPicture,
-    ResponsePicture,
-    RunsPicture,
-    Scene,
-    write_picture,
-)
+from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
+from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
+from sysid.report.missions.runs_drawing import RunsPicture
+from sysid.report.missions.scene import Obstacle, Scene
+from sysid.report.plots import write_picture
 from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.localize import Localization
 from sysid.robot.mission.measured.fan import QUANTITIES, UNITS, Comparison
@@ -179,6 +172,8 @@ def _ellipses(columns: Mapping[str, Array]) -> tuple[tuple[Array, Array], ...]:
 
 
 def draw_plan(path: Path, name: str, mission: Mission, route: Plan) -> None:
+    """Draw the way of the references, the field they follow, and what the laws give."""
+
     def panel(title: str, across: str, up: str, curves: Curves) -> CurvePanel:
         return CurvePanel(
             title, across, up, curves.gain, curves.values, curves.distance, curves.quantity

@@ -71,33 +71,32 @@ class FrontPicture:
     proposed: int
     answers: tuple[Panel, ...]
 
-
-def draw(figure: "Figure", picture: FrontPicture) -> None:
-    """Draw the trades in the first row, the answers in the second."""
-    height = 7.0 if picture.answers else 3.8
-    style.heading(figure, height, picture.title, picture.subtitle)
-    rows = 2 if picture.answers else 1
-    grid = figure.add_gridspec(rows, 1, height_ratios=(1.15, 1.0)[:rows])
-    engine = figure.get_layout_engine()
-    if engine is not None:  # a strip for the legend of all panels
-        top = (_LEGEND + 0.22) / height
-        engine.set(rect=(0.0, 0.0, 1.0, 1.0 - top))  # type: ignore[call-arg]
-    upper = grid[0].subgridspec(1, len(picture.trades))
-    panels = [figure.add_subplot(upper[0, k]) for k in range(len(picture.trades))]
-    dots = [_trade(axes, t, picture) for axes, t in zip(panels, picture.trades, strict=True)]
-    bar = figure.colorbar(dots[-1], ax=panels, fraction=0.03, pad=0.01, aspect=25)
-    bar.set_label(picture.shade_name, size=style.SMALL)
-    bar.outline.set_visible(False)
-    handles, names = panels[0].get_legend_handles_labels()
-    legend = figure.legend(
-        handles, names, loc="upper left", ncols=len(names),
-        bbox_to_anchor=(0.1 / style.WIDTH, 1.0 - _LEGEND / height),
-    )  # fmt: skip
-    legend.set_in_layout(False)
-    if picture.answers:
-        lower = grid[1].subgridspec(1, len(picture.answers))
-        for k, panel in enumerate(picture.answers):
-            draw_panel(figure.add_subplot(lower[0, k]), panel)
+    def draw(self, figure: "Figure") -> None:
+        """Draw the trades in the first row, the answers in the second."""
+        height = 7.0 if self.answers else 3.8
+        style.heading(figure, height, self.title, self.subtitle)
+        rows = 2 if self.answers else 1
+        grid = figure.add_gridspec(rows, 1, height_ratios=(1.15, 1.0)[:rows])
+        engine = figure.get_layout_engine()
+        if engine is not None:  # a strip for the legend of all panels
+            top = (_LEGEND + 0.22) / height
+            engine.set(rect=(0.0, 0.0, 1.0, 1.0 - top))  # type: ignore[call-arg]
+        upper = grid[0].subgridspec(1, len(self.trades))
+        panels = [figure.add_subplot(upper[0, k]) for k in range(len(self.trades))]
+        dots = [_trade(axes, t, self) for axes, t in zip(panels, self.trades, strict=True)]
+        bar = figure.colorbar(dots[-1], ax=panels, fraction=0.03, pad=0.01, aspect=25)
+        bar.set_label(self.shade_name, size=style.SMALL)
+        bar.outline.set_visible(False)
+        handles, names = panels[0].get_legend_handles_labels()
+        legend = figure.legend(
+            handles, names, loc="upper left", ncols=len(names),
+            bbox_to_anchor=(0.1 / style.WIDTH, 1.0 - _LEGEND / height),
+        )  # fmt: skip
+        legend.set_in_layout(False)
+        if self.answers:
+            lower = grid[1].subgridspec(1, len(self.answers))
+            for k, panel in enumerate(self.answers):
+                draw_panel(figure.add_subplot(lower[0, k]), panel)
 
 
 def _trade(axes: "Axes", trade: Trade, picture: FrontPicture) -> "PathCollection":

@@ -70,24 +70,23 @@ class PlanPicture:
     ends: tuple[tuple[float, float], ...]
     panels: tuple[CurvePanel, ...]
 
-
-def draw(figure: "Figure", picture: PlanPicture) -> None:
-    """Draw the map and the potential above the forces and the references of speed."""
-    rows = _rows(picture)
-    height = 0.7 + _FIRST_ROW + _OTHER_ROW * len(rows)
-    style.heading(figure, height, picture.title, picture.subtitle)
-    grid = figure.add_gridspec(
-        1 + len(rows), 6, height_ratios=[_FIRST_ROW, *(_OTHER_ROW,) * len(rows)]
-    )
-    if picture.potential is None:
-        _draw_map(figure.add_subplot(grid[0, :]), picture)
-    else:
-        _draw_map(figure.add_subplot(grid[0, :3]), picture)
-        _draw_surface(figure.add_subplot(grid[0, 3:], projection="3d"), picture)
-    for k, row in enumerate(rows, start=1):
-        width = 6 // len(row)
-        for j, panel in enumerate(row):
-            _draw_curves(figure.add_subplot(grid[k, j * width : (j + 1) * width]), panel)
+    def draw(self, figure: "Figure") -> None:
+        """Draw the map and the potential above the forces and the references of speed."""
+        rows = _rows(self)
+        height = 0.7 + _FIRST_ROW + _OTHER_ROW * len(rows)
+        style.heading(figure, height, self.title, self.subtitle)
+        grid = figure.add_gridspec(
+            1 + len(rows), 6, height_ratios=[_FIRST_ROW, *(_OTHER_ROW,) * len(rows)]
+        )
+        if self.potential is None:
+            _draw_map(figure.add_subplot(grid[0, :]), self)
+        else:
+            _draw_map(figure.add_subplot(grid[0, :3]), self)
+            _draw_surface(figure.add_subplot(grid[0, 3:], projection="3d"), self)
+        for k, row in enumerate(rows, start=1):
+            width = 6 // len(row)
+            for j, panel in enumerate(row):
+                _draw_curves(figure.add_subplot(grid[k, j * width : (j + 1) * width]), panel)
 
 
 def _rows(picture: PlanPicture) -> list[tuple[CurvePanel, ...]]:

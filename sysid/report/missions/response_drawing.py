@@ -61,14 +61,13 @@ class ResponsePicture:
     panels: tuple[Panel, ...]
     columns: int = 3
 
-
-def draw(figure: "Figure", picture: ResponsePicture) -> None:
-    """Draw every panel."""
-    rows = -(-len(picture.panels) // picture.columns)
-    style.heading(figure, 0.7 + _ROW * rows, picture.title, picture.subtitle)
-    grid = figure.add_gridspec(rows, picture.columns)
-    for k, panel in enumerate(picture.panels):
-        draw_panel(figure.add_subplot(grid[k // picture.columns, k % picture.columns]), panel)
+    def draw(self, figure: "Figure") -> None:
+        """Draw every panel."""
+        rows = -(-len(self.panels) // self.columns)
+        style.heading(figure, 0.7 + _ROW * rows, self.title, self.subtitle)
+        grid = figure.add_gridspec(rows, self.columns)
+        for k, panel in enumerate(self.panels):
+            draw_panel(figure.add_subplot(grid[k // self.columns, k % self.columns]), panel)
 
 
 def draw_panel(axes: "Axes", panel: Panel) -> None:

@@ -38,16 +38,15 @@ class RunsPicture:
     clearances: Array
     drivers: tuple[tuple[str, float], ...]
 
-
-def draw(figure: "Figure", picture: RunsPicture) -> None:
-    """Draw the fan beside the distributions."""
-    style.heading(figure, 5.6, picture.title, picture.subtitle)
-    panels = [p for p, shown in ((_times, len(picture.times)), (_clearances,
-              len(picture.clearances)), (_drivers, len(picture.drivers))) if shown]  # fmt: skip
-    grid = figure.add_gridspec(max(len(panels), 1), 2, width_ratios=(1.35, 1.0))
-    _fan(figure.add_subplot(grid[:, 0]), picture)
-    for k, panel in enumerate(panels):
-        panel(figure.add_subplot(grid[k, 1]), picture)
+    def draw(self, figure: "Figure") -> None:
+        """Draw the fan beside the distributions."""
+        style.heading(figure, 5.6, self.title, self.subtitle)
+        panels = [p for p, shown in ((_times, len(self.times)), (_clearances,
+                  len(self.clearances)), (_drivers, len(self.drivers))) if shown]  # fmt: skip
+        grid = figure.add_gridspec(max(len(panels), 1), 2, width_ratios=(1.35, 1.0))
+        _fan(figure.add_subplot(grid[:, 0]), self)
+        for k, panel in enumerate(panels):
+            panel(figure.add_subplot(grid[k, 1]), self)
 
 
 def _fan(axes: "Axes", picture: RunsPicture) -> None:

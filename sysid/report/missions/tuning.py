@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.report.plots import FrontPicture, Line, Mark, Panel, Trade, write_picture
+from sysid.report.missions.front_drawing import FrontPicture, Mark, Trade
+from sysid.report.missions.response_drawing import Line, Panel
+from sysid.report.plots import write_picture
 from sysid.robot.mission.contracts import Controller
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission

@@ -153,7 +153,6 @@ class Powered:
         return Runs(self.machine, pieces_of(self.logs))
 
     def log_of(self, trajectory: Trajectory) -> int:
-        """Number of the log that holds a trajectory."""
         return next(k for k, log in enumerate(self.logs) if log.trajectory is trajectory)
 
 
@@ -179,17 +178,14 @@ class DynamicFit(Motion):
 
     @property
     def theta(self) -> Array:
-        """``NUMBERS``."""
         return theta_of(self.powered.machine, self.p)
 
     @property
     def q(self) -> Array:  # type: ignore[override]
-        """Numbers of the slip model."""
         return self.p[N:]
 
     @cached_property
     def slipped(self) -> Array:
-        """What slip adds to the body's speeds, in all pieces."""
         return self.powered.runs.outputs(self.theta)[1]
 
     def added(self, trajectory: Trajectory) -> Array:
@@ -197,7 +193,6 @@ class DynamicFit(Motion):
         return on_grid(self.powered, trajectory, self.slipped)
 
     def correlations(self) -> Correlations:
-        """How far errors of masses, resistances and compliance go together, and with lengths."""
         names = [NUMBERS[k] if k < N else TERMS[k - N].name for k in self.free]
         return Correlations.of(names, self.covariance, THRUST_OVER)
 

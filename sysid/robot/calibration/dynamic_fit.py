@@ -112,12 +112,10 @@ class _DynamicProblem(Problem):
 
     @property
     def lengths(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Residuals of each stretch."""
         return tuple(n for _, n in self.stretches)
 
     @property
     def channels(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Output of each."""
         return tuple(c for c, _ in self.stretches)
 
     def speed_errors(self, speeds: Array, share: float = 1.0) -> list[Array]:

@@ -10,6 +10,7 @@ import numpy as np
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.data.yaml_files.source import read_yaml
 from sysid.errors import ModelError, UsageError
+from sysid.fitting.differences import propagated
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.model import Model
 from sysid.vehicle.motors import Bench, Motor
@@ -109,17 +110,12 @@ def motors_of_model(model: Model) -> KnownMotors:
         assert torque is not None
         return np.array([float(getattr(torque.motors[0], name)) for name in FIELDS])
 
-    middle = numbers(model.theta)
-    deviation = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
-    gradient = np.zeros((4, len(model.theta)))
-    for k in np.flatnonzero((deviation > 0.0) & np.isfinite(deviation)):
-        moved = model.theta.copy()
-        moved[k] += 0.1 * deviation[k]
-        gradient[:, k] = (numbers(moved) - middle) / (0.1 * deviation[k])
-    known = np.where(np.isfinite(model.covariance), model.covariance, 0.0)
-    variance = np.maximum(np.diag(gradient @ known @ gradient.T), 0.0)
-    spreads = np.sqrt(variance) / np.where(middle > 0.0, middle, 1.0)
-    return KnownMotors((left, right), model.inputs[0].unit, tuple(spreads.tolist()))
+    variance = np.diag(model.covariance)
+    known = np.isfinite(variance) & (variance > 0.0)
+    covariance = np.where(np.isfinite(model.covariance), model.covariance, 0.0)
+    steps = np.where(known, 0.1 * np.sqrt(np.where(known, variance, 0.0)), 0.0)
+    errors = propagated(numbers, model.theta, covariance, steps)
+    return KnownMotors((left, right), model.inputs[0].unit, _over(errors, numbers(model.theta)))
 
 
 def read_motors(path: Path) -> KnownMotors:
@@ -151,14 +147,20 @@ def read_motors(path: Path) -> KnownMotors:
 
 def motors_of_bench(bench: Bench, errors: Mapping[str, float]) -> KnownMotors:
     """Both motors of one set of bench constants and their standard errors."""
+    changed = np.array([errors.get(name, 0.0) for name in Bench._fields])
+
+    def numbers(constants: Array) -> Array:
+        motor = Bench(*constants.tolist()).motor(1.0)
+        return np.array([getattr(motor, name) for name in FIELDS])
+
+    here = np.array(bench)
+    error = propagated(numbers, here, np.diag(changed**2), changed)
     motor = bench.motor(1.0)
-    variance = np.zeros(4)
-    middle = np.array([getattr(motor, name) for name in FIELDS])
-    for name, error in errors.items():
-        moved = bench._replace(**{name: getattr(bench, name) + error}).motor(1.0)
-        variance += (np.array([getattr(moved, n) for n in FIELDS]) - middle) ** 2
-    spreads = np.sqrt(variance) / np.where(middle > 0.0, middle, 1.0)
-    return KnownMotors((motor, motor), "V", tuple(spreads.tolist()))
+    return KnownMotors((motor, motor), "V", _over(error, numbers(here)))
+
+
+def _over(errors: Array, values: Array) -> tuple[float, ...]:
+    return tuple((errors / np.where(values > 0.0, values, 1.0)).tolist())
 
 
 def _number(value: Any) -> bool:

@@ -158,7 +158,7 @@ class Pieces:
     Attributes:
         dt: sample time [s].
         command, omega: (S, T, 2).
-        log, row: log and row of every sample, (S, T).
+        log: number of each piece's, (S,).
         counted: samples that a piece is judged on: every row of a log is in one piece, (S, T).
     """
 
@@ -166,30 +166,27 @@ class Pieces:
     command: Array
     omega: Array
     log: Index
-    row: Index
     counted: NDArray[np.bool_]
 
     def joined(self, values: Array, which: int) -> Array:
         """What a log's samples have in the pieces (S, T, n), row after row, (N, n)."""
-        of_log = self.counted & (self.log == which)
-        order = np.argsort(self.row[of_log], kind="stable")
-        return np.asarray(values[of_log][order])
+        return np.asarray(values[self.counted & (self.log == which)[:, None]])
 
 
 def pieces_of(logs: Sequence[Log]) -> Pieces:
     """The pieces of logs, which have one sample time."""
     dt = logs[0].dt
     judged, lead = max(round(PIECE / dt), 1), round(LEAD / dt)
-    parts: list[tuple[Array, Array, Index, Index, NDArray[np.bool_]]] = []
+    parts: list[tuple[Array, Array, int, NDArray[np.bool_]]] = []
     for which, log in enumerate(logs):
         n = len(log.omega)
         for k in range(0, n, judged):
             row = np.arange(max(k - lead, 0), max(k - lead, 0) + lead + judged)
             at = np.minimum(row, n - 1)
             counts = (row >= k) & (row < min(k + judged, n))
-            parts.append((log.command[at], log.omega[at], np.full_like(row, which), row, counts))
-    command, omega, log_of, row_of, counted = (np.stack(p) for p in zip(*parts, strict=True))
-    return Pieces(dt, command, omega, log_of, row_of, counted)
+            parts.append((log.command[at], log.omega[at], which, counts))
+    command, omega, log_of, counted = (np.stack(p) for p in zip(*parts, strict=True))
+    return Pieces(dt, command, omega, log_of, counted)
 
 
 @dataclass(frozen=True, eq=False)

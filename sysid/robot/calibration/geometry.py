@@ -10,7 +10,7 @@ that are mirrored are found from the same two lines: with the right ones the fir
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +19,7 @@ import numpy as np
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array
 from sysid.robot.calibration.windows import OVERLAP, Track
-from sysid.vehicle.kinematics import Geometry, wrap_angle
+from sysid.vehicle.kinematics import Geometry
 
 CONTRADICTS = 0.20
 """A length that the pose puts further from the given one than this share contradicts it: tracks
@@ -70,16 +70,15 @@ class GeometryEstimate:
     @property
     def contradicts(self) -> bool:
         """Whether a length is off what was assumed by more than ``CONTRADICTS`` and ``SURE``."""
-        lengths = (self.geometry.r, self.geometry.B)
-        assumed = (self.assumed.r, self.assumed.B)
+        lengths = ("r", "B")
+        off = {n: abs(getattr(self.geometry, n) - getattr(self.assumed, n)) for n in lengths}
         return any(
-            error is not None and _off(value, error, before)
-            for value, error, before in zip(lengths, self.std_errors, assumed, strict=True)
+            error is not None and off[n] > max(CONTRADICTS * getattr(self.assumed, n), SURE * error)
+            for n, error in zip(lengths, self.std_errors, strict=True)
         )
 
     @property
     def sentence(self) -> str:
-        """What was found, and instead of what."""
         lengths = " and ".join(
             f"{name} = {value:.4g} ± {error:.1g} m"
             if error is not None
@@ -102,13 +101,8 @@ class GeometryEstimate:
 
     def to_json(self) -> dict[str, Any]:
         """{r, B, std_errors, assumed} [m]."""
-        r_error, b_error = self.std_errors
-        return {
-            "r": self.geometry.r,
-            "B": self.geometry.B,
-            "std_errors": {"r": r_error, "B": b_error},
-            "assumed": {"r": self.assumed.r, "B": self.assumed.B},
-        }
+        errors = dict(zip(("r", "B"), self.std_errors, strict=True))
+        return {**asdict(self.geometry), "std_errors": errors, "assumed": asdict(self.assumed)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,45 +173,36 @@ def _line(x: Array, y: Array, each: Sequence[int]) -> tuple[complex, float]:
     return c, math.sqrt(memory * len(x) / freedom / OVERLAP) / power
 
 
-@dataclass(frozen=True)
-class _HeadingConvention:
-    """One way to read a heading: its unit and the direction in which it counts."""
-
-    factor: float
-    words: str
-
-    def of(self, track: Track) -> Track:
-        """The track with its heading read so, in radians and not wrapped."""
-        pose = track.pose.copy()
-        pose[:, 2] = _unwrapped(self.factor * pose[:, 2])
-        return replace(track, pose=pose)
-
-
 _DEGREES = math.pi / 180.0
-_CONVENTIONS = (
-    _HeadingConvention(1.0, ""),
-    _HeadingConvention(-1.0, "The heading of the pose counts clockwise; it was reversed."),
-    _HeadingConvention(_DEGREES, "The heading of the pose is in degrees; it was converted."),
-    _HeadingConvention(
-        -_DEGREES, "The heading of the pose is in degrees and counts clockwise; it was converted."
-    ),
-)
+_CONVENTIONS = {
+    -1.0: "The heading of the pose counts clockwise; it was reversed.",
+    _DEGREES: "The heading of the pose is in degrees; it was converted.",
+    -_DEGREES: "The heading of the pose is in degrees and counts clockwise; it was converted.",
+}
+"""Ways to read a heading, by what it is multiplied with, and what is said of them."""
+
+
+def _read(track: Track, factor: float = 1.0) -> Track:
+    """The track with its heading read so, in radians and not wrapped; missing ones stay so."""
+    pose = track.pose.copy()
+    there = np.isfinite(pose[:, 2])
+    pose[there, 2] = np.unwrap(factor * pose[there, 2])
+    return replace(track, pose=pose)
 
 
 def in_one_frame(tracks: Sequence[Track]) -> tuple[tuple[Track, ...], tuple[str, ...]]:
     """The tracks with a heading that counts as the way does, and what was changed, in words."""
-    plain = _ways([_CONVENTIONS[0].of(t) for t in tracks])
-    best, rest = _CONVENTIONS[0], FRAME * plain.rest
+    best, rest = 1.0, FRAME * _ways([_read(t) for t in tracks]).rest
     largest = max(float(np.nanmax(np.abs(t.pose[:, 2]), initial=0.0)) for t in tracks)
-    for convention in _CONVENTIONS[1:]:
-        if abs(convention.factor) != 1.0 and largest < BEYOND_A_TURN:
+    for factor in _CONVENTIONS:
+        if abs(factor) != 1.0 and largest < BEYOND_A_TURN:
             continue
-        remaining_ways = _ways([convention.of(t) for t in tracks]).rest
-        if remaining_ways < rest:
-            best, rest = convention, remaining_ways
-    said = [best.words] if best.words else []
-    read = tuple(best.of(t) for t in tracks) if said else tuple(tracks)
-    ways = _ways([_CONVENTIONS[0].of(t) for t in read])
+        remaining = _ways([_read(t, factor) for t in tracks]).rest
+        if remaining < rest:
+            best, rest = factor, remaining
+    said = [_CONVENTIONS[best]] if best in _CONVENTIONS else []
+    read = tuple(_read(t, best) for t in tracks) if said else tuple(tracks)
+    ways = _ways([_read(t) for t in read])
     angle = float(np.angle(ways.line[0]))
     if abs(angle) > ASKEW and ways.rest < FRAME * float(np.mean(np.abs(ways.moved))):
         read = tuple(replace(t, pose=t.pose + np.array([0.0, 0.0, angle])) for t in read)
@@ -242,7 +227,7 @@ def lengths_of(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate:
         tracks: of one vehicle, in one frame.
         assumed: lengths used where the pose does not determine them.
     """
-    ways = _ways([_CONVENTIONS[0].of(t) for t in tracks])
+    ways = _ways([_read(t) for t in tracks])
     scale, r_error = ways.line
     r, (slope, slope_error) = abs(scale), ways.slope
     known_r, known_turn = r_error < KNOWN * r, slope_error < KNOWN * abs(slope)
@@ -268,18 +253,14 @@ def contradicted(tracks: Sequence[Track], assumed: Geometry) -> GeometryEstimate
     return estimate if estimate.contradicts else None
 
 
-def _off(value: float, error: float, assumed: float) -> bool:
-    return abs(value - assumed) > max(CONTRADICTS * assumed, SURE * error)
-
-
 def _ways(tracks: Sequence[Track]) -> _Ways:
     """Ways and turns over all windows of tracks whose headings are not wrapped.
 
     A record that is cut into stretches comes as two tracks; here it counts once, as a whole.
     """
-    parts: list[list[Array]] = [[], [], [], []]
+    parts = []
     for t in (replace(t, part=None) for t in tracks if t.part != 1):
-        psi = _filled(t.pose[:, 2])
+        psi = filled(t.pose[:, 2])
         omega = np.nan_to_num(t.omega)
         mean = 0.25 * t.dt * (omega[1:] + omega[:-1]).sum(axis=1)
         spin = 0.5 * t.dt * np.diff(omega[1:] + omega[:-1], axis=1)[:, 0]
@@ -287,26 +268,14 @@ def _ways(tracks: Sequence[Track]) -> _Ways:
         way = np.concatenate([[0.0], np.cumsum(mean * np.exp(1j * middle))])
         turn = np.concatenate([[0.0], np.cumsum(spin)])
         z = t.pose[:, 0] + 1j * t.pose[:, 1]
-        a, b = t.starts, t.starts + t.span
-        parts[0].append(z[b] - z[a])
-        parts[1].append(way[b] - way[a])
-        parts[2].append(psi[b] - psi[a])
-        parts[3].append(turn[b] - turn[a])
-    moved, rolled, turned, spun = (np.concatenate(p) for p in parts)
-    return _Ways(tuple(map(len, parts[0])), moved, rolled, turned, spun)
+        both = np.column_stack([z, way, psi, turn])
+        parts.append(both[t.starts + t.span] - both[t.starts])
+    moved, rolled, turned, spun = np.concatenate(parts).T
+    return _Ways(tuple(map(len, parts)), moved, rolled, turned.real, spun.real)
 
 
-def _unwrapped(psi: Array) -> Array:
-    """A heading without jumps of a full turn; missing measurements stay missing."""
-    out = psi.copy()
-    there = np.isfinite(psi)
-    if there.any():
-        steps = wrap_angle(np.diff(psi[there]))
-        out[there] = psi[there][0] + np.concatenate([[0.0], np.cumsum(steps)])
-    return out
-
-
-def _filled(psi: Array) -> Array:
-    there = np.isfinite(psi)
-    at = np.arange(len(psi))
-    return np.interp(at, at[there], psi[there]) if there.any() else np.zeros(len(psi))
+def filled(values: Array) -> Array:
+    """Evenly sampled values with those that are missing interpolated; zeros where all are."""
+    there = np.isfinite(values)
+    at = np.arange(len(values))
+    return np.interp(at, at[there], values[there]) if there.any() else np.zeros(len(values))

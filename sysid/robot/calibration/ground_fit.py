@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array, Index
-from sysid.effects.base import Effect, EffectParameter, Law, Length
+from sysid.effects.base import NO_LAW, Effect, Law, Length
 from sysid.effects.catalogue import ground_effects
 from sysid.effects.ground import Ground
 from sysid.fitting.holdout import Errors
@@ -66,16 +66,20 @@ DIFFERENCE = 1e-6
 def every_slot() -> tuple[Slot, ...]:
     """The numbers of every effect between tracks and ground, then the ``COMPETITORS``."""
     of_effects = (
-        Slot(e.id, p.name, side, p.null, p.lower, p.upper, _starts(e, p))
+        Slot(
+            e.id,
+            p.name,
+            side,
+            p.null,
+            p.lower,
+            p.upper,
+            p.starts[:1] if len(e.parameters) == 1 else p.starts,
+        )
         for e in ground_effects()
         for side in _sides(e)
         for p in e.parameters
     )
     return (*of_effects, *COMPETITORS)
-
-
-def _starts(e: Effect, p: EffectParameter) -> tuple[float, ...]:
-    return p.starts[:1] if len(e.parameters) == 1 else p.starts
 
 
 def _sides(e: Effect) -> tuple[int, ...]:
@@ -100,14 +104,14 @@ class Candidate:
         id: effect, empty for what competes without being one.
         slots: its entries of ``every_slot``.
         length: the length of the vehicle that it changes, None for none.
-        law: which of the effect's, where it has several.
+        law: which of the effect's, where it has several; else one without parameters.
     """
 
     key: str
     id: str
     slots: tuple[int, ...]
     length: Length | None = None
-    law: Law | None = None
+    law: Law = NO_LAW
 
 
 @cache
@@ -241,6 +245,8 @@ class PoseProblem(Problem):
     geometry: Geometry
     noise: Noise
     free: tuple[int, ...] = field(default_factory=lambda: tuple(range(len(every_slot()))))
+    index: Index = field(default_factory=lambda: np.arange(len(every_slot())))
+    n_initial: int = 0
 
     @cached_property
     def _measured(self) -> tuple[Array, ...]:
@@ -251,18 +257,7 @@ class PoseProblem(Problem):
         return tuple(self.noise.whitener(t) for t in self.tracks)
 
     @property
-    def index(self) -> Index:  # type: ignore[override]
-        """All of θ."""
-        return np.arange(len(every_slot()))
-
-    @property
-    def n_initial(self) -> int:  # type: ignore[override]
-        """No initial states: every window begins at its own origin."""
-        return 0
-
-    @property
     def lengths(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Residuals of each record."""
         return tuple(3 * len(m) for m in self._measured)
 
     @property
@@ -294,7 +289,6 @@ class PoseProblem(Problem):
         return tuple(w(e) for w, e in zip(self._white, errors, strict=True))
 
     def residual(self, p: Array) -> Array:
-        """All white errors in a row."""
         return np.concatenate([e.ravel() for e in self.whitened(self.errors(p))])
 
     def jacobian(self, p: Array) -> Array:
@@ -374,8 +368,7 @@ class PoseSearch:
         """
         free = tuple(sorted(k for c in (*self.always, *candidates) for k in c.slots))
         slots = every_slot()
-        mask = np.zeros(len(slots), dtype=bool)
-        mask[list(free)] = True
+        mask = np.isin(np.arange(len(slots)), free)
         nulls = np.array([s.null for s in slots])
         how = Descent(
             free=mask,
@@ -384,8 +377,7 @@ class PoseSearch:
             max_evaluations=30,
         )
         problem, known = self.estimation.freeing(free), near.free if near is not None else ()
-        begun = mask.copy()
-        begun[list(known)] = False
+        begun = mask & ~np.isin(np.arange(len(slots)), known)
         first = nulls if near is None else np.where(mask, near.q, nulls)
         fits = [
             levenberg_marquardt(

@@ -8,7 +8,6 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.errors import DataError
 from sysid.robot.calibration.trajectory import Part, Trajectory
-from sysid.robot.calibration.windows import WINDOW
 
 ESTIMATED = 0.7
 """Share of each trajectory's windows used for estimation where there is no validation log."""
@@ -40,7 +39,6 @@ class PathErrors:
 
     @classmethod
     def of(cls, errors: Array) -> "PathErrors":
-        """Of (W, 3) errors."""
         away, turned = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
         return cls(
             float(away.mean()),
@@ -81,9 +79,9 @@ def split(
     return _not_empty(first), _not_empty(second)
 
 
-def whole(trajectories: Sequence[Trajectory], length: float = WINDOW) -> list[Part]:
+def whole(trajectories: Sequence[Trajectory]) -> list[Part]:
     """All windows of each trajectory."""
-    return _not_empty([Part(d, d.windows(length)) for d in trajectories])
+    return _not_empty([Part(d, d.windows()) for d in trajectories])
 
 
 def enough(parts: Sequence[Part]) -> bool:
@@ -144,7 +142,6 @@ def mean_way(driven: Callable[[Trajectory], tuple[Array, Array]], parts: Sequenc
 
 
 def _over(part: Part, steps: Array) -> Array:
-    """What a quantity sums up to in each window, (W,)."""
     d = part.trajectory
     total = np.concatenate([[0.0], np.cumsum(np.abs(steps))])
     ends = np.interp(d.at[part.windows], d.nodes, total)

@@ -8,6 +8,9 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.fitting.differences import propagated
 
+STRONG = 0.9
+"""Correlation of two errors beyond which it is said."""
+
 
 @dataclass(frozen=True)
 class VehicleNumber:
@@ -56,14 +59,13 @@ class Correlations:
         matrix = covariance[np.ix_(keep, keep)] / np.outer(size, size)
         return cls(tuple(shown.get(names[k], names[k]) for k in keep), matrix)
 
-    def strong(self, beyond: float = 0.9) -> tuple[tuple[str, str, float], ...]:
-        """Pairs whose errors go together by more than so much."""
+    def strong(self) -> tuple[tuple[str, str, float], ...]:
         n = len(self.names)
         return tuple(
             (self.names[i], self.names[j], float(self.matrix[i, j]))
             for i in range(n)
             for j in range(i)
-            if abs(self.matrix[i, j]) > beyond
+            if abs(self.matrix[i, j]) > STRONG
         )
 
 

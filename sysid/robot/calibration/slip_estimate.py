@@ -52,18 +52,15 @@ class SlipFit(Motion):
 
     @property
     def std_errors(self) -> Array:
-        """Of every number."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     @property
     def identifiable(self) -> tuple[bool, ...]:
-        """Whether each parameter is identifiable; significant optional ones are."""
         sure = self.std_errors < IDENTIFIABLE_SHARE * self.prior
         return tuple(bool(sure[k]) or (t.optional and k in self.free) for k, t in enumerate(TERMS))
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Optional terms in the model."""
         return tuple(TERMS[k].name for k in self.free if TERMS[k].optional)
 
     def like(self, k: int) -> tuple[int, ...]:
@@ -72,7 +69,6 @@ class SlipFit(Motion):
         return tuple(j for j in range(len(TERMS)) if j != k and row[j] > ALIKE)
 
     def correlations(self) -> Correlations:
-        """How far errors of the numbers in the model go together."""
         free = list(self.free)
         covariance = self.covariance[np.ix_(free, free)]
         return Correlations.of([TERMS[k].name for k in free], covariance, INVERSE)

@@ -65,12 +65,10 @@ class _SlipProblem(Problem):
 
     @property
     def lengths(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Residuals of each trajectory, and the prior's."""
         return (*(3 * len(p.windows) for p in self.parts), len(TERMS))
 
     @property
     def channels(self) -> tuple[int, ...]:  # type: ignore[override]
-        """All count as one output."""
         return (0,) * (len(self.parts) + 1)
 
     def residual(self, p: Array) -> Array:
@@ -119,7 +117,6 @@ def _needless(fit: SlipFit) -> set[int]:
 
 
 def _one_more(problem: _SlipProblem, fit: SlipFit, dropped: set[int]) -> SlipFit | None:
-    """The fit with the optional term that the log shows most, None where it shows none."""
     ratio = np.abs(fit.if_added - NULLS) / np.maximum(fit.std_errors, 1e-300)
     ratio[[*fit.free, *dropped]] = 0.0
     ratio[(fit.if_added - NULLS < 0.0) & (LOWER == NULLS)] = 0.0  # it would be less than nothing
@@ -133,7 +130,6 @@ def _one_more(problem: _SlipProblem, fit: SlipFit, dropped: set[int]) -> SlipFit
 
 
 def _halves_agree(problem: _SlipProblem, plain: SlipFit, richer: SlipFit) -> bool:
-    """Whether the richer model of each half predicts the other half better."""
     halves: tuple[list[Part], list[Part]] = ([], [])
     for p in problem.parts:
         cut = len(p.windows) // 2

@@ -73,8 +73,6 @@ class SquareResult:
     sentence: str
 
     def to_json(self) -> dict[str, Any]:
-        """Every field."""
-
         def number(pair: tuple[float, float | None] | None) -> dict[str, float | None] | None:
             return None if pair is None else {"value": pair[0], "std_error": pair[1]}
 

@@ -113,6 +113,5 @@ def _path(d: Trajectory, omega: Array, geometry: Geometry) -> tuple[Array, Array
 
 
 def _between(t: Array, path: Array, ends: Array) -> Array:
-    """The path's last place as seen from its first pose, (2,) [m]."""
     start, stop = np.column_stack([np.interp(ends, t, column) for column in path.T])
     return seen_from(start[2], stop[:2] - start[:2])

@@ -16,7 +16,7 @@ from sysid.data.column_words import meaning, words
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Index, Record
 from sysid.errors import DataError
-from sysid.robot.calibration.geometry import in_one_frame
+from sysid.robot.calibration.geometry import filled, in_one_frame
 from sysid.robot.calibration.windows import OVERLAP, WINDOW, Track
 from sysid.vehicle.kinematics import Geometry
 
@@ -72,7 +72,6 @@ class Trajectory:
 
     @cached_property
     def nodes(self) -> Array:
-        """Instants between the steps, (N + 1,) [s]."""
         return np.asarray(np.arange(len(self.omega) + 1) * self.step, dtype=np.float64)
 
     def windows(self, length: float = WINDOW) -> Index:
@@ -256,13 +255,13 @@ def _drive(name: str, track: Track, commanded: bool) -> Trajectory:
     t = np.arange(len(track.omega), dtype=np.float64) * dt
     lost = ~np.isfinite(track.omega).all(axis=1)
     rolled = np.zeros((len(t), 2))
-    filled = np.column_stack([_filled(t, track.omega[:, k]) for k in (0, 1)])
-    rolled[1:] = np.cumsum(0.5 * dt * (filled[1:] + filled[:-1]), axis=0)
+    omega = np.column_stack([filled(track.omega[:, k]) for k in (0, 1)])
+    rolled[1:] = np.cumsum(0.5 * dt * (omega[1:] + omega[:-1]), axis=0)
     nodes = np.arange(int(t[-1] / step + 1e-9) + 1) * step
     on_grid = np.column_stack([np.interp(nodes, t, rolled[:, k]) for k in (0, 1)])
     there = np.isfinite(track.pose).all(axis=1)
     moved = np.any(np.diff(track.pose, axis=0, prepend=track.pose[:1] - 1.0) != 0.0, axis=1)
-    rows = np.flatnonzero(there & (moved | _at_rest(filled)))
+    rows = np.flatnonzero(there & (moved | _at_rest(omega)))
     pose = track.pose[rows].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
     gaps = np.concatenate([[0], np.cumsum(lost)])
@@ -272,13 +271,7 @@ def _drive(name: str, track: Track, commanded: bool) -> Trajectory:
 
 
 def _at_rest(omega: Array) -> NDArray[np.bool_]:
-    """Rows at which neither side turns: there the pose may well repeat itself."""
     return np.asarray((np.abs(omega) < STILL).all(axis=1))
-
-
-def _filled(t: Array, values: Array) -> Array:
-    there = np.isfinite(values)
-    return np.interp(t, t[there], values[there]) if there.any() else np.zeros(len(t))
 
 
 def _without_jumps(
@@ -304,7 +297,8 @@ def _without_jumps(
 
 
 def _jumps(d: Trajectory) -> NDArray[np.bool_]:
-    """Measurements before which the pose has jumped, (M,)."""
+    from scipy.ndimage import maximum_filter1d
+
     jumped = np.zeros(len(d.at), dtype=bool)
     if len(d.at) < 3:
         return jumped
@@ -314,7 +308,7 @@ def _jumps(d: Trajectory) -> NDArray[np.bool_]:
     way, turn = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
     around = max(round(LATEST / d.step), 1)
     for moved, wheels in ((way, d.omega.sum(axis=1)), (turn, np.diff(d.omega, axis=1)[:, 0])):
-        most = _highest_around(np.abs(wheels), around)
+        most = maximum_filter1d(np.abs(wheels), 2 * around + 1, mode="nearest")
         at = np.clip((d.at[1:] / d.step).astype(int), 0, len(most) - 1)
         reach = most[at] * gap
         driven = reach > 0.1 * float(reach.max(initial=0.0))
@@ -324,10 +318,3 @@ def _jumps(d: Trajectory) -> NDArray[np.bool_]:
         limit = IMPOSSIBLE * scale * reach + NOISES * max(noise, typical)
         jumped[1:] |= moved > limit + 1e-9
     return jumped
-
-
-def _highest_around(values: Array, around: int) -> Array:
-    """The largest value within so many steps before and after, (N,)."""
-    from scipy.ndimage import maximum_filter1d
-
-    return np.asarray(maximum_filter1d(values, 2 * around + 1, mode="nearest"))

@@ -7,6 +7,7 @@ its predictions.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ from sysid.robot.calibration.numbers import Correlations, VehicleNumber
 from sysid.robot.calibration.slip_curves import SlipCurves, slip_curves
 from sysid.robot.calibration.slip_estimate import SlipFit, in_units
 from sysid.robot.calibration.slip_fit import fit_slip
-from sysid.robot.calibration.slip_model import Kinematic, Motion
+from sysid.robot.calibration.slip_model import Kinematic
 from sysid.robot.calibration.square_runs import SquareResult, square_result
 from sysid.robot.calibration.square_search import square_runs
 from sysid.robot.calibration.trajectory import Part, Trajectories, trajectories_of
@@ -46,7 +47,6 @@ MotionFit = SlipFit | DynamicFit
 MOTIONS = ("slip", "dynamic")
 """Models of motion that can be fitted, by the names that a mission knows them under."""
 
-
 WORSE = 1.1
 """Errors larger than those of wheels that roll by more than chance does to thirty windows."""
 
@@ -55,6 +55,10 @@ _PREDICTED_WORSE = (
     "the vehicle, such as a wheel-speed controller; do not use its stiffness and turning "
     "resistance."
 )
+
+STILL_OFF = 0.1
+"""Share of the way by which a position may be off after two seconds before it is said: sound logs
+leave 1 to 5 %."""
 
 
 @dataclass(frozen=True)
@@ -73,49 +77,143 @@ class Fold:
 
 @dataclass(frozen=True, eq=False)
 class VehicleFit:
-    """A vehicle fitted to logs.
+    """A vehicle fitted to logs, and what it is worth on held-out windows.
 
     Attributes:
-        numbers: every quantity, identifiable or not.
-        correlations: of those in the model.
-        before, plain, after: errors on held-out windows with the lengths that were known, with one
-            radius and one width from a straight line through the windows, and with the model.
-        drift: how errors grow with the way, before and after.
-        folds: two halves that judge each other; empty where they are too short.
-        curves: slip as measured.
-        given: lengths that a person gave; None for none.
+        trajectories: of all logs.
+        estimation, holdout: windows that it was fitted on, and judged on; they overlap fourfold.
         known: lengths that ``before`` stands for.
-        lengths: those of ``plain``.
-        acting: radius and width as a vehicle without slip would have them to drive alike.
-        windows: windows (estimation, held-out); they overlap fourfold.
-        estimation, holdout: windows that it was fitted on, and judged on.
-        squares: estimates from closed squares among the paths; None without any.
-        notes: what was done to the logs, in sentences.
+        given: lengths that a person gave; None for none.
+        lengths: one radius and one width from a straight line through the windows.
     """
 
     motion: str
-    numbers: tuple[VehicleNumber, ...]
-    correlations: Correlations
-    before: PathErrors
-    plain: PathErrors
-    after: PathErrors
-    drift: tuple[Drift, Drift]
-    folds: tuple[Fold, ...]
-    curves: SlipCurves
-    given: Geometry | None
-    known: Geometry
-    lengths: GeometryEstimate
-    acting: Geometry
-    windows: tuple[int, int]
-    model: MotionFit
+    trajectories: Trajectories
     estimation: tuple[Part, ...]
     holdout: tuple[Part, ...]
-    squares: SquareResult | None
-    notes: tuple[str, ...]
+    known: Geometry
+    given: Geometry | None
+    lengths: GeometryEstimate
+    model: MotionFit
+
+    @cached_property
+    def numbers(self) -> tuple[VehicleNumber, ...]:
+        """Every quantity, identifiable or not."""
+        return self.model.numbers(self.given)
 
     def number(self, name: str) -> VehicleNumber:
         """A quantity by name."""
         return next(n for n in self.numbers if n.name == name)
+
+    @cached_property
+    def correlations(self) -> Correlations:
+        """Of those in the model."""
+        return self.model.correlations()
+
+    @cached_property
+    def before(self) -> PathErrors:
+        """Errors on held-out windows with the lengths that were known."""
+        return PathErrors.of(Kinematic(self.known).errors(self.holdout))
+
+    @cached_property
+    def plain(self) -> PathErrors:
+        """Those with ``lengths``."""
+        return PathErrors.of(Kinematic(self.lengths.geometry).errors(self.holdout))
+
+    @cached_property
+    def after(self) -> PathErrors:
+        """Those with the model."""
+        return PathErrors.of(self.model.errors(self.holdout))
+
+    @cached_property
+    def drift(self) -> tuple[Drift, Drift]:
+        """How errors grow with the way, before and after."""
+        long, driven = long_stretches(self.holdout), self.model.driven
+        first, last = (drift(m.errors, driven, long) for m in (Kinematic(self.known), self.model))
+        return first, last
+
+    @cached_property
+    def folds(self) -> tuple[Fold, ...]:
+        """Both halves of every trajectory, each fitted with the same terms and judged by the other;
+        empty where they are too short."""
+        halves, folds = split(self.trajectories.each, 0.5), []
+        if not all(enough(h) for h in halves):
+            return ()
+        for fitted, judge in (halves, halves[::-1]):
+            model = _refitted(self.model, fitted)
+            before = PathErrors.of(Kinematic(self.known).errors(judge))
+            values = {n.name: n.value for n in model.numbers(self.given) if n.in_model}
+            folds.append(Fold(before, PathErrors.of(model.errors(judge)), values))
+        return tuple(folds)
+
+    @property
+    def _slipping(self) -> SlipFit:
+        """The model without masses."""
+        return self.model.before if isinstance(self.model, DynamicFit) else self.model
+
+    @cached_property
+    def curves(self) -> SlipCurves:
+        """Slip as measured."""
+        every = (*self.estimation, *self.holdout)
+        return slip_curves(every, self._slipping, self.given or self.acting)
+
+    @cached_property
+    def acting(self) -> Geometry:
+        """Radius and width with which wheels that roll would go and turn most alike.
+
+        Least squares over all steps: v = r ½(ω_L + ω_R),   ψ̇ = (r/B)(ω_R − ω_L).
+        """
+        rolled, spun, way, turned = [], [], [], []
+        for d in (p.trajectory for p in self.estimation):
+            along, angle = self.model.driven(d)
+            way.append(along / d.step)
+            turned.append(angle / d.step)
+            rolled.append(d.omega.mean(axis=1))
+            spun.append(np.diff(d.omega, axis=1)[:, 0])
+        r = _slope(np.concatenate(rolled), np.concatenate(way))
+        turn = _slope(np.concatenate(spun), np.concatenate(turned))
+        return Geometry(r, r / turn)
+
+    @property
+    def windows(self) -> tuple[int, int]:
+        """How many windows (estimation, held-out)."""
+        inside, outside = (
+            sum(len(p.windows) for p in part) for part in (self.estimation, self.holdout)
+        )
+        return inside, outside
+
+    @cached_property
+    def squares(self) -> SquareResult | None:
+        """Estimates from closed squares among the paths, beside what the whole of the paths says;
+        None without any."""
+        n = in_units(self._slipping.q, self._slipping.geometry)
+        each = self.trajectories.each
+        runs = square_runs(each, self.known, n["pose_lag"], n["heading_offset"])
+        if not runs:
+            return None
+        result = square_result(runs)
+        ratio, width = n["radius_right"] / n["radius_left"], n["effective_width"] / self.known.B
+        text = f"{result.sentence} The whole of the paths says {ratio:.5g} and {width:.5g}."
+        return replace(result, sentence=text)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was done to the logs and assumed, and where the model predicts badly."""
+        notes = list(self.trajectories.notes)
+        if isinstance(self.model, DynamicFit):
+            notes += self.model.powered.notes
+        way = mean_way(self.model.driven, self.holdout)
+        if self.after.path > STILL_OFF * way:
+            notes.append(
+                f"With these parameters the position error is {100 * self.after.path / way:.0f} % "
+                "of the way after two seconds: the pose is timed unevenly, or the slip is not "
+                "modelled. The standard errors hold for the nearest vehicle of this model."
+            )
+        worse = self.after.path > WORSE * self.plain.path
+        worse = worse or self.after.heading > WORSE * self.plain.heading
+        if worse and self.motion == "dynamic":
+            notes.append(_PREDICTED_WORSE)
+        return tuple(notes)
 
     @property
     def mission(self) -> dict[str, dict[str, Any]]:
@@ -126,7 +224,6 @@ class VehicleFit:
 
     @property
     def before_sentence(self) -> str:
-        """What is meant by before."""
         what = f"r = {self.known.r:g} m and B = {self.known.B:g} m"
         if self.given is not None:
             return f"before: rolling wheels with the given geometry ({what})"
@@ -211,27 +308,10 @@ def fit_vehicle(
     if motion == "dynamic":
         every = (*records, *holdout)
         model = fit_weighed(first, start, every, trajectories, known, motors)
-        trajectories = replace(trajectories, notes=(*trajectories.notes, *model.powered.notes))
     else:
         model = fit_slip(first, start)
-    fitted = _judged(_Study(trajectories, first, second, known, geometry, lengths, motion), model)
-    worse = fitted.after.path > WORSE * fitted.plain.path
-    if motion == "dynamic" and (worse or fitted.after.heading > WORSE * fitted.plain.heading):
-        fitted = replace(fitted, notes=(*fitted.notes, _PREDICTED_WORSE))
-    return fitted
-
-
-@dataclass(frozen=True, eq=False)
-class _Study:
-    """What a vehicle is fitted to and judged by."""
-
-    trajectories: Trajectories
-    first: list[Part]
-    second: list[Part]
-    known: Geometry
-    given: Geometry | None
-    lengths: GeometryEstimate
-    motion: str
+    parts = tuple(first), tuple(second)
+    return VehicleFit(motion, trajectories, *parts, known, geometry, lengths, model)
 
 
 def _start(lengths: GeometryEstimate) -> Geometry:
@@ -242,108 +322,8 @@ def _start(lengths: GeometryEstimate) -> Geometry:
     return Geometry(r, width)
 
 
-def _judged(study: _Study, model: MotionFit) -> VehicleFit:
-    before, plain = Kinematic(study.known), Kinematic(study.lengths.geometry)
-    long = long_stretches(study.second)
-    slipping = model.before if isinstance(model, DynamicFit) else model
-    every = [*study.first, *study.second]
-    acting = _acting(model, study.first)
-    after = PathErrors.of(model.errors(study.second))
-    return VehicleFit(
-        motion=study.motion,
-        numbers=model.numbers(study.given),
-        correlations=model.correlations(),
-        before=PathErrors.of(before.errors(study.second)),
-        plain=PathErrors.of(plain.errors(study.second)),
-        after=after,
-        drift=(
-            drift(before.errors, model.driven, long),
-            drift(model.errors, model.driven, long),
-        ),
-        folds=_folds(study, model),
-        curves=slip_curves(every, slipping, study.given or acting),
-        given=study.given,
-        known=study.known,
-        lengths=study.lengths,
-        acting=acting,
-        windows=(
-            sum(len(p.windows) for p in study.first),
-            sum(len(p.windows) for p in study.second),
-        ),
-        model=model,
-        estimation=tuple(study.first),
-        holdout=tuple(study.second),
-        squares=_squares(study, slipping),
-        notes=(*study.trajectories.notes, *_still_off(after, model, study.second)),
-    )
-
-
-STILL_OFF = 0.1
-"""Share of the way by which a position may be off after two seconds before it is said: sound logs
-leave 1 to 5 %."""
-
-
-def _still_off(after: PathErrors, model: Motion, parts: Sequence[Part]) -> tuple[str, ...]:
-    """A note where the model still predicts the path badly."""
-    way = mean_way(model.driven, parts)
-    if after.path <= STILL_OFF * way:
-        return ()
-    return (
-        f"With these parameters the position error is {100 * after.path / way:.0f} % of the way "
-        "after two seconds: the pose is timed unevenly, or the slip is not modelled. The standard "
-        "errors hold for the nearest vehicle of this model.",
-    )
-
-
-def _squares(study: _Study, fit: SlipFit) -> SquareResult | None:
-    """Closed squares, judged as such, beside what the whole of the paths says."""
-    n = in_units(fit.q, fit.geometry)
-    each = study.trajectories.each
-    runs = square_runs(each, study.known, n["pose_lag"], n["heading_offset"])
-    if not runs:
-        return None
-    result = square_result(runs)
-    ratio, width = n["radius_right"] / n["radius_left"], n["effective_width"] / study.known.B
-    text = f"{result.sentence} The whole of the paths says {ratio:.5g} and {width:.5g}."
-    return replace(result, sentence=text)
-
-
-def _acting(model: Motion, parts: Sequence[Part]) -> Geometry:
-    """Radius and width with which wheels that roll would go and turn most alike.
-
-    Least squares over all steps: v = r ½(ω_L + ω_R),   ψ̇ = (r/B)(ω_R − ω_L).
-    """
-    rolled, spun, way, turned = [], [], [], []
-    for d in (p.trajectory for p in parts):
-        along, angle = model.driven(d)
-        way.append(along / d.step)
-        turned.append(angle / d.step)
-        rolled.append(d.omega.mean(axis=1))
-        spun.append(np.diff(d.omega, axis=1)[:, 0])
-    r = _slope(np.concatenate(rolled), np.concatenate(way))
-    turn = _slope(np.concatenate(spun), np.concatenate(turned))
-    return Geometry(r, r / turn)
-
-
 def _slope(x: Array, y: Array) -> float:
-    """Slope of a line through the origin; tiny where nothing determines it."""
     return max(float(x @ y) / max(float(x @ x), 1e-12), 1e-9)
-
-
-def _folds(study: _Study, model: MotionFit) -> tuple[Fold, ...]:
-    """Both halves of every trajectory, each fitted and judged by the other, with the same terms."""
-    halves = split(study.trajectories.each, 0.5)
-    if not all(enough(h) for h in halves):
-        return ()
-    folds = []
-    before = Kinematic(study.known)
-    for fitted, judge in (halves, halves[::-1]):
-        model = _refitted(model, fitted)
-        values = {n.name: n.value for n in model.numbers(study.given) if n.in_model}
-        folds.append(
-            Fold(PathErrors.of(before.errors(judge)), PathErrors.of(model.errors(judge)), values)
-        )
-    return tuple(folds)
 
 
 def _refitted(model: MotionFit, parts: Sequence[Part]) -> MotionFit:

@@ -52,7 +52,6 @@ class Track:
 
     @cached_property
     def span(self) -> int:
-        """Samples in a window."""
         return max(2, round(WINDOW / self.dt))
 
     @cached_property
@@ -120,7 +119,6 @@ class Track:
 
     @cached_property
     def _filled(self) -> Array:
-        """The speeds, missing ones as rest."""
         return np.asarray(np.nan_to_num(self.omega))
 
 

@@ -1,5 +1,6 @@
 """Distances between a vehicle's centre and obstacles, over ``xp``."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -42,6 +43,15 @@ def point_clearance(scene: Scene, x: Real, y: Real, t: Real, xp: Any) -> Real:
 def has_surfaces(scene: Scene) -> bool:
     """Whether there is anything to keep clear of."""
     return bool(scene.obstacles or scene.walls)
+
+
+def off_line(x: Real, y: Real, start: Sequence[Real], goal: Point, xp: Any) -> Real:
+    """Distance from a place to the line through start and goal [m]; to the goal where both are."""
+    dx, dy, ahead, aside = x - start[0], y - start[1], goal[0] - start[0], goal[1] - start[1]
+    length = xp.hypot(ahead, aside)
+    line = length > 0.0
+    off = xp.abs(dy * ahead - dx * aside) / xp.where(line, length, 1.0)
+    return xp.where(line, off, xp.hypot(dx, dy))
 
 
 def distance_to_segment(p: Point, a: Point, b: Point, xp: Any) -> Real:

@@ -11,7 +11,7 @@ from sysid.data.logs.sensor_log import SensorLog, Wanted, read_sensor_log
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.errors import DataError
-from sysid.robot.mission.contracts import Body, NavigationInputs, Pose, Reporting, Scene
+from sysid.robot.mission.contracts import NavigationInputs, Pose, Reporting, Scene
 from sysid.robot.mission.navigation.consistency import chi2_bounds, samples_in_one
 from sysid.robot.mission.registry import law
 from sysid.robot.mission.spec import Mission
@@ -108,14 +108,15 @@ def localize_log(log: SensorLog, mission: Mission) -> Localization:
         reads.setdefault(name, np.full(len(log.t), np.nan))
     drive = _drives(log)
     steps = np.diff(log.t, prepend=log.t[0])
-    report = navigation.report if isinstance(navigation, Reporting) else _nothing
+    reporting = navigation if isinstance(navigation, Reporting) else None
     names = list(reads)
     table = np.column_stack([reads[n] for n in names]).tolist()
     for t, dt, read, command in zip(log.t.tolist(), steps.tolist(), table, drive, strict=True):
         seen = NavigationInputs(t, dict(zip(names, read, strict=True)), scene, command)
         state, body = navigation.step(state, seen, dt, np)
-        rows.append((t, *_flat(body), *report(state, np)))
-    added = navigation.columns if isinstance(navigation, Reporting) else ()
+        row = t, *body.pose, body.speed, body.yaw_rate
+        rows.append(row if reporting is None else (*row, *reporting.report(state, np)))
+    added = () if reporting is None else reporting.columns
     values = np.array(rows)
     columns = {n: values[:, k] for k, n in enumerate(("t", *ESTIMATE, *added))}
     _check(columns, log)
@@ -145,14 +146,6 @@ def _turned_over(log: SensorLog) -> tuple[str, ...]:
         f"gyro_z turns against the wheels (correlation {alike:.2f}), as an upside-down sensor "
         "does; put a minus before its column.",
     )
-
-
-def _nothing(state: Any, xp: Any) -> tuple[float, ...]:
-    return ()
-
-
-def _flat(body: Body) -> tuple[float, ...]:
-    return (*body.pose, body.speed, body.yaw_rate)
 
 
 def scene_of(log: SensorLog, mission: Mission) -> tuple[Scene, tuple[str, ...]]:

@@ -1,6 +1,7 @@
 """The references of guidance without a plant: its field, its path, and where it ends."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -151,7 +152,7 @@ def plan(mission: Mission) -> Plan:
         potential=potential,
         attraction=None if published is None else _attraction(published),
         repulsion=None if published is None else _repulsion(published),
-        speeds=() if published is None else _speeds(published, scene),
+        speeds=() if published is None else _speeds(published),
     )
 
 
@@ -227,34 +228,32 @@ def _ends(
     return tuple(places), float(np.mean(arrived)) if len(arrived) else 0.0
 
 
-def _varied(law: PotentialField, gain: str) -> tuple[tuple[float, ...], list[PotentialField]]:
+def _curves(
+    law: PotentialField, gain: str, distance: Array, quantity: Callable[[PotentialField], Array]
+) -> Curves:
+    """A quantity of the law at several values of one gain."""
     values = tuple(f * getattr(law, gain) for f in FACTORS)
-    return values, [law.model_copy(update={gain: v}) for v in values]
+    laws = (law.model_copy(update={gain: v}) for v in values)
+    return Curves(gain, values, distance, np.array([quantity(each) for each in laws]))
 
 
 def _attraction(law: PotentialField) -> Curves:
     """Size of the attraction against the distance to the goal (thesis 6.25)."""
-    values, laws = _varied(law, "K")
-    distance = np.linspace(0.0, max(4.0, 2.0 * law.d), 161)
-    force = [np.abs(attractive_force(-distance, 0.0, (0.0, 0.0), each)[0]) for each in laws]
-    return Curves("K", values, distance, np.array(force))
+    x = np.linspace(0.0, max(4.0, 2.0 * law.d), 161)
+    return _curves(law, "K", x, lambda g: abs(attractive_force(-x, 0.0, (0.0, 0.0), g)[0]))
 
 
 def _repulsion(law: PotentialField) -> Curves:
     """Size of the repulsion against the distance to an obstacle's point (thesis 6.26)."""
-    values, laws = _varied(law, "eta")
-    distance = np.linspace(0.15, 1.2 * law.rho0, 161)
-    point = Disc(0.0, 0.0, 0.0)
-    force = [np.abs(repulsive_force(distance, 0.0 * distance, point, each)[0]) for each in laws]
-    return Curves("eta", values, distance, np.array(force))
+    x, point = np.linspace(0.15, 1.2 * law.rho0, 161), Disc(0.0, 0.0, 0.0)
+    return _curves(law, "eta", x, lambda g: abs(repulsive_force(x, 0.0 * x, point, g)[0]))
 
 
-def _speeds(law: PotentialField, scene: Scene) -> tuple[Curves, ...]:
+def _speeds(law: PotentialField) -> tuple[Curves, ...]:
     """V_d against the distance to the goal without obstacles (thesis 6.27, 6.29, 6.30)."""
-    distance = np.linspace(0.0, 5.0, 201)
-    curves = []
-    for gain in ("theta", "h", "Kg"):
-        values, laws = _varied(law, gain)
-        speed = [field_speed(distance, 0.0 * distance, (0.0, 0.0), (), each) for each in laws]
-        curves.append(Curves(gain, values, distance, np.array(speed)))
-    return tuple(curves)
+    x = np.linspace(0.0, 5.0, 201)
+
+    def speed(gains: PotentialField) -> Array:
+        return np.asarray(field_speed(x, 0.0 * x, (0.0, 0.0), (), gains))
+
+    return tuple(_curves(law, gain, x, speed) for gain in ("theta", "h", "Kg"))

@@ -248,13 +248,6 @@ def sensor_set(section: Any) -> Mapping[str, Sensor]:
     return sensors
 
 
-def default_sensor(kind: str) -> Sensor:
-    """The sensor of a kind with its default figures."""
-    made: Any = law_class("sensors", kind)()
-    sensor: Sensor = made
-    return sensor
-
-
 def _check_names(names: tuple[str, ...], others: Mapping[str, Sensor]) -> None:
     """Refuse a sensor whose measurements have the name of something else in the log."""
     for kind, other in others.items():

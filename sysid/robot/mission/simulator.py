@@ -1,7 +1,7 @@
 """The mission simulator: the closed loop of a robot plant, sample after sample."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError, UsageError
-from sysid.robot.mission.clearance import has_surfaces
+from sysid.robot.mission.clearance import has_surfaces, off_line
 from sysid.robot.mission.contracts import (
     ROBOT_INPUTS,
     ROBOT_OUTPUTS,
@@ -143,7 +143,9 @@ def result_of(
         believed_off_goal_m=float(loop.scene.to_goal(believed, floats)),
         path_length_m=float(state.progress.path_length),
         min_clearance_m=float(state.progress.clearance) if has_surfaces(loop.scene) else None,
-        max_deviation_m=_deviation(mission, log),
+        max_deviation_m=float(
+            np.max(off_line(log["x"], log["y"], mission.start, mission.goal, np))
+        ),
         log=log,
         sentence=sentence(outcome, mission, log, last),
         stuck=stuck(mission, log, last) if outcome is Outcome.STUCK else None,
@@ -286,12 +288,3 @@ def check_robot(mission: Mission, plant: SteppablePlant) -> None:
             f"the {what} of {fastest:g} s makes {mission.timeout / fastest:.3g} steps of a mission "
             f"of {mission.timeout:g} s: lower the timeout or lengthen the {what}"
         )
-
-
-def _deviation(mission: Mission, log: Mapping[str, Array]) -> float:
-    (x0, y0, _), (xg, yg) = mission.start, mission.goal
-    dx, dy = log["x"] - x0, log["y"] - y0
-    length = math.hypot(xg - x0, yg - y0)
-    if length == 0.0:  # no line: the distance from the point itself
-        return float(np.max(np.hypot(dx, dy)))
-    return float(np.max(np.abs(dy * (xg - x0) - dx * (yg - y0))) / length)

@@ -36,14 +36,13 @@ from sysid.robot.mission.contracts import (
     Wall,
 )
 from sysid.robot.mission.control.pi_p import SpeedPIYawP
+from sysid.robot.mission.equipment import equipped, lacking
 from sysid.robot.mission.guidance.around_law import Feasible, PassingWaypoints, way_length
 from sysid.robot.mission.guidance.escape import leading_out
 from sysid.robot.mission.guidance.field import PotentialField
 from sysid.robot.mission.motion.kinematic import Kinematic
 from sysid.robot.mission.navigation.dead_reckoning import Odometry
-from sysid.robot.mission.navigation.equipment import equipped, lacking
 from sysid.robot.mission.registry import (
-    default_sensor,
     first_problem,
     law,
     motion_chosen,
@@ -210,41 +209,31 @@ class Mission(Settings):
             )
         return start
 
-    @field_validator("obstacles", mode="before")
+    @field_validator("obstacles", "waypoints", "path", "walls", "polygons", mode="before")
     @classmethod
-    def _list(cls, value: Any) -> Any:
-        if value is None:
-            return ()
-        if not isinstance(value, list | tuple):
-            raise ValueError("obstacles must be a list: write obstacles: [[x, y], [x, y]]")
-        return tuple(value)
-
-    @field_validator("waypoints", "path", mode="before")
-    @classmethod
-    def _places(cls, value: Any, info: ValidationInfo) -> Any:
-        return () if value is None else _points(value, str(info.field_name), 1)
-
-    @field_validator("walls", "polygons", mode="before")
-    @classmethod
-    def _lines(cls, value: Any, info: ValidationInfo) -> Any:
-        if value is None:
-            return ()
+    def _lists(cls, value: Any, info: ValidationInfo) -> Any:
         name = str(info.field_name)
+        if value is None:
+            return ()
+        if name in ("waypoints", "path"):
+            return _points(value, name, 1)
         if not isinstance(value, list | tuple):
+            if name == "obstacles":
+                raise ValueError("obstacles must be a list: write obstacles: [[x, y], [x, y]]")
             raise ValueError(f"{name} is {shown(value)}: {_LINES_FORM.format(name)}")
+        if name == "obstacles":
+            return tuple(value)
         at_least = 2 if name == "walls" else 3
         return tuple(_points(v, f"{name}[{k}]", at_least) for k, v in enumerate(value, 1))
 
     @model_validator(mode="after")
-    def _sees(self) -> "Mission":
+    def _agrees(self) -> "Mission":
+        """Navigation has what it reads, and one thing is said in one way."""
         sentence = lacking(self.navigation, self.sensors)
         if sentence:
             raise sentence_at(("navigation",), sentence)
-        return self
-
-    @model_validator(mode="after")
-    def _one_vehicle(self) -> "Mission":
-        """What the motion says of the vehicle is what the vehicle says of itself."""
+        if self.path and self.waypoints:
+            raise sentence_at(("waypoints",), "a path leads past its own points: keep one of them")
         of_motion = self.motion.given if isinstance(self.motion, Physics) else {}
         for key, value in of_motion.items():
             if self.vehicle.given.get(key, value) != value:
@@ -291,12 +280,6 @@ class Mission(Settings):
                 raise sentence_at(
                     where, f"the {what} ({x:g}, {y:g}) lies {touched}: move one of them"
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _one_way(self) -> "Mission":
-        if self.path and self.waypoints:
-            raise sentence_at(("waypoints",), "a path leads past its own points: keep one of them")
         return self
 
     @property
@@ -347,7 +330,7 @@ class Mission(Settings):
             way=self.waypoints,
             path=self.path,
             limits=Limits(**self.limits.given),
-            sensors=equipped(self.navigation, self.sensors, default_sensor),
+            sensors=equipped(self.navigation, self.sensors),
             car=self.car,
             floor=floor_of(self.physics),
         )

@@ -9,6 +9,9 @@ from sysid.fitting.problem import Data
 from sysid.fitting.run_errors import Masks, RunErrors
 from sysid.structures.blocks.chain import BlockChain
 
+HEAD = 400
+"""Samples at the head of a record that say enough about its initial state to start from."""
+
 
 class ChainErrors(RunErrors):
     """Free-run errors of a chain with exact derivatives.
@@ -59,11 +62,13 @@ class ChainErrors(RunErrors):
         sizes_of_all = np.concatenate([np.zeros(0), *sizes])
         return np.where(np.isfinite(sizes_of_all) & (sizes_of_all > 0.0), sizes_of_all, 1.0)
 
-    def initial_guess(self, theta: Array) -> Array:
-        """θ, and for each experiment the state in which its first input has held for ever."""
+    def with_states(self, theta: Array) -> Array:
+        """θ and, for each experiment, the state that meets the head of its samples best."""
         states = []
         if self.states_each:
-            with np.errstate(all="ignore"):
-                states = [self.chain.steady_state(theta, u[0]) for u, _ in self.data]
-        p = np.concatenate([theta[: self.chain.n], *states])
-        return np.where(np.isfinite(p), p, 0.0)
+            head = min(HEAD, 3 * self.chain.n_states + HEAD // 4)
+            states = [
+                self.chain.fitted_state(theta, u, np.where(kept[:, None], y, np.nan), head)
+                for (u, y), kept in zip(self.data, self.kept, strict=True)
+            ]
+        return np.concatenate([theta, *states])

@@ -25,9 +25,6 @@ FELT_STATE = 0.1
 """Share of the errors that the whole range of an initial state is taken to change at least: one
 that changes less says nothing, and its step shall be small."""
 
-HEAD = 400
-"""Samples at the head of a record that say enough about its initial state to start from."""
-
 
 @dataclass(frozen=True, eq=False)
 class ChainData:
@@ -100,17 +97,6 @@ class ChainData:
             whole[mask] = part
         return error_margin(series)
 
-    def with_states(self, chain: BlockChain, theta: Array) -> Array:
-        """θ and, for each experiment, the state that meets the head of its fitted samples best."""
-        if not self.states:
-            return theta
-        head = min(HEAD, 3 * chain.n_states + HEAD // 4)
-        states = [
-            chain.fitted_state(theta, u, np.where(kept[:, None], y, np.nan), head)
-            for (u, y), kept in zip(self.pairs, self.kept, strict=True)
-        ]
-        return np.concatenate([theta, *states])
-
 
 class Effort(NamedTuple):
     """What a descent may cost.
@@ -166,7 +152,7 @@ class Trial:
         """
         chain, problem = self.chain, data.problem(self.chain)
         missing = len(self.p) < chain.n + problem.n_initial
-        p = data.with_states(chain, self.p) if missing else self.p.copy()
+        p = problem.with_states(self.p) if missing else self.p.copy()
         free = np.ones(len(p), dtype=bool)
         free[list(fixed_entries)] = False
         sizes = np.concatenate([np.full(chain.n, np.inf), problem.state_sizes(p)])[free]

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Index
-from sysid.errors import Termination
 from sysid.fitting.holdout import HoldOut
 from sysid.fitting.run_errors import output_scales
 from sysid.fitting.solvers import many_starts
@@ -84,21 +83,28 @@ class Trial:
     how: str
     chunk: int = 0
     evaluations: int = 1
-    termination: Termination = Termination.CLOSED_FORM
 
     @property
     def size(self) -> int:
         """Parameters that count."""
-        return int(np.sum(np.concatenate([np.ones(1), self.theta != 0.0])))
+        return 1 + int(np.count_nonzero(self.theta))
 
 
-class Bounds(NamedTuple):
-    """Lower and upper bounds, what is estimated, and what places units, (n,) each."""
+class Prior(NamedTuple):
+    """What is known of a map's parameters before they are refined, (n,) each.
+
+    Attributes:
+        lower, upper: bounds.
+        free: which are estimated.
+        share: of the start's cost that a change by a typical size costs.
+        to_zero: which are drawn to zero, not to their start.
+    """
 
     lower: Array
     upper: Array
-    free: Array
-    moving: NDArray[np.bool_]
+    free: NDArray[np.bool_]
+    share: Array
+    to_zero: NDArray[np.bool_]
 
 
 class RowRuns:
@@ -161,17 +167,17 @@ class RowRuns:
         linear = spread / np.array(d.scale)
         return np.concatenate([[spread], linear, np.full(T + K, spread), np.ones(K * (1 + q))])
 
-    def bounds(self, d: RowDesign) -> "Bounds":
-        """Admissible values of a map's parameters, and which of them place units."""
-        kinds = shapes(d, KINDS[self.estimator])
-        _, _, K, q = d.sizes
-        moving = np.zeros(len(kinds), dtype=bool)
-        moving[len(kinds) - K * (1 + q) :] = True
-        return Bounds(
+    def prior(self, design: RowDesign) -> Prior:
+        """Admissible values of a map's parameters, and what draws them."""
+        kinds = shapes(design, KINDS[self.estimator])
+        d, T, K, q = design.sizes
+        counts = (1 + d, T + K, K * (1 + q))
+        return Prior(
             np.array([p.lower for p in kinds]),
             np.array([p.upper for p in kinds]),
             np.array([p.fixed is None for p in kinds], dtype=bool),
-            moving,
+            np.repeat([FIRM, SHRINK, PULL], counts),
+            np.repeat([False, True, False], counts),
         )
 
     # ----------------------------------------------------------------- judging
@@ -214,11 +220,12 @@ class RowRuns:
         # the cost at the start, near enough to weigh what draws the parameters
         cost = np.array([min(t.error, 1.0) for t in trials])
         cost = np.concatenate([cost, np.repeat(cost[:1], lanes - len(trials))])
-        pull = cost[:, None] * padded.pulls()
+        prior = padded.prior(self)
+        pull = cost[:, None] * np.where(prior.free, np.sqrt(prior.share), 1.0)
         z = padded.theta / scale
-        aim = np.where(padded.amplitudes, 0.0, z)
-        lower, upper = (bound / scale for bound in padded.bounds(self))
-        each = (padded.frames, scale, padded.free, z, aim, pull, lower, upper)
+        aim = np.where(prior.free & prior.to_zero, 0.0, z)
+        lower, upper = prior.lower / scale, prior.upper / scale
+        each = (padded.frames, scale, prior.free, z, aim, pull, lower, upper)
         data = thinned(chunks)
         ends = many_starts(functions[0], z, each, data, iterations, 1e-9, functions[1])
         refined = []
@@ -226,7 +233,7 @@ class RowRuns:
             theta = t.theta
             if end.cost is not None:
                 moved = np.clip(end.z, lower[k], upper[k])
-                theta = padded.cut(k, np.where(padded.free[k], moved, z[k]) * scale[k])
+                theta = padded.cut(k, np.where(prior.free[k], moved, z[k]) * scale[k])
             words = t.how.split(", refined")[0]
             refined.append(
                 replace(
@@ -235,7 +242,6 @@ class RowRuns:
                     how=f"{words}, refined over {chunk} samples",
                     chunk=chunk,
                     evaluations=t.evaluations + end.iterations,
-                    termination=end.termination,
                 )
             )
         return self.judged(refined)
@@ -308,20 +314,12 @@ class Padded:
     def __init__(
         self, trials: Sequence[Trial], row: RowRuns, largest: tuple[int, int, int] | None = None
     ) -> None:
-        self.smooth = KINDS[row.estimator].smooth
         self.designs = [t.design for t in trials]
         T, K, q = largest or row.largest
         self.size = (len(row.row), T, K, q)
         self.theta = self.stacked([t.theta for t in trials], 0.0)
-        self.free = self.stacked([self._free(x) for x in self.designs], 0.0) > 0.0
         frames = [self._frame(x) for x in self.designs]
         self.frames = [Frame(*(np.stack(parts) for parts in zip(*frames, strict=True)))]
-
-    def _free(self, d: RowDesign) -> Array:
-        """1 where a parameter is estimated."""
-        _, T, K, q = d.sizes
-        move = 1.0 if self.smooth else 0.0
-        return np.concatenate([np.ones(1 + len(d.mean) + T + K), np.full(K * (1 + q), move)])
 
     def _frame(self, x: RowDesign) -> Frame:
         f, (d, T, K, q) = x.frame(), self.size
@@ -348,12 +346,12 @@ class Padded:
                 into[at + 2 * K :].reshape(K, q)[:k, :m] = w.place
         return out
 
-    def bounds(self, row: RowRuns) -> tuple[Array, Array]:
-        """Lower and upper bounds in the padded layout, (S, n) each."""
-        each = [row.bounds(d) for d in self.designs]
-        lower = self.stacked([b.lower for b in each], -np.inf)
-        upper = self.stacked([b.upper for b in each], np.inf)
-        return lower, upper
+    def prior(self, row: RowRuns) -> Prior:
+        """What is known of all parameters in the padded layout, (S, n) each."""
+        each = zip(*(row.prior(d) for d in self.designs), strict=True)
+        fills = (-np.inf, np.inf, 0.0, 1.0, 0.0)
+        lower, upper, free, share, to_zero = map(self.stacked, each, fills)
+        return Prior(lower, upper, free > 0.0, share, to_zero > 0.0)
 
     def cut(self, k: int, row: Array) -> Array:
         """Undo ``stacked`` for one trial."""
@@ -363,21 +361,6 @@ class Padded:
             [w.constant], w.linear, w.products[:t], w.amplitude[:units], w.shape[:units],
             w.place[:units, :m].ravel(),
         ])  # fmt: skip
-
-    @property
-    def amplitudes(self) -> NDArray[np.bool_]:
-        """Which entries are coefficients of products and units, (S, n): drawn to zero."""
-        d, T, K, _ = self.size
-        place = np.arange(size(*self.size))
-        return np.asarray(self.free & (place > d) & (place <= d + T + K))
-
-    def pulls(self) -> Array:
-        """Relative weight that draws each parameter to its start, (S, n)."""
-        d, T, K, _ = self.size
-        out = np.full(self.theta.shape, np.sqrt(FIRM))
-        out[:, 1 + d + T + K :] = np.sqrt(PULL)
-        out[self.amplitudes] = np.sqrt(SHRINK)
-        return np.where(self.free, out, 1.0)
 
     def maps(self, row: RowRuns) -> Maps:
         """What is compiled."""

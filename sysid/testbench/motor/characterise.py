@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.documents import plain_object
 from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
 from sysid.testbench.motor.drive import DriveLog
@@ -123,18 +124,20 @@ class MotorBench:
 
     def to_json(self) -> dict[str, Any]:
         """Everything as JSON-able values."""
-        return {
-            "method": self.method,
-            "gear": self.gear,
-            "parameters": self.parameters,
-            "correlations": {"names": self.names, "matrix": self.correlations()},
-            "one_at_a_time": [
-                {"name": r.name, "value": r.value, "std_error": e, "how": r.how}
-                for r, e in self.routes
-            ],
-            "joint": self.joint,
-            "notes": self.notes,
-        }
+        return plain_object(
+            {
+                "method": self.method,
+                "gear": self.gear,
+                "parameters": self.parameters,
+                "correlations": {"names": self.names, "matrix": self.correlations()},
+                "one_at_a_time": [
+                    {"name": r.name, "value": r.value, "std_error": e, "how": r.how}
+                    for r, e in self.routes
+                ],
+                "joint": self.joint,
+                "notes": self.notes,
+            }
+        )
 
     def correlations(self) -> Array:
         """Correlations of the parameters in ``names``, (n, n)."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
+from sysid.data.documents import plain_object
 from sysid.data.finding import Finding, Severity
 from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, UsageError
@@ -188,30 +189,32 @@ class PendulumStudy:
         """All of it as a JSON object."""
         h = self.hanging
         slopes = h.sensitivities(self.period)
-        return {
-            "period_s": self.period,
-            "period_std_error": self.period_std_error,
-            "inertia_kg_m2": self.inertia,
-            "std_error": self.std_error,
-            "interval_kg_m2": self.interval,
-            "corrected_kg_m2": self.corrected,
-            "corrected_std_error": self.corrected_std_error,
-            "small_swing_period_s": self.small_period,
-            "small_swing_period_std_error": self.small_std_error,
-            "amplitude_deg": self.amplitude / DEGREES,
-            "sensitivities": slopes,
-            "contributions_kg_m2": self.contributions,
-            "driver": next(iter(self.contributions)),
-            "box_inertia_kg_m2": self.box,
-            "hanging": {
-                n: {"value": getattr(h, n), "std_error": h.std_error(n), "unit": UNITS[n]}
-                for n in slopes
-                if n != "period"
-            },
-            "logs": [log.summary() for log in self.logs],
-            "sentences": self.sentences(),
-            "findings": self.findings,
-        }
+        return plain_object(
+            {
+                "period_s": self.period,
+                "period_std_error": self.period_std_error,
+                "inertia_kg_m2": self.inertia,
+                "std_error": self.std_error,
+                "interval_kg_m2": self.interval,
+                "corrected_kg_m2": self.corrected,
+                "corrected_std_error": self.corrected_std_error,
+                "small_swing_period_s": self.small_period,
+                "small_swing_period_std_error": self.small_std_error,
+                "amplitude_deg": self.amplitude / DEGREES,
+                "sensitivities": slopes,
+                "contributions_kg_m2": self.contributions,
+                "driver": next(iter(self.contributions)),
+                "box_inertia_kg_m2": self.box,
+                "hanging": {
+                    n: {"value": getattr(h, n), "std_error": h.std_error(n), "unit": UNITS[n]}
+                    for n in slopes
+                    if n != "period"
+                },
+                "logs": [log.summary() for log in self.logs],
+                "sentences": self.sentences(),
+                "findings": self.findings,
+            }
+        )
 
 
 def inertia_of_period(

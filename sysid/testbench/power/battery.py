@@ -9,12 +9,14 @@ log pays for them (BIC on its independent samples).
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares, lsq_linear
 from scipy.signal import lfilter
 
+from sysid.data.documents import by_field
 from sysid.data.record import Array
 from sysid.errors import DataError
 from sysid.fitting.uncertainty import uncertainty
@@ -46,9 +48,9 @@ class Branch:
         tau, tau_std_error: [s].
     """
 
-    resistance: float
+    resistance: float = field(metadata={"alias": "resistance_ohm"})
     std_error: float
-    tau: float
+    tau: float = field(metadata={"alias": "tau_s"})
     tau_std_error: float
 
 
@@ -72,50 +74,28 @@ class Battery:
     """
 
     name: str
-    open_voltage: float
-    open_std_error: float
-    resistance: float
-    std_error: float
-    branches: tuple[Branch, ...]
-    settled: float
-    settled_std_error: float
-    slope: float | None
+    open_voltage: float = field(metadata={"alias": "open_circuit_voltage_V"})
+    open_std_error: float = field(metadata={"alias": "open_circuit_std_error"})
+    resistance: float = field(metadata={"alias": "internal_resistance_ohm"})
+    std_error: float = field(metadata={"alias": "internal_resistance_std_error"})
+    branches: tuple[Branch, ...] = field(metadata={"alias": "recovery"})
+    settled: float = field(metadata={"alias": "settled_resistance_ohm"})
+    settled_std_error: float = field(metadata={"alias": "settled_resistance_std_error"})
+    slope: float | None = field(metadata={"alias": "slope_V_per_Ah"})
     slope_std_error: float | None
-    charge: float | None
-    currents: tuple[float, float]
-    rests: bool
-    turned: bool
-    noise: float
-    t: Array
-    voltage: Array
-    fitted: Array
+    charge: float | None = field(metadata={"alias": "charge_Ah"})
+    currents: tuple[float, float] = field(metadata={"exclude": True})
+    rests: bool = field(metadata={"exclude": True})
+    turned: bool = field(metadata={"exclude": True})
+    noise: float = field(metadata={"alias": "noise_V"})
+    t: Array = field(metadata={"exclude": True})
+    voltage: Array = field(metadata={"exclude": True})
+    fitted: Array = field(metadata={"exclude": True})
 
-    def summary(self) -> dict[str, object]:
-        """The figures as a JSON object."""
-        return {
-            "name": self.name,
-            "open_circuit_voltage_V": self.open_voltage,
-            "open_circuit_std_error": self.open_std_error,
-            "internal_resistance_ohm": self.resistance,
-            "internal_resistance_std_error": self.std_error,
-            "recovery": [
-                {
-                    "resistance_ohm": b.resistance,
-                    "std_error": b.std_error,
-                    "tau_s": b.tau,
-                    "tau_std_error": b.tau_std_error,
-                }
-                for b in self.branches
-            ],
-            "settled_resistance_ohm": self.settled,
-            "settled_resistance_std_error": self.settled_std_error,
-            "slope_V_per_Ah": self.slope,
-            "slope_std_error": self.slope_std_error,
-            "charge_Ah": self.charge,
-            "mean_current_A": self.currents[0],
-            "largest_current_A": self.currents[1],
-            "noise_V": self.noise,
-        }
+    def to_json(self) -> dict[str, Any]:
+        """The figures by name and unit."""
+        mean, largest = self.currents
+        return by_field(self) | {"mean_current_A": mean, "largest_current_A": largest}
 
 
 @dataclass(frozen=True)

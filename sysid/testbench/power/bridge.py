@@ -9,12 +9,14 @@ beyond a length through jumps onto the line it would have had without one.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.documents import by_field
 from sysid.data.record import Array
 from sysid.errors import DataError
 
@@ -59,14 +61,14 @@ class Direction:
     jump_std_error: float
     gain: float
     gain_std_error: float
-    at_full: float
-    at_full_std_error: float
-    starts: float | None
-    stops: float | None
+    at_full: float = field(metadata={"alias": "at_full_drive"})
+    at_full_std_error: float = field(metadata={"alias": "at_full_drive_std_error"})
+    starts: float | None = field(metadata={"alias": "starts_at"})
+    stops: float | None = field(metadata={"alias": "stops_at"})
     bends: bool
     steps: int
-    drive: Array
-    answer: Array
+    drive: Array = field(metadata={"exclude": True})
+    answer: Array = field(metadata={"exclude": True})
 
     def line(self, drive: Array) -> Array:
         """The answer at commands of this direction."""
@@ -110,35 +112,14 @@ class Bridge:
             return None
         return self.supply - direction.at_full, direction.at_full_std_error
 
-    def summary(self) -> dict[str, object]:
-        """The figures as a JSON object."""
-        facts: dict[str, object] = {
-            "name": self.name,
-            "side": self.side,
-            "quantity": self.quantity,
-            "unit": self.unit,
-            "supply_V": self.supply,
-        }
+    def to_json(self) -> dict[str, Any]:
+        """The figures by name and unit; those of the directions that were driven."""
+        figures = {}
         for name, d in self.directions().items():
-            drop = self.drop(d)
-            facts[name] = {
-                "dead_band": d.dead_band,
-                "dead_band_std_error": d.dead_band_std_error,
-                "between": d.between,
-                "jump": d.jump,
-                "jump_std_error": d.jump_std_error,
-                "gain": d.gain,
-                "gain_std_error": d.gain_std_error,
-                "at_full_drive": d.at_full,
-                "at_full_drive_std_error": d.at_full_std_error,
-                "drop_V": None if drop is None else drop[0],
-                "drop_std_error": None if drop is None else drop[1],
-                "starts_at": d.starts,
-                "stops_at": d.stops,
-                "bends": d.bends,
-                "steps": d.steps,
-            }
-        return facts
+            drop, error = self.drop(d) or (None, None)
+            figures[name] = by_field(d) | {"drop_V": drop, "drop_std_error": error}
+        named = {n: getattr(self, n) for n in ("name", "side", "quantity", "unit")}
+        return {**named, "supply_V": self.supply, **figures}
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.documents import plain_object
 from sysid.data.files import contents, write_atomic
 from sysid.data.finding import Finding, Severity
 from sysid.data.reading.read_options import ReadOptions
@@ -101,15 +102,17 @@ class PowerBench:
     def summary(self) -> dict[str, Any]:
         """All of it as a JSON object, which a diagnosis can read from a file."""
         supply = self.supply()
-        return {
-            "battery": [b.summary() for b in self.batteries],
-            "bridge": [b.summary() for b in self.bridges],
-            "full_current_A": self.full_current,
-            "vehicle": {"supply": {k: m.value for k, m in supply.items()}},
-            "measured": supply,
-            "sentences": self.sentences(),
-            "findings": self.findings,
-        }
+        return plain_object(
+            {
+                "battery": self.batteries,
+                "bridge": self.bridges,
+                "full_current_A": self.full_current,
+                "vehicle": {"supply": {k: m.value for k, m in supply.items()}},
+                "measured": supply,
+                "sentences": self.sentences(),
+                "findings": self.findings,
+            }
+        )
 
 
 def bench_power(

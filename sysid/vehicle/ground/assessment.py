@@ -116,8 +116,7 @@ def assess(
         if not 0.0 < slip <= 1.0:
             raise ModelError(f"the slip is {slip}: give a share above 0, up to 1")
     traction.spread().check(traction.vehicle.contact_length)
-    there = _spread(traction, lambda t: _values(t, slope, slips))
-    turned = _spread(traction, lambda t: _turns(t, radii))
+    there = _spread(traction, lambda t: _values(t, slope, slips) | _turns(t, radii))
     names = _UNITS if slope is not None else [n for n in _UNITS if n not in _OF_SLOPE]
     return SoilAssessment(
         traction,
@@ -127,7 +126,7 @@ def assess(
             for s in slips
         ),
         tuple(
-            TurnAtRadius(r, turned[f"moment {r}"], _empirical(traction, r), turned[f"power {r}"])
+            TurnAtRadius(r, there[f"moment {r}"], _empirical(traction, r), there[f"power {r}"])
             for r in radii
         ),
         tuple(_notes(traction)),

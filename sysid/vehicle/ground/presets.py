@@ -13,9 +13,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
-from sysid.errors import ModelError
+from sysid.data.yaml_files.source import read_yaml
+from sysid.errors import DataError, ModelError
 from sysid.vehicle.soil import NUMBERS, Shear, Soil
 
 
@@ -161,6 +163,24 @@ def _spread(given: object, numbers: Mapping[str, float], base: Soil) -> dict[str
         angle = numbers.get("friction_angle", base.friction_angle)
         spread["friction_angle"] *= math.cos(angle) ** 2
     return spread
+
+
+def read_soil(path: Path) -> Soil:
+    """The soil of a YAML file: its numbers, or its section ``soil`` or ``vehicle.soil``.
+
+    Raises:
+        DataError: the file cannot be read, or holds no soil; with the line.
+    """
+    source = read_yaml(path)
+    values: Any = source.values
+    place: tuple[str, ...] = ()
+    for key in ("vehicle", "soil"):
+        if isinstance(values, Mapping) and key in values:
+            values, place = values[key], (*place, key)
+    try:
+        return soil_of(values)
+    except ModelError as error:
+        raise DataError(f"{source.where(place)}: {error}") from None
 
 
 def _presets() -> tuple[Preset, ...]:

@@ -67,6 +67,8 @@ class VehicleFile(Settings):
         if not isinstance(value, dict):
             return value
         value = {k: v for k, v in value.items() if k not in ONLY_MISSIONS}
+        if "contact_length" in value and "L" not in value:
+            value["L"] = value.pop("contact_length")
         wheels = value.get("wheels")
         if "wheels" in value and not (isinstance(wheels, list | tuple) and wheels):
             raise sentence_at(
@@ -144,17 +146,40 @@ def load_vehicle(path: str | Path) -> Vehicle:
         from sysid.vehicle.wheels.urdf_reading import read_urdf
 
         return read_urdf(path)
-    source = _own_section(read_yaml(path))
-    try:
-        described = VehicleFile.model_validate(source.values)
-    except ValidationError as error:
-        raise DataError(
-            first_problem(error, source, _known_keys, "the vehicle", {"at": "at: [x, y]"})
-        ) from None
+    source, described = _described(path)
     try:
         return described.vehicle(path.stem)
     except ModelError as error:
         raise DataError(f"{source.where(())}: {error}") from None
+
+
+def load_tracks(path: Path) -> TrackedVehicle:
+    """The tracked vehicle of a YAML file as :func:`load_vehicle` reads it, for soils.
+
+    Raises:
+        DataError: the file cannot be read, or holds no tracked vehicle; with the line.
+    """
+    source, described = _described(path)
+    if described.wheels:
+        where = source.where(("wheels",))
+        raise DataError(f"{where}: it has wheels, and soils apply to tracks only")
+    keys = ("track_width", "mass", "yaw_inertia", "centre", "height")
+    given = {k: v for k in keys if (v := getattr(described, k)) is not None}
+    try:
+        geometry = Geometry(described.r or Geometry().r, described.B)
+        return TrackedVehicle(geometry, described.L, **given)
+    except ModelError as error:
+        raise DataError(f"{source.where(())}: {error}") from None
+
+
+def _described(path: Path) -> tuple[YamlSource, VehicleFile]:
+    source = _own_section(read_yaml(path))
+    try:
+        return source, VehicleFile.model_validate(source.values)
+    except ValidationError as error:
+        raise DataError(
+            first_problem(error, source, _known_keys, "the vehicle", {"at": "at: [x, y]"})
+        ) from None
 
 
 def _own_section(source: YamlSource) -> YamlSource:

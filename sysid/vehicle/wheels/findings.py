@@ -70,7 +70,9 @@ def _notes(vehicle: Vehicle, angles: Angles | None) -> Iterator[str]:
     wheels, scale = vehicle.wheels, Scale.of(vehicle.wheels)
     for k, one in enumerate(wheels):
         for other in wheels[k + 1 :]:
-            if one.kind == other.kind == "fixed" and _same_place(one, other, scale):
+            apart = math.dist(one.position, other.position)
+            same_place = apart <= RANK_TOLERANCE * scale.length
+            if one.kind == other.kind == "fixed" and same_place:
                 yield f"{one.name} and {other.name} stand in one place and act as one wheel."
     off = {n: a for n, a in vehicle.misalignment(angles).items() if a}
     if off and vehicle.mobility > 0:
@@ -106,11 +108,6 @@ def _on_inertia(vehicle: Vehicle) -> Iterator[str]:
             f"The yaw inertia of {measured:.4g} kg m² is {measured / computed:.3g} times the "
             f"{computed:.4g} kg m² that masses and sizes of the parts give: one of them is wrong."
         )
-
-
-def _same_place(one: Wheel, other: Wheel, scale: Scale) -> bool:
-    (ax, ay), (bx, by) = one.position, other.position
-    return math.hypot(ax - bx, ay - by) <= RANK_TOLERANCE * scale.length
 
 
 def _on_axle(wheel: Wheel, row: list[float], scale: Scale) -> bool:

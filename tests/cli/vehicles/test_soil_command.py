@@ -61,9 +61,9 @@ def test_files_of_soil_and_vehicle_and_a_picture(capsys: Capture, tmp_path: Path
         (("ice", "--set", "cohesian=3"), "did you mean cohesion?"),
         (("ice", "--road-wheels", "0"), "0 road wheels"),
         (("ice", "--plot", "picture.pdf"), "ends in .svg or .png"),
-        (("ice", "--vehicle", "{wrong}"), "wrong.yaml:2: a tracked vehicle has no key 'mas'"),
+        (("ice", "--vehicle", "{wrong}"), "wrong.yaml:2: unknown key 'mas': did you mean 'mass'?"),
         (("ice", "--vehicle", "{heavy}"), "heavy.yaml:1: mass is the text 'much': give a number"),
-        (("ice", "--vehicle", "{light}"), "light.yaml:1: the vehicle's mass is -1"),
+        (("ice", "--vehicle", "{light}"), "light.yaml:1: mass is -1: give a number above 0"),
         (("ice", "--vehicle", "{cart}"), "cart.yaml:2: it has wheels"),
         (("{bad}",), "bad.yaml:2: the soil's cohesion is -3"),
     ],
@@ -75,7 +75,7 @@ def test_wrong_use_is_one_sentence(
         "wrong": "B: 0.2\nmas: 3\n",
         "heavy": "mass: much\n",
         "light": "mass: -1\n",
-        "cart": "name: cart\nwheels: [{kind: fixed}]\n",
+        "cart": "name: cart\nwheels: [{at: [0, 0], r: 0.1}]\n",
         "bad": "vehicle:\n  soil: {preset: loam, cohesion: -3}\n",
     }
     for name, text in texts.items():

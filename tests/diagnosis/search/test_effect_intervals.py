@@ -11,7 +11,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis import findings
 from sysid.diagnosis.augment import model_of, values_of
 from sysid.diagnosis.base_model import Base, fit_baseline
-from sysid.diagnosis.named_effects import Value
+from sysid.diagnosis.diagnosis import Value
 from sysid.diagnosis.search.intervals import intervals_of
 from sysid.diagnosis.search.selection import CandidateModel, Interval, Selection
 from sysid.effects.catalogue import chain_effects, effect

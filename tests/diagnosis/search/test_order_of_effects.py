@@ -1,7 +1,7 @@
 """What is told first."""
 
 from sysid.diagnosis.assembly import in_order
-from sysid.diagnosis.named_effects import NamedEffect
+from sysid.diagnosis.diagnosis import NamedEffect
 
 
 def named(id: str, stage: str) -> NamedEffect:

@@ -15,8 +15,7 @@ from sysid.diagnosis.search.admission import tied
 from sysid.diagnosis.search.prepared import logs_of
 from sysid.diagnosis.search.selection import CandidateModel
 from sysid.diagnosis.session import DiagnosisSession, noise_of
-from sysid.diagnosis.several.constancy import several_logs
-from sysid.diagnosis.several.ground import with_ground
+from sysid.diagnosis.several.constancy import several_logs, with_ground
 from sysid.diagnosis.several.results import (
     ABSENT,
     INCONCLUSIVE,

@@ -8,8 +8,8 @@ import pytest
 
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.base_model import Base, fit_baseline, full_drive
+from sysid.diagnosis.diagnosis import NamedEffect, Value
 from sysid.diagnosis.findings import sentence_of
-from sysid.diagnosis.named_effects import NamedEffect, Value
 from sysid.diagnosis.policies import RULE, VERDICT
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.selection import Interval, Selection

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -63,17 +64,13 @@ class PlantVariant:
         """What makes PWM of commands, by the estimated plant."""
         return shaper_of(self.sampler.mission, self.robot)
 
-    @property
-    def slips(self) -> bool:
-        """Whether slip varies."""
-        return self.sampler.slips
-
     def robot_of(self, theta: Any, slip: Any) -> RobotPlant:
         """The robot with a run's numbers, of NumPy or traced; it stands where nothing moved yet."""
         plant = self.sampler.plant.plant(theta)
         state = plant.initial_state()
         fresh = np.array((state, state)) if self.robot.twins else state
-        return replace(self.robot, plant=plant, rest=fresh, slip=slip if self.slips else None)
+        slips = slip if self.sampler.slips else None
+        return replace(self.robot, plant=plant, rest=fresh, slip=slips)
 
     def resting(self, theta: Array, slip: float) -> RobotPlant:
         """The robot with a run's numbers of NumPy, at rest without drive."""
@@ -139,16 +136,13 @@ class Setup:
     @property
     def varied(self) -> tuple[str, ...]:
         """Names of what differs between the runs, as a user asks for them."""
-        there = {name.partition(".")[0].partition("[")[0] for name, _ in self._varying}
+        varying = [name for d in self.plant_variants for name, _ in d.sampler.varying]
+        there = {name.partition(".")[0].partition("[")[0] for name in varying}
         if self.variation.noise and self.plant_variants[0].scene.sensors:
             there.add("noise")
         if len(self.plants) > 1:
             there.add("models")
         return tuple(name for name in QUANTITIES if name in there)
-
-    @property
-    def _varying(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
-        return tuple(v for d in self.plant_variants for v in d.sampler.varying)
 
     def notes(self, redrawn: int, pulled: int, runs: int) -> tuple[str, ...]:
         """Sentences about what was assumed, and what was asked for and is not there."""
@@ -183,7 +177,7 @@ class Setup:
         if len(self.plants) == 1:
             return 0
         z = float(generator(seed, "models").standard_normal())
-        return min(int(len(self.plants) * _below(z)), len(self.plants) - 1)
+        return min(int(len(self.plants) * NormalDist().cdf(z)), len(self.plants) - 1)
 
     def noise_seed(self, seed: int) -> int:
         """Of a run's sensor noise; that of a single run where noise does not vary."""
@@ -226,9 +220,3 @@ def varied_mission(sampler: Sampler, samples: Samples) -> Mission:
 def _unknown(plant: VariedPlant) -> str:
     names = ", ".join(plant.unknown[:5]) + (" …" if len(plant.unknown) > 5 else "")
     return f"The data do not determine {names} of {plant.name}; every run keeps their values."
-
-
-def _below(z: float) -> float:
-    from math import erfc, sqrt
-
-    return 0.5 * erfc(-z / sqrt(2.0))

@@ -1,18 +1,18 @@
 """The result of many runs of a mission: outcomes, quantiles, variance shares."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sysid.data.documents import plain
 from sysid.data.record import Array
 from sysid.robot.mission.batch.runner import FAILED
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.figures import OUTCOMES, Figures
 from sysid.robot.mission.monte_carlo.variance_shares import Shares
+from sysid.robot.mission.monte_carlo.varied_runs import OUTCOMES, Figures
 from sysid.robot.mission.result import write_columns
 
 WORST = 5
@@ -160,27 +160,23 @@ class MissionRuns:
 
     def summary(self) -> dict[str, Any]:
         """Everything but the single runs, as plain values for a JSON document."""
+        time, error = self.time_drivers, self.error_drivers
         return {
             "n": self.n,
             "seed": self.seed,
             "seconds": self.seconds,
             "vary": list(self.vary),
             "sentence": self.sentence,
-            "outcomes": {
-                name: {"count": o.count, "share": o.share, "interval": list(o.interval)}
-                for name, o in self.outcomes.items()
-            },
+            "outcomes": plain(self.outcomes),
             "time_s": quantiles(self.time_s),
             "min_clearance_m": quantiles(self.min_clearance_m),
             "final_error_m": quantiles(self.final_error_m),
             "redrawn": self.redrawn,
-            "drivers": _drivers(self.time_drivers),
-            "unexplained_share": _remainder(self.time_drivers),
-            "drivers_of_final_error": _drivers(self.error_drivers),
-            "unexplained_share_of_final_error": _remainder(self.error_drivers),
-            "worst": [
-                {"seed": w.seed, "outcome": w.outcome, "time_s": w.time_s} for w in self.worst
-            ],
+            "drivers": plain(time.ranked) if time else [],
+            "unexplained_share": time.remainder if time else None,
+            "drivers_of_final_error": plain(error.ranked) if error else [],
+            "unexplained_share_of_final_error": error.remainder if error else None,
+            "worst": plain(self.worst),
         }
 
 
@@ -223,15 +219,6 @@ def quantiles(values: Array) -> dict[str, float] | None:
         return None
     values_at = np.quantile(values, (0.05, 0.5, 0.95)).tolist()
     return dict(zip(("p05", "p50", "p95"), values_at, strict=True))
-
-
-def _drivers(shares: Shares | None) -> list[dict[str, Any]]:
-    ranked: Sequence[Any] = shares.ranked if shares else ()
-    return [{"name": d.name, "share_of_variance": d.share_of_variance} for d in ranked]
-
-
-def _remainder(shares: Shares | None) -> float | None:
-    return shares.remainder if shares else None
 
 
 def _finite(value: float) -> float | None:

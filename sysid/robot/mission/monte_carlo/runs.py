@@ -16,10 +16,16 @@ from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.clearance import has_surfaces
 from sysid.robot.mission.contracts import SteppablePlant
 from sysid.robot.mission.loop import Verdict
-from sysid.robot.mission.monte_carlo.figures import Figures, joined, stacked
 from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
-from sysid.robot.mission.monte_carlo.variance_shares import Moments, added, moments, shares
-from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns, figures_alone, why_not_at_once
+from sysid.robot.mission.monte_carlo.variance_shares import moments, shares
+from sysid.robot.mission.monte_carlo.varied_runs import (
+    Figures,
+    VariedRuns,
+    figures_alone,
+    joined,
+    stacked,
+    why_not_at_once,
+)
 from sysid.robot.mission.spec import Mission
 from sysid.structures.model import Model
 
@@ -47,8 +53,8 @@ class ChunkResult(NamedTuple):
     figures: Figures
     redrawn: int
     pulled: int
-    time: Moments
-    error: Moments
+    time: Array
+    error: Array
 
 
 def chunks(setup: Setup, seeds: Sequence[int], size: int) -> list[Chunk]:
@@ -158,6 +164,10 @@ def simulate_runs(
         chunk_results.append(result)
         if progress is not None:
             progress(len(chunk.runs))
+    nothing = np.zeros(())
+    time = sum((r.time for r in chunk_results), nothing)
+    error = sum((r.error for r in chunk_results), nothing)
+    order = np.argsort([k for chunk in parts for k in chunk.runs])
     varying = setup.plant_variants[0].sampler.varying
     same = len(setup.plants) == 1  # the numbers of several plants are not the same numbers
     return MissionRuns(
@@ -167,10 +177,10 @@ def simulate_runs(
         obstacles=has_surfaces(mission.scene()),
         vary=setup.varied,
         seeds=tuple(seeds),
-        figures=_in_order(parts, chunk_results),
+        figures=joined([r.figures for r in chunk_results], order),
         redrawn=sum(r.redrawn for r in chunk_results),
-        time_drivers=shares(added([r.time for r in chunk_results]), varying) if same else None,
-        error_drivers=shares(added([r.error for r in chunk_results]), varying) if same else None,
+        time_drivers=shares(time, varying) if same else None,
+        error_drivers=shares(error, varying) if same else None,
         notes=(
             *setup.notes(
                 sum(r.redrawn for r in chunk_results), sum(r.pulled for r in chunk_results), runs
@@ -178,8 +188,3 @@ def simulate_runs(
             *([_ALONE.format(alone)] if alone else []),
         ),
     )
-
-
-def _in_order(parts: Sequence[Chunk], results: Sequence[ChunkResult]) -> Figures:
-    order = np.argsort([k for chunk in parts for k in chunk.runs])
-    return joined([r.figures for r in results], order)

@@ -9,7 +9,6 @@ The remainder is listed separately: sensor noise, interactions, and curves beyon
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -46,14 +45,8 @@ class Shares:
     remainder: float
 
 
-class Moments(NamedTuple):
-    """Sums over runs that a regression needs: [1, X, y]ᵀ[1, X, y]; those of two sets add."""
-
-    gram: Array
-
-
-def moments(inputs: Array, varying: Varying, figure: Array, counts: Array) -> Moments:
-    """The sums of some runs.
+def moments(inputs: Array, varying: Varying, figure: Array, counts: Array) -> Array:
+    """Sums over some runs that a regression needs: [1, X, y]ᵀ[1, X, y]; those of two sets add.
 
     Args:
         inputs: numbers behind the quantities, (K, m).
@@ -66,20 +59,11 @@ def moments(inputs: Array, varying: Varying, figure: Array, counts: Array) -> Mo
     # sums in one order whatever library multiplies matrices
     X = np.stack([*columns, figure[counts]], axis=1)
     gram = np.array([[np.add.reduce(a * b) for b in X.T] for a in X.T])
-    return Moments(gram.reshape(X.shape[1], X.shape[1]))
+    return gram.reshape(X.shape[1], X.shape[1])
 
 
-def added(parts: Sequence[Moments]) -> Moments:
-    """The sums of all runs, part after part."""
-    total = parts[0].gram.copy()
-    for part in parts[1:]:
-        total += part.gram
-    return Moments(total)
-
-
-def shares(sums: Moments, varying: Varying) -> Shares | None:
-    """Shares of the figure's variance; None for too few runs, or equal ones."""
-    G = sums.gram
+def shares(G: Array, varying: Varying) -> Shares | None:
+    """Shares of a figure's variance by the sums of all runs; None for too few, or equal ones."""
     n, p = G[0, 0], len(G) - 1
     if n < ROWS_A_COLUMN * p or n < 2:
         return None

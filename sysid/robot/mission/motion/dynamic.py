@@ -1,6 +1,6 @@
 """Motion by forces: two motors turn the tracks against the ground (thesis 2.37–2.42)."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
@@ -19,16 +19,11 @@ class Dynamic(Physics):
         part: longest part of a sample that is computed in one go [s].
     """
 
+    wanted: ClassVar[tuple[str, ...]] = ("soil", "mass", "yaw_inertia", "L", "track_width")
+    columns: ClassVar[tuple[str, ...]] = ("v_y", "thrust_l", "thrust_r")
+    """Speed of the centre of mass to the left [m/s], thrust of the tracks [N]."""
+
     part: Annotated[float, Field(ge=1e-4, le=0.1)] = 0.005
-
-    @property
-    def wanted(self) -> tuple[str, ...]:
-        return ("soil", "mass", "yaw_inertia", "L", "track_width")
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Speed of the centre of mass to the left [m/s], thrust of the tracks [N]."""
-        return ("v_y", "thrust_l", "thrust_r")
 
     def report(self, state: VehicleState, xp: Any) -> tuple[Real, ...]:
         return (state.vy, *state.forces.thrust)

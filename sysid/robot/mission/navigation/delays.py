@@ -51,7 +51,7 @@ def begun(belief: Any, empty: BufferedSample, longest: int, xp: Any) -> History 
     if longest == 0:
         return ()
     rows = longest + 2  # a belief before the oldest slot that may still change
-    return History(*(mapped(lambda leaf: _rows(leaf, rows, xp), t) for t in (empty, belief)))
+    return History(*(mapped(lambda leaf: xp.array([leaf] * rows), t) for t in (empty, belief)))
 
 
 def advanced(
@@ -69,10 +69,13 @@ def advanced(
         measurements that came at it.
     """
     came = [xp.isfinite(z).any() for z in sample.z]
-    samples = _with_measurements(
-        mapped(_shifted(xp), history.samples, sample), sample, came, delays, xp
-    )
-    beliefs = mapped(_shifted(xp), history.beliefs, mapped(lambda leaf: leaf[-1], history.beliefs))
+
+    def shifted(rows: Any, new: Any) -> Any:
+        return xp.concatenate([rows[1:], xp.array([new])])
+
+    slots = mapped(shifted, history.samples, sample)
+    samples = _with_measurements(slots, sample, came, delays, xp)
+    beliefs = mapped(shifted, history.beliefs, newest(history))
     rows = len(samples.dt)
 
     def latest() -> tuple[Any, Any]:
@@ -80,9 +83,11 @@ def advanced(
             mapped(lambda leaf, k=k: leaf[k], t) for k, t in ((-2, beliefs), (-1, samples))
         )
         belief, figures = fuse(before, newest)
-        return mapped(
-            lambda all_, one: _replaced(all_, one, rows - 1, xp), beliefs, belief
-        ), figures
+
+        def replaced(rows: Any, one: Any) -> Any:
+            return xp.concatenate([rows[:-1], xp.array([one])])
+
+        return mapped(replaced, beliefs, belief), figures
 
     def replayed() -> tuple[Any, Any]:
         first = (
@@ -127,15 +132,3 @@ def _with_measurements(
         z.append(xp.where((here & c)[:, None], new, kept))
         fresh.append(here & c)
     return samples._replace(z=tuple(z), fresh=xp.array(fresh).T * 1.0)
-
-
-def _rows(leaf: Any, rows: int, xp: Any) -> Any:
-    return xp.array([leaf] * rows)
-
-
-def _shifted(xp: Any) -> Callable[[Any, Any], Any]:
-    return lambda rows, new: xp.concatenate([rows[1:], xp.array([new])])
-
-
-def _replaced(rows: Any, one: Any, at: int, xp: Any) -> Any:
-    return xp.concatenate([rows[:at], xp.array([one]), rows[at + 1 :]])

@@ -137,41 +137,25 @@ def inverted(S: Any, m: int, xp: Any) -> tuple[Any, Real]:
     return xp.array(a), determinant
 
 
-class Spread(NamedTuple):
-    """Where sigma points lie and what they weigh (van der Merwe).
+class Sigma(NamedTuple):
+    """Where 2n + 1 sigma points lie and what they weigh (van der Merwe).
 
     Attributes:
         scale: n + λ = α²(n + κ); points lie at x ± the columns of √(scale·P).
-        mean: weight of the first point and of each other in the mean.
-        covariance: the same in covariances.
+        mean, covariance: weights in means and in covariances, (2n + 1,).
     """
 
     scale: float
-    mean: tuple[float, float]
-    covariance: tuple[float, float]
+    mean: Any
+    covariance: Any
 
 
-def spread(n: int, alpha: float, beta: float, kappa: float) -> Spread:
-    """Weights of 2n + 1 sigma points."""
+def sigma(n: int, alpha: float, beta: float, kappa: float, xp: Any) -> Sigma:
+    """Spread and weights of sigma points."""
     scale = alpha * alpha * (n + kappa)
-    first = 1.0 - n / scale
-    other = 0.5 / scale
-    return Spread(scale, (first, other), (first + 1.0 - alpha * alpha + beta, other))
-
-
-def sigma_points(belief: Gaussian, of: Spread, xp: Any) -> Any:
-    """The points, (2n + 1, n)."""
-    root = xp.linalg.cholesky(of.scale * belief.P).T
-    return xp.concatenate([belief.x[None], belief.x + root, belief.x - root])
-
-
-def weights(of: Spread, n: int, xp: Any) -> tuple[Any, Any]:
-    """Weights of all points, in means and in covariances, (2n + 1,) each."""
-    first = xp.eye(2 * n + 1)[0]
-    return (
-        of.mean[1] + (of.mean[0] - of.mean[1]) * first,
-        of.covariance[1] + (of.covariance[0] - of.covariance[1]) * first,
-    )
+    first, others = 1.0 - n / scale, (0.5 / scale,) * (2 * n)
+    of_square = first + 1.0 - alpha * alpha + beta
+    return Sigma(scale, xp.array((first, *others)), xp.array((of_square, *others)))
 
 
 def around(points: Any, angles: Any, xp: Any) -> Any:
@@ -181,7 +165,7 @@ def around(points: Any, angles: Any, xp: Any) -> Any:
 
 
 def transformed(
-    belief: Gaussian, f: Callable[[Any], Any], angles: Any, of: Spread, xp: Any
+    belief: Gaussian, f: Callable[[Any], Any], angles: Any, of: Sigma, xp: Any
 ) -> tuple[Any, Any, Any]:
     """What a function makes of a belief, by sigma points (unscented transform).
 
@@ -192,10 +176,11 @@ def transformed(
     Returns:
         The mean (m,), and the deviations of the points before (p, n) and after (p, m).
     """
-    points = sigma_points(belief, of, xp)
+    root = xp.linalg.cholesky(of.scale * belief.P).T
+    points = xp.concatenate([belief.x[None], belief.x + root, belief.x - root])
     out = f(points)
     off = around(out, angles, xp)
-    shift = weights(of, len(belief.x), xp)[0] @ off
+    shift = of.mean @ off
     return out[0] + shift, points - belief.x, off - shift
 
 

@@ -93,14 +93,15 @@ def _sideways(s: States, c: Setting, _: Compass, xp: Any) -> Expected:
     return Expected(v * yaw_rate, {n: a * yaw_rate + b * v for n, (a, b) in ground.by.items()})
 
 
-def _field_forward(s: States, c: Setting, compass: Compass, xp: Any) -> Expected:
-    angle = s["psi"] - compass.north
-    return Expected(compass.field * xp.cos(angle), {"psi": -compass.field * xp.sin(angle)})
+def _field(left: bool) -> Expectation:
+    """The magnetic field forward or to the left."""
 
+    def expected(s: States, c: Setting, compass: Compass, xp: Any) -> Expected:
+        angle = s["psi"] - compass.north
+        cos, sin = compass.field * xp.cos(angle), compass.field * xp.sin(angle)
+        return Expected(-sin, {"psi": -cos}) if left else Expected(cos, {"psi": -sin})
 
-def _field_left(s: States, c: Setting, compass: Compass, xp: Any) -> Expected:
-    angle = s["psi"] - compass.north
-    return Expected(-compass.field * xp.sin(angle), {"psi": -compass.field * xp.cos(angle)})
+    return expected
 
 
 def _moved(left: bool) -> Expectation:
@@ -129,8 +130,8 @@ EXPECTED: Mapping[str, Expectation] = {
     "gyro_z": _turning,
     "acc_x": _forward,
     "acc_y": _sideways,
-    "mag_x": _field_forward,
-    "mag_y": _field_left,
+    "mag_x": _field(left=False),
+    "mag_y": _field(left=True),
     "heading": _state("psi"),
     "vo_x": _state("x"),
     "vo_y": _state("y"),

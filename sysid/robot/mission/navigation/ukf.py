@@ -10,12 +10,11 @@ from sysid.robot.mission.navigation.fusion import Filter, Sight
 from sysid.robot.mission.navigation.gaussian import (
     Gaussian,
     Innovation,
-    Spread,
+    Sigma,
     innovation,
-    spread,
+    sigma,
     symmetric,
     transformed,
-    weights,
     wrapped,
 )
 from sysid.robot.mission.navigation.process import PSI, is_angle
@@ -42,17 +41,17 @@ class UnscentedKalman(Filter):
         """What is believed ``sample.dt`` later: mean and spread of the points moved, plus Q."""
         process = plan.process
 
-        def moved(points: Any) -> Any:
-            s = {name: points[:, i] for i, name in enumerate(process.names)}
+        def moved(at: Any) -> Any:
+            s = {name: at[:, i] for i, name in enumerate(process.names)}
             after = process.advanced(s, sample.dt, sample.drive, geometry, xp)
             return xp.array([after[name] for name in process.names]).T
 
         angles = xp.array([is_angle(name) for name in process.names])
-        around = self._spread(of)
-        x, _, off = transformed(of, moved, angles, around, xp)
+        points = self._sigma(of, xp)
+        x, _, off = transformed(of, moved, angles, points, xp)
         before = {name: of.x[i] for i, name in enumerate(process.names)}
         Q = process.slopes(before, sample.dt, sample.drive, geometry, xp)[1]
-        P = (off.T * weights(around, len(x), xp)[1]) @ off + Q
+        P = (off.T * points.covariance) @ off + Q
         return Gaussian(wrapped(x, PSI, xp), symmetric(P))
 
     def corrected(
@@ -61,22 +60,22 @@ class UnscentedKalman(Filter):
         """What is believed after one group of measurements, with points drawn anew."""
         names, group = plan.process.names, sight.group
 
-        def seen(points: Any) -> Any:
-            s = {name: points[:, i] for i, name in enumerate(names)}
+        def seen(at: Any) -> Any:
+            s = {name: at[:, i] for i, name in enumerate(names)}
             return xp.array([one.value for one in group.expected(s, sight.setting, xp)]).T
 
         angles = xp.array([is_angle(name) for name in group.names])
-        around = self._spread(of)
-        mean, before, after = transformed(of, seen, angles, around, xp)
+        points = self._sigma(of, xp)
+        mean, before, after = transformed(of, seen, angles, points, xp)
         present = xp.isfinite(sight.z)
         nu = xp.where(present, group.off(sight.z - mean, xp), 0.0)
         after = xp.where(present, after, 0.0)
-        share = weights(around, len(of.x), xp)[1]
+        share = points.covariance
         S = (after.T * share) @ after + sight.variance * xp.eye(len(nu))
         innovated, inverse = innovation(nu, S, sight.variance, present, sight.quantiles, xp)
         K = (before.T * share) @ after @ inverse * (1.0 - innovated.rejected)
         P = of.P - K @ S @ K.T
         return Gaussian(wrapped(of.x + K @ nu, PSI, xp), symmetric(P)), innovated
 
-    def _spread(self, of: Gaussian) -> Spread:
-        return spread(len(of.x), self.alpha, self.beta, self.kappa)
+    def _sigma(self, of: Gaussian, xp: Any) -> Sigma:
+        return sigma(len(of.x), self.alpha, self.beta, self.kappa, xp)

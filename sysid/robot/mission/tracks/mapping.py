@@ -12,8 +12,7 @@ import numpy as np
 from sysid.data.record import PWM_FULL_SCALE, Array, Channel
 from sysid.errors import ModelError
 from sysid.robot.mission.contracts import SteppablePlant, TurnsTracks
-from sysid.robot.mission.navigation.equipment import assumed
-from sysid.robot.mission.registry import default_sensor
+from sysid.robot.mission.equipment import assumed
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.supply import supply_notes
 from sysid.robot.mission.tracks.robot_plant import RobotPlant, identified_effects
@@ -103,7 +102,7 @@ def as_robot(
     robot, notes = _driving(plant, mission, top_speed)
     volts = all(_is_voltage(plant.inputs[i]) for i in robot.driven)
     notes = (*notes, *supply_notes(mission.vehicle.supply, identified_effects(robot), volts))
-    said = assumed(mission.navigation, mission.sensors, robot.dt, default_sensor)
+    said = assumed(mission.navigation, mission.sensors, robot.dt)
     return robot, (*notes, *said, *_about_motion(robot, mission))
 
 

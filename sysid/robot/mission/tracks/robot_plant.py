@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.record import PWM_FULL_SCALE, Array, Channel
+from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground, slipping
 from sysid.robot.mission.contracts import (
@@ -20,27 +20,12 @@ from sysid.vehicle.kinematics import Real
 
 
 class TrackChannels:
-    """What goes in and out of every plant of two tracks."""
+    """What goes in and out of every plant of two tracks: PWM either way, no drive at 0."""
 
-    @property
-    def inputs(self) -> tuple[Channel, ...]:
-        """``pwm_l, pwm_r`` [µs]."""
-        return ROBOT_INPUTS
-
-    @property
-    def outputs(self) -> tuple[Channel, ...]:
-        """``omega_l, omega_r`` [rad/s]."""
-        return ROBOT_OUTPUTS
-
-    @property
-    def input_range(self) -> tuple[tuple[float, float], ...]:
-        """The PWM [µs] of full drive either way."""
-        return ((-PWM_FULL_SCALE, PWM_FULL_SCALE),) * 2
-
-    @property
-    def u_offset(self) -> Array:
-        """Zero drive."""
-        return np.zeros(2)
+    inputs = ROBOT_INPUTS
+    outputs = ROBOT_OUTPUTS
+    input_range = ((-PWM_FULL_SCALE, PWM_FULL_SCALE),) * 2
+    u_offset = np.zeros(2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,6 @@ from sysid.robot.mission.tracks.robot_plant import RobotPlant, TrackChannels
 from sysid.runners import floats
 from sysid.vehicle.dynamics import Forces, VehicleState, step, substeps_for
 from sysid.vehicle.floor import Floor
-from sysid.vehicle.kinematics import Real
 from sysid.vehicle.motors import Motor, TorqueSource
 from sysid.vehicle.tracked import TrackedVehicle
 
@@ -95,17 +94,13 @@ def _motor(robot: RobotPlant, source: TorqueSource, track: int) -> Motor:
             f"{zero:g} {robot.plant.inputs[driven].unit} here: set vehicle.command_scale"
         )
     motor = source.motors[read if len(source.motors) > 1 else 0]
-    return motor._replace(
-        torque=motor.torque * span,
-        limit=_shares(motor.limit, span),
-        offset=motor.offset / span,
-    )
+    plain = isinstance(motor.limit, float | np.floating)
+    limit = motor.limit if plain and math.isinf(motor.limit) else motor.limit / abs(span)
+    return motor._replace(torque=motor.torque * span, limit=limit, offset=motor.offset / span)
 
 
-def _shares(limit: Real, span: float) -> Real:
-    if isinstance(limit, float | np.floating) and not math.isfinite(limit):
-        return limit
-    return limit / abs(span)
+GROUND = Ground()
+"""Nothing more between tracks and ground."""
 
 
 @dataclass(frozen=True)
@@ -120,10 +115,7 @@ class GroundedPlant(TrackChannels):
     car: TrackedVehicle
     motors: tuple[Motor, Motor]
     floor: Floor
-
-    @property
-    def ground(self) -> Ground:
-        return Ground()
+    ground = GROUND
 
     def initial_state(self) -> Array:
         """At rest: speeds, then what acted last."""

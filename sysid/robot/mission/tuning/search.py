@@ -22,8 +22,8 @@ from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tuning.criteria import Criteria, Resolution, StepTest, criteria
 from sysid.robot.mission.tuning.front import Front, front
 from sysid.robot.mission.tuning.gain_runs import GainRuns, Runs
-from sysid.robot.mission.tuning.gain_space import GainSpace
-from sysid.robot.mission.tuning.linear_loops import LinearLoops, RuleGains
+from sysid.robot.mission.tuning.gain_space import GainSpace, rounded
+from sysid.robot.mission.tuning.linear_loops import LinearLoops
 from sysid.robot.mission.tuning.tuned import SAFE, GainSet, Tuning
 from sysid.structures.model import Model
 
@@ -159,22 +159,22 @@ def tune(
     judge = Judge(mission, plant, given)
     loops = LinearLoops(mission, judge.variant.robot)
     rules = loops.rules()
-    known = np.array([space.of_controller(control), *(_row(space, r) for r in rules)])
+    by_rule = [rounded(np.array([r.gains[name] for name in space.names])) for r in rules]
+    known = np.array([space.of_controller(control), *by_rule])
     search = _Search(space, judge, loops, given, progress)
     search.explore(known)
     search.refine()
     ranked = search.front(np.arange(1, len(rules) + 1))
     if ranked is None:
         raise ModelError(_hopeless(mission, judge.variant, given))
-    sets = _Sets(space, search.gains, search.criteria, loops)
-    members = tuple(sets.one(k) for k in ranked.members.tolist())
+    members = tuple(search.one(k) for k in ranked.members.tolist())
     proposed = _proposed(ranked, members)
     return Tuning(
         mission=mission.model_copy(update={"control": control.with_gains(members[proposed].gains)}),
         front=members,
         proposed=proposed,
-        present=sets.one(0, "present"),
-        rules=tuple(sets.one(k, r.name, r.axes) for k, r in enumerate(rules, 1)),
+        present=search.one(0, "present"),
+        rules=tuple(search.one(k, r.name, r.axes) for k, r in enumerate(rules, 1)),
         test=judge.test,
         tried=tuple(map(search.criteria.of, np.flatnonzero(search.criteria.arrives > 0).tolist())),
         trials=len(search.gains),
@@ -253,6 +253,12 @@ class _Search:
         members = front(values, Resolution().of(values, self._mission.control.period))
         return Front(rows[members.members], members.scaled)
 
+    def one(self, k: int, name: str = "", axes: tuple[str, ...] = ()) -> GainSet:
+        """A row as a set, with a name."""
+        gains = self.space.named(self.gains[k])
+        arrives = bool(self.criteria.arrives[k])
+        return GainSet(name, gains, self.criteria.of(k), self.loops.margins(gains), arrives, axes)
+
     def _drive(self, gains: Array) -> None:
         criteria = self.judge(gains)
         self.gains = np.concatenate([self.gains, gains])
@@ -262,27 +268,6 @@ class _Search:
         self._stable = np.concatenate([self._stable, stable])
         if self._progress is not None:
             self._progress(len(gains))
-
-
-@dataclass(frozen=True, eq=False)
-class _Sets:
-    """Rows of what was driven as sets with names."""
-
-    space: GainSpace
-    gains: Array
-    criteria: Criteria
-    loops: LinearLoops
-
-    def one(self, k: int, name: str = "", axes: tuple[str, ...] = ()) -> GainSet:
-        gains = self.space.named(self.gains[k])
-        arrives = bool(self.criteria.arrives[k])
-        return GainSet(name, gains, self.criteria.of(k), self.loops.margins(gains), arrives, axes)
-
-
-def _row(space: GainSpace, rule: RuleGains) -> Array:
-    from sysid.robot.mission.tuning.gain_space import rounded
-
-    return rounded(np.array([rule.gains[name] for name in space.names]))
 
 
 def _reflected(points: Array) -> Array:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from sysid.data.documents import plain
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.tuning.criteria import StepTest
 from sysid.robot.mission.tuning.linear_loops import Margins
@@ -57,7 +58,7 @@ class GainSet:
         facts: dict[str, Any] = {
             "gains": dict(self.gains),
             "criteria": dict(self.criteria),
-            "margins": {axis: _plain(m) for axis, m in self.margins.items()},
+            "margins": plain(self.margins),
             "arrives": self.arrives,
         }
         return {"name": self.name, **facts} if self.name else facts
@@ -153,15 +154,3 @@ class Tuning:
             "seconds": self.seconds,
             "sentence": self.sentence,
         }
-
-
-def _plain(m: Margins) -> dict[str, float | bool | None]:
-    """Margins by name; what is infinite is None."""
-    numbers = {
-        "gain": m.gain,
-        "phase_deg": m.phase_deg,
-        "delay_s": m.delay_s,
-        "crossover": m.crossover,
-        "peak": m.peak,
-    }
-    return {n: v if math.isfinite(v) else None for n, v in numbers.items()} | {"stable": m.stable}

@@ -22,7 +22,7 @@ from sysid.robot.mission.batch.varied_plant import ModelPlant
 from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns, wilson
 from sysid.robot.mission.monte_carlo.paths import paths_of
 from sysid.robot.mission.monte_carlo.runs import simulate_runs
-from sysid.robot.mission.monte_carlo.variance_shares import added, moments, shares
+from sysid.robot.mission.monte_carlo.variance_shares import moments, shares
 from sysid.robot.mission.monte_carlo.varied_runs import VariedRuns
 from sysid.robot.mission.spec import load_mission
 from sysid.robot.mission.variation import Spread, Variation
@@ -213,7 +213,7 @@ def test_shares_of_variance_are_found() -> None:
     varying = (("a", (0,)), ("b", (1,)), ("many", tuple(range(2, 12))))
     counts = np.ones(8000, dtype=bool)
     halves = [moments(z[s], varying, y[s], counts[s]) for s in (slice(4000), slice(4000, None))]
-    ranking = shares(added(halves), varying)
+    ranking = shares(sum(halves), varying)
     assert ranking is not None
     assert [d.name for d in ranking.ranked] == ["a", "b", "many"]
     shown = [d.share_of_variance for d in ranking.ranked]

@@ -34,7 +34,7 @@ def same(one: list[ChunkResult], other: list[ChunkResult]) -> None:
     """Equal to the last bit."""
     assert len(one) == len(other)
     for a, b in zip(one, other, strict=True):
-        for x, y in zip((*a.figures, a.time.gram), (*b.figures, b.time.gram), strict=True):
+        for x, y in zip((*a.figures, a.time), (*b.figures, b.time), strict=True):
             np.testing.assert_array_equal(x, y)
 
 

@@ -1,18 +1,14 @@
 """The sensors of a navigation law: those of the file, or the simplest suitable ones."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from sysid.errors import ModelError
 from sysid.robot.mission.contracts import Navigation, Sensor
-
-Make = Callable[[str], Sensor]
-"""From a kind to the sensor with its default figures."""
+from sysid.robot.mission.registry import law_class
 
 
-def equipped(
-    navigation: Navigation, sensors: Mapping[str, Sensor], make: Make
-) -> Mapping[str, Sensor]:
+def equipped(navigation: Navigation, sensors: Mapping[str, Sensor]) -> Mapping[str, Sensor]:
     """The sensors listed, or those a law takes where none is listed, with their default figures.
 
     Raises:
@@ -23,7 +19,8 @@ def equipped(
         raise ModelError(missing)
     if sensors:
         return sensors
-    return {kind: make(kind) for kind in _default_sensors(navigation)}
+    made: Any = {kind: law_class("sensors", kind)() for kind in _default_sensors(navigation)}
+    return dict(made)
 
 
 def lacking(navigation: Navigation, sensors: Mapping[str, Sensor]) -> str:
@@ -38,14 +35,11 @@ def lacking(navigation: Navigation, sensors: Mapping[str, Sensor]) -> str:
     )
 
 
-def assumed(
-    navigation: Navigation, sensors: Mapping[str, Sensor], dt: float, make: Make
-) -> tuple[str, ...]:
+def assumed(navigation: Navigation, sensors: Mapping[str, Sensor], dt: float) -> tuple[str, ...]:
     """A sentence for each thing about the sensors that a law takes for granted or leaves out.
 
     Args:
         dt: sample time of the plant [s].
-        make: gives the sensors that a law takes where none is listed.
     """
     said = []
     if not sensors and _default_sensors(navigation):
@@ -56,7 +50,7 @@ def assumed(
     layout = getattr(navigation, "layout", None)
     if layout is None:
         return tuple(said)
-    plan = layout(equipped(navigation, sensors, make), dt)
+    plan = layout(equipped(navigation, sensors), dt)
     if plan.too_late:
         said.append(
             f"what {_listed(plan.too_late)} reads comes later than navigation.buffer = "
