@@ -11,7 +11,7 @@ from . import reading, render, targets
 from .options import argument, changed, command, group, option
 
 if TYPE_CHECKING:
-    from sysid.data.excitation import Schedule
+    from sysid.data.schedule import Schedule
 
 
 class Design(StrEnum):
@@ -67,7 +67,7 @@ def excite(
     json: bool = reading.JSON,
 ) -> None:
     """Write a PWM schedule that excites the plant well."""
-    from sysid.data.excitation import write_schedule
+    from sysid.data.schedule import write_schedule
 
     path = output or Path(f"schedule_{design.value}.csv")
     schedule = _schedule(design, options, tracks, tuple(names or ()))
@@ -118,7 +118,7 @@ def _schedule(
 
 
 def _facts(schedule: "Schedule", design: Design, path: Path) -> dict[str, Any]:
-    from sysid.data.excitation import crest_factor
+    from sysid.data.schedule import crest_factor
 
     step = float(schedule.t[1] - schedule.t[0])
     return {

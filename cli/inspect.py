@@ -33,7 +33,8 @@ def inspect(
     """
     from sysid.data.bags.opening import is_bag
     from sysid.data.facts import LogFacts
-    from sysid.data.inspection import Severity, inspect_records, worst
+    from sysid.data.finding import Severity, worst
+    from sysid.data.inspection import inspect_records
     from sysid.data.preparation import read_prepared
 
     if not read.map and len(logs) == 1 and is_bag(logs[0]):

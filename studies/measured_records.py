@@ -7,7 +7,8 @@ to the linear structures, with the divisions that their authors name.
 from dataclasses import dataclass
 
 from studies.records import data_folder
-from sysid.data.io import ReadOptions, read_log
+from sysid.data.io import read_log
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Record
 
 DATA = data_folder()

@@ -15,14 +15,9 @@ from scipy import special
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from studies.residual_correlations import autocorrelation, cross_correlation
 from studies.runner import Study, by_case, fewer
-from sysid.criteria.residuals import (
-    autocorrelation,
-    cross_correlation,
-    feedback_test,
-    independence_test,
-    whiteness_test,
-)
+from sysid.criteria.residuals import feedback_test, independence_test, whiteness_test
 from sysid.data.checks.feedback import feedback_tests
 from sysid.data.record import Record
 from sysid.report.markdown import table

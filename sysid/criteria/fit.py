@@ -119,3 +119,40 @@ def _norm(parts: Sequence[Array], columns: int) -> Array:
     norm: Array = largest.copy()
     norm[usable] *= np.sqrt(np.einsum("ij,ij->j", scaled, scaled))
     return norm
+
+
+def one_output(errors: Signals) -> list[Array]:
+    """Residuals of one output as 1-D arrays, one a record.
+
+    Raises:
+        DataError: more than one column, an infinite value, or no sample.
+    """
+    records = as_records(errors, "errors")
+    if records[0].shape[1] != 1:
+        raise DataError(f"residuals of one output expected, got shape {records[0].shape}")
+    if any(np.isinf(r).any() for r in records):
+        raise DataError("the residuals are not finite; the model is unstable")
+    if all(np.isnan(r).all() for r in records):
+        raise DataError("no residual to test; give a longer record")
+    return [r[:, 0] for r in records]
+
+
+def inputs_of(inputs: Signals, lengths: list[int]) -> tuple[Array, ...]:
+    """The inputs as 2-D arrays of the given lengths.
+
+    Raises:
+        DataError: the lengths differ, or a value is not finite.
+    """
+    records = as_records(inputs, "inputs")
+    if [len(u) for u in records] != lengths:
+        raise DataError(f"{lengths} residuals but inputs of {[len(u) for u in records]} samples")
+    if not all(np.isfinite(u).all() for u in records):
+        raise DataError("the inputs hold values that are not finite; remove or repair them first")
+    return records
+
+
+def centred(signal: Array) -> Array:
+    """A record's signal without its mean over the samples that are not NaN."""
+    known = ~np.isnan(signal)
+    count = np.maximum(known.sum(axis=0), 1)
+    return np.asarray(signal - np.where(known, signal, 0.0).sum(axis=0) / count)

@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc
 
 from sysid.criteria.coloured import ar_fit
 from sysid.criteria.fit import Array
 from sysid.criteria.portmanteau import Mask, Trial, score
-from sysid.criteria.verdicts import ResidualTest
+from sysid.criteria.verdicts import ResidualTest, ScoredTest, in_words
 
 MIN_RESIDUALS = 20
 """Residuals below which nothing is tested, as in ``residuals.py``."""
@@ -81,64 +80,45 @@ def fixed_parameter_tests(
     if not es:
         return ()
     noise = None if noise_model else ar_fit(es)
+    share = 1.0 - (1.0 - level) / len(parameters)
     tests = []
     for k, parameter in enumerate(parameters):
-        outcome = score(
-            Trial(
-                errors=es,
-                signals=[h[:, [k]] for h in hs],
-                jacobian=js,
-                keep=keep,
-                rows=keep,
-                tested=range(1),
-                nuisance=range(0),
-                centred=False,
-                noise=noise,
-            )
+        signals = [h[:, [k]] for h in hs]
+        trial = Trial(es, signals, js, keep, tested=range(1), rows=keep, noise=noise)
+        tests.append(
+            _verdict(parameter, ScoredTest(score(trial), share, (parameter.name,), range(1)))
         )
-        share = 1.0 - (1.0 - level) / len(parameters)
-        larger = bool(outcome.parts[0, 0] > 0.0)
-        tests.append(_verdict(parameter, outcome.statistic, outcome.dof, share, larger))
     return tuple(tests)
 
 
-def _verdict(
-    parameter: FixedParameter, statistic: float, dof: int, level: float, larger: bool
-) -> ResidualTest:
-    p_value = float(chdtrc(dof, statistic)) if dof else 1.0
-    # a bound contradicts the data only where a better value lies beyond it
-    if parameter.stuck and larger != (
-        parameter.upper - parameter.value < parameter.value - parameter.lower
-    ):
-        p_value = 1.0
-    passed = p_value >= 1.0 - level
-    p = f"p = {p_value:.2g}" if p_value >= 1e-12 else "p < 1e-12"
-    where = "larger" if larger else "smaller"
-    at = f"{parameter.value:.6g}"
+def _verdict(parameter: FixedParameter, scored: ScoredTest) -> ResidualTest:
+    larger = bool(scored.score.parts[0, 0] > 0.0)
+    where, at = "larger" if larger else "smaller", f"{parameter.value:.6g}"
+    agrees = f"The data agree with {parameter.name} fixed at {at}"
+    contradicts = f"The data contradict {parameter.name} fixed at {at}"
+    advice = f"a {where} value fits better; estimate this parameter, or check the structure."
+    p_value = scored.p_value
     if parameter.stuck:
-        agrees = (
-            f"{parameter.name} ended at its bound {at}, and the data agree with that value ({p})."
+        agrees = f"{parameter.name} ended at its bound {at}, and the data agree with that value"
+        contradicts = (
+            f"{parameter.name} ended at its bound {at}, but a {where} value fits the data better"
         )
-        contradicted = (
-            f"{parameter.name} ended at its bound {at}, but a {where} value fits the data better "
-            f"({p}): widen the bound or check the structure."
-        )
-    else:
-        agrees = f"The data agree with {parameter.name} fixed at {at} ({p})."
-        contradicted = (
-            f"The data contradict {parameter.name} fixed at {at} ({p}): a {where} value fits "
-            "better; estimate this parameter, or check the structure."
-        )
+        advice = "widen the bound or check the structure."
+        # a bound contradicts the data only where a better value lies beyond it
+        above = parameter.upper - parameter.value < parameter.value - parameter.lower
+        p_value = p_value if larger == above else 1.0
+    passed = p_value >= 1.0 - scored.level
+    p = in_words(p_value)
     return ResidualTest(
         name="held parameter",
         output=parameter.name,
-        statistic=statistic,
-        dof=dof,
+        statistic=scored.score.statistic,
+        dof=scored.dof,
         p_value=p_value,
         passed=passed,
-        level=level,
+        level=scored.level,
         worst_lag=None,
         worst_signal=parameter.name,
         judged=True,
-        sentence=agrees if passed else contradicted,
+        sentence=f"{agrees} ({p})." if passed else f"{contradicts} ({p}): {advice}",
     )

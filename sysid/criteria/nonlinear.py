@@ -23,16 +23,14 @@ Sources: Billings & Voon (1986), Int. J. Control 44; Billings (2013), §5.2.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from sysid.criteria.coloured import AutoRegression, ar_fit
-from sysid.criteria.correlation import centred, inputs_of, one_output
-from sysid.criteria.fit import Array, Signals, as_records
-from sysid.criteria.portmanteau import Mask, Trial, score
-from sysid.criteria.residuals import LAGS, independence_test, whiteness_test
+from sysid.criteria.fit import Array, Signals, centred
+from sysid.criteria.portmanteau import score
+from sysid.criteria.residuals import OnInputs, independence_test, whiteness_test
 from sysid.criteria.verdicts import ResidualTest, ScoredTest
-from sysid.errors import DataError
 
 LARGE = 2.58
 """Errors beyond so many standard deviations count as that many in their size."""
@@ -40,49 +38,22 @@ LARGE = 2.58
 CONSTANT = 1e-10
 """Share of its power below which nothing is left of the square of an input."""
 
-MIN_RESIDUALS = 20
-
 FURTHER = ("error products", "input squares", "error size")
 NAMES = ("whiteness", "independence", *FURTHER)
 
 
 def nonlinear_tests(
-    errors: Signals,
-    inputs: Signals,
-    jacobian: Signals | None = None,
-    *,
-    level: float = 0.99,
-    noise_model: bool = True,
-    output_name: str = "the output",
-    input_names: Sequence[str] = (),
+    errors: Signals, inputs: Signals, jacobian: Signals | None = None, *, noise_model: bool = True
 ) -> tuple[ResidualTest, ...]:
     """Billings & Voon's five tests of one output's residuals, in the order of ``NAMES``.
 
     The first two are those of ``residuals.py``; arguments and errors as in
     :func:`further_tests`.
     """
-    es = one_output(errors)
-    white = whiteness_test(
-        es, jacobian, level=level, judged=noise_model, output_names=(output_name,)
-    )
-    independent = independence_test(
-        es,
-        inputs,
-        jacobian,
-        level=level,
-        output_name=output_name,
-        input_names=input_names,
-    )
-    further = further_tests(
-        es,
-        inputs,
-        jacobian,
-        level=level,
-        noise_model=noise_model,
-        output_name=output_name,
-        input_names=input_names,
-    )
-    return (white, independent, *further)
+    names = ("the output",)
+    white = whiteness_test(errors, jacobian, judged=noise_model, output_names=names)
+    independent = independence_test(errors, inputs, jacobian)
+    return (white, independent, *further_tests(errors, inputs, jacobian, noise_model=noise_model))
 
 
 def further_tests(
@@ -111,42 +82,22 @@ def further_tests(
     Raises:
         DataError: shapes do not fit, an input is not finite, or fewer than 20 residuals.
     """
-    es = one_output(errors)
-    us = [centred(u) for u in inputs_of(inputs, [len(e) for e in es])]
-    js = [np.zeros((len(e), 0)) for e in es]
-    if jacobian is not None:
-        js = list(as_records(jacobian, "jacobian"))
-    none = [np.zeros((len(e), 0)) for e in es]
-    gs = (
-        none
-        if uncertain is None
-        else [np.nan_to_num(g) for g in as_records(uncertain, "uncertain")]
-    )
-    names = tuple(input_names) or tuple(f"input {i + 1}" for i in range(us[0].shape[1]))
-    missing = [np.isnan(np.column_stack([e, j])).any(axis=1) for e, j in zip(es, js, strict=True)]
-    keep: list[Mask] = [np.asarray(~m) for m in missing]
-    samples = sum(int(k.sum()) for k in keep)
-    if samples < MIN_RESIDUALS:
-        raise DataError(
-            f"{samples} residuals of {output_name} are too few to test; at least {MIN_RESIDUALS} "
-            "needed"
-        )
-    lags = max(1, min(LAGS, samples // (10 * len(names))))
-    known = [centred(np.where(k, e, np.nan)) for k, e in zip(keep, es, strict=True)]
-    filled = [np.nan_to_num(e) for e in known]
-    squares = _squares(us)
-    products = [e[:, None] * u for e, u in zip(filled, us, strict=True)]
-    sizes = _sizes(known)
+    given = OnInputs.of(errors, inputs, jacobian, uncertain, input_names)
+    # the size is flat in θ where ε is independent of the past: nothing to project out
+    none = [np.zeros((len(e), 0)) for e in given.known]
+    size = replace(given, known=_sizes(given.known), jacobian=none, uncertain=none)
+    squares = _squares(given.inputs)
+    products = [e[:, None] * u for e, u in zip(given.filled, given.inputs, strict=True)]
     tests = []
-    for name, target, signals, jacobians, unsure, first, noise in (
-        ("error products", filled, products, js, gs, 1, None),
-        ("input squares", filled, squares, js, gs, 0, ar_fit(known)),
-        # the size is flat in θ where ε is independent of the past: nothing to project out
-        ("error size", [np.nan_to_num(s) for s in sizes], squares, none, none, 0, ar_fit(sizes)),
+    for name, residuals, signals, first, noise in (
+        ("error products", given, products, 1, None),
+        ("input squares", given, squares, 0, given.noise),
+        ("error size", size, squares, 0, size.noise),
     ):
-        trial = _trial(target, signals, jacobians, unsure, keep, range(first, lags + 1), noise)
+        trial = residuals.trial(signals, range(first, given.affordable() + 1), noise=noise)
+        result = ScoredTest(score(trial), level, given.names, trial.tested)
         judged = noise_model or name != "error products"
-        tests.append(_verdict(name, trial, level, judged, output_name, names))
+        tests.append(result.test(name, output_name, _SAYS[name], judged=judged))
     return tuple(tests)
 
 
@@ -173,30 +124,6 @@ def _sizes(known: Sequence[Array]) -> list[Array]:
     return [centred(np.minimum(e**2, largest)) for e in known]
 
 
-def _trial(
-    target: Sequence[Array],
-    signals: Sequence[Array],
-    jacobians: Sequence[Array],
-    uncertain: Sequence[Array],
-    keep: Sequence[Mask],
-    tested: range,
-    noise: AutoRegression | None,
-) -> Trial:
-    rows = [np.asarray(k & (np.arange(len(k)) >= tested[-1])) for k in keep]
-    return Trial(
-        errors=target,
-        signals=signals,
-        jacobian=jacobians,
-        keep=keep,
-        rows=rows,
-        tested=tested,
-        nuisance=range(0),
-        centred=True,
-        noise=noise,
-        uncertain=uncertain,
-    )
-
-
 _SAYS = {
     "error products": (
         "Products of past residuals and inputs do not predict {output} ({p}).",
@@ -218,14 +145,3 @@ _SAYS = {
         "{output} cannot be tested.",
     ),
 }
-
-
-def _verdict(
-    name: str, trial: Trial, level: float, judged: bool, output: str, inputs: Sequence[str]
-) -> ResidualTest:
-    outcome = score(trial)
-    scored = ScoredTest(outcome, outcome.dof, level, tuple(inputs))
-    right, wrong, empty = _SAYS[name]
-    text = empty if scored.dof == 0 else right if scored.passed else wrong
-    words = text.format(output=output, signal=scored.signal, lag=scored.lag, p=scored.says)
-    return scored.test(name, output, judged, words)

@@ -63,9 +63,9 @@ class Trial:
         signals: signals whose lags are the instruments, (N, m), 0 where missing.
         jacobian: ∂ŷ/∂θ, (N, n), 0 where missing.
         keep: (N,), False where the residual is missing: such rows take no part at all.
-        rows: (N,), False where an instrument would reach outside the record: it is 0 there.
         tested: lags that make Z.
         nuisance: lags whose effect is removed from Z.
+        rows: (N,), False where an instrument would reach outside the record: it is 0 there.
         centred: whether each record's mean is removed.
         noise: model of the residuals' colour; None for white.
         uncertain: G√P, (N, k): what the uncertainty of parameters that were estimated from other
@@ -77,11 +77,11 @@ class Trial:
     signals: Sequence[Array]
     jacobian: Sequence[Array]
     keep: Sequence[Mask]
-    rows: Sequence[Mask]
     tested: range
-    nuisance: range
-    centred: bool
-    noise: AutoRegression | None
+    rows: Sequence[Mask]
+    nuisance: range = range(0)
+    centred: bool = False
+    noise: AutoRegression | None = None
     uncertain: Sequence[Array] = ()
     basis: Sequence[Array] | None = None
 

@@ -22,36 +22,47 @@ projection; Sims (1972) for future inputs; Söderström & Stoica (1990) for Σ.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from sysid.criteria.coloured import AutoRegression, ar_fit
-from sysid.criteria.correlation import (
-    Correlation,
-    autocorrelation,
-    centred,
-    cross_correlation,
-    inputs_of,
-    one_output,
-)
-from sysid.criteria.fit import Array, Signals, as_records
+from sysid.criteria.fit import Array, Signals, as_records, centred, inputs_of, one_output
 from sysid.criteria.portmanteau import Mask, Trial, orthonormal, score
 from sysid.criteria.verdicts import ResidualReport, ResidualTest, ScoredTest
 from sysid.errors import DataError
 
-__all__ = [
-    "Correlation",
-    "autocorrelation",
-    "cross_correlation",
-    "feedback_test",
-    "independence_test",
-    "residual_report",
-    "whiteness_test",
-]
-
-
 LAGS = 25
 """Largest lag tested, each way: the choice of Ljung (1999) §16.6; lowered on short records."""
+
+_NOT_WHITE = (
+    "The residuals of {output} are not white ({p}), {signal} {lag} samples earlier is the best "
+    "predictor: "
+)
+_WHITENESS = {
+    judged: (
+        "The residuals of {output} are white up to lag {last} ({p}).",
+        _NOT_WHITE + advice,
+        "The residuals of {output} are zero: nothing to test.",
+    )
+    for judged, advice in (
+        (True, "raise the orders of the noise model (nc, nd) or of the dynamics."),
+        (False, "acceptable for a structure without noise model."),
+    )
+}
+_INDEPENDENCE = (
+    "The residuals of {output} do not depend on past inputs ({p}).",
+    "The residuals of {output} are correlated with the inputs ({p}), mostly with {signal} {lag} "
+    "samples earlier: dynamics are missing; raise nb and nf (or na), check the delay nk, or try a "
+    "nonlinear structure.",
+    "No input direction can be tested on {output}: excite the input more.",
+)
+_FEEDBACK = (
+    "No sign of feedback from {output} to the inputs ({p}).",
+    "{signal} responds to {output} ({p}): the log is of a closed loop; prefer structures with a "
+    "noise model and check OE and delays.",
+    "The inputs are predictable: feedback from {output} cannot be tested.",
+)
 
 
 def whiteness_test(
@@ -59,7 +70,6 @@ def whiteness_test(
     jacobian: Signals | None = None,
     *,
     output: int = 0,
-    n_parameters: int = 0,
     level: float = 0.99,
     judged: bool = True,
     output_names: Sequence[str] = (),
@@ -68,10 +78,8 @@ def whiteness_test(
     """Whether one output's residuals are unpredictable from the past residuals of all outputs.
 
     Ljung–Box's portmanteau in its score form: Z holds ε(t−1)…ε(t−25) of every output (fewer where
-    a record has fewer than 10 samples a correlation), C =
-    σ̂²Z̃ᵀZ̃. With the Jacobian the estimated parameters count for exactly what they absorb;
-    without it ``n_parameters`` (those of the noise model) are taken off the degrees of freedom.
-    The mean is not removed: residuals with an offset are not white.
+    a record has fewer than 10 samples a correlation), C = σ̂²Z̃ᵀZ̃. The estimated parameters count
+    for exactly what they absorb. The mean is not removed: residuals with an offset are not white.
 
     Args:
         errors: residuals of all outputs, (N, ny), or one such array a record; rows with NaN
@@ -79,7 +87,6 @@ def whiteness_test(
         jacobian: ∂ŷ/∂θ of the tested output by what was estimated from these data, (N, n), or one
             such array a record.
         output: index of the tested output.
-        n_parameters: parameters to discount when there is no Jacobian.
         judged: False for a structure without noise model.
         uncertain: G√P of parameters estimated from other data, (N, k), or one such array a record.
 
@@ -87,45 +94,21 @@ def whiteness_test(
         DataError: shapes do not fit, or fewer than 20 complete rows.
     """
     es = as_records(errors, "errors")
-    ny = es[0].shape[1]
-    names = tuple(output_names) or tuple(f"output {i + 1}" for i in range(ny))
+    names = named(output_names, "output", es)
     js = _jacobian_records(jacobian, es)
-    gs = _uncertain_records(uncertain, es)
     keep = _complete(es, js)
     filled = [np.where(k[:, None], e, 0.0) for k, e in zip(keep, es, strict=True)]
-    one_output([e[:, output] for e in filled])
-    lags = _affordable(LAGS, keep, ny)
     trial = Trial(
-        errors=[e[:, output] for e in filled],
+        errors=one_output([e[:, output] for e in filled]),
         signals=filled,
         jacobian=js,
         keep=keep,
         rows=keep,
-        tested=range(1, lags + 1),
-        nuisance=range(0),
-        centred=False,
-        noise=None,
-        uncertain=gs,
+        tested=range(1, _affordable(keep, len(names)) + 1),
+        uncertain=_uncertain_records(uncertain, es),
     )
-    outcome = score(trial)
-    dof = outcome.dof if jacobian is not None else max(outcome.dof - n_parameters, 1)
-    result = ScoredTest(outcome, min(dof, outcome.dof), level, names, trial.tested)
-    who = names[output]
-    if result.dof == 0:
-        sentence = f"The residuals of {who} are zero: nothing to test."
-    elif result.passed:
-        sentence = f"The residuals of {who} are white up to lag {lags} ({result.says})."
-    else:
-        advice = (
-            "raise the orders of the noise model (nc, nd) or of the dynamics."
-            if judged
-            else "acceptable for a structure without noise model."
-        )
-        sentence = (
-            f"The residuals of {who} are not white ({result.says}), {result.signal} "
-            f"{result.lag} samples earlier is the best predictor: {advice}"
-        )
-    return result.test("whiteness", who, judged, sentence)
+    result = ScoredTest(score(trial), level, names, trial.tested)
+    return result.test("whiteness", names[output], _WHITENESS[judged], judged=judged)
 
 
 def independence_test(
@@ -155,26 +138,8 @@ def independence_test(
     Raises:
         DataError: shapes do not fit, an input is not finite, or fewer than 20 usable samples.
     """
-    given = _OnInputs.of(errors, inputs, jacobian, uncertain)
-    return _independence(given, lags, level, output_name, input_names)
-
-
-def _independence(
-    given: "_OnInputs", lags: int, level: float, output_name: str, input_names: Sequence[str]
-) -> ResidualTest:
-    result = _input_trial(given, lags, level, input_names, future=False)
-    if result.dof == 0:
-        sentence = f"No input direction can be tested on {output_name}: excite the input more."
-    elif result.passed:
-        sentence = f"The residuals of {output_name} do not depend on past inputs ({result.says})."
-    else:
-        sentence = (
-            f"The residuals of {output_name} are correlated with the inputs ({result.says}), "
-            "mostly with "
-            f"{result.signal} {result.lag} samples earlier: dynamics are missing; raise nb and "
-            "nf (or na), check the delay nk, or try a nonlinear structure."
-        )
-    return result.test("independence", output_name, True, sentence)
+    given = OnInputs.of(errors, inputs, jacobian, uncertain, input_names)
+    return _independence(given, level, output_name, lags)
 
 
 def feedback_test(
@@ -182,37 +147,35 @@ def feedback_test(
     inputs: Signals,
     jacobian: Signals | None = None,
     *,
-    lags: int = LAGS,
     level: float = 0.99,
     output_name: str = "the output",
     input_names: Sequence[str] = (),
     uncertain: Signals | None = None,
 ) -> ResidualTest:
-    """Whether one output's residuals are followed by reactions of the inputs, lags −lags…−1.
+    """Whether one output's residuals are followed by reactions of the inputs, lags −25…−1.
 
     Future inputs count only for what present and past inputs do not predict of them (Sims 1972):
     otherwise a model that is too small would look like feedback wherever the input is slow.
     Arguments and errors as in :func:`independence_test`. Never judged: feedback is a property of
     the data, with which models that carry a noise model (ARX, ARMAX, BJ) can live.
     """
-    given = _OnInputs.of(errors, inputs, jacobian, uncertain)
-    return _feedback(given, lags, level, output_name, input_names)
+    given = OnInputs.of(errors, inputs, jacobian, uncertain, input_names)
+    return _feedback(given, level, output_name)
 
 
-def _feedback(
-    given: "_OnInputs", lags: int, level: float, output_name: str, input_names: Sequence[str]
-) -> ResidualTest:
-    result = _input_trial(given, lags, level, input_names, future=True)
-    if result.dof == 0:
-        sentence = f"The inputs are predictable: feedback from {output_name} cannot be tested."
-    elif result.passed:
-        sentence = f"No sign of feedback from {output_name} to the inputs ({result.says})."
-    else:
-        sentence = (
-            f"{result.signal} responds to {output_name} ({result.says}): the log is of a closed "
-            "loop; prefer structures with a noise model and check OE and delays."
-        )
-    return result.test("feedback", output_name, False, sentence)
+def _independence(given: "OnInputs", level: float, output: str, lags: int = LAGS) -> ResidualTest:
+    past = range(given.affordable(lags) + 1)
+    trial = given.trial(given.inputs, past, noise=given.noise)
+    result = ScoredTest(score(trial), level, given.names, past)
+    return result.test("independence", output, _INDEPENDENCE)
+
+
+def _feedback(given: "OnInputs", level: float, output: str) -> ResidualTest:
+    lags = given.affordable(LAGS, 2)
+    future = range(-lags, 0)
+    trial = given.trial(given.inputs, future, range(lags + 1), noise=given.noise)
+    result = ScoredTest(score(trial), level, given.names, future)
+    return result.test("feedback", output, _FEEDBACK, judged=False)
 
 
 def residual_report(
@@ -245,82 +208,109 @@ def residual_report(
     ny = es[0].shape[1]
     if jacobians is not None and len(jacobians) != ny:
         raise DataError(f"{ny} outputs but {len(jacobians)} Jacobians; give one for each output")
-    names = tuple(output_names) or tuple(f"output {i + 1}" for i in range(ny))
+    names = named(output_names, "output", es)
     each = 1.0 - (1.0 - level) / ny
-    white: list[ResidualTest] = []
-    independent: list[ResidualTest] = []
-    feedback: list[ResidualTest] = []
+    tests: list[tuple[ResidualTest, ...]] = []
     for i, name in enumerate(names):
         jacobian = None if jacobians is None else jacobians[i]
         unsure = None if uncertain is None else uncertain[i]
-        column = [e[:, i] for e in es]
-        white.append(
-            whiteness_test(
-                es,
-                jacobian,
-                output=i,
-                level=each,
-                judged=noise_model,
-                output_names=names,
-                uncertain=unsure,
-            )
-        )
-        given = _OnInputs.of(column, inputs, jacobian, unsure)
-        independent.append(_independence(given, LAGS, each, name, input_names))
-        feedback.append(_feedback(given, LAGS, each, name, input_names))
-    return ResidualReport(tuple(white), tuple(independent), tuple(feedback), level)
+        white = whiteness_test(
+            es, jacobian, output=i, level=each, judged=noise_model, output_names=names,
+            uncertain=unsure,
+        )  # fmt: skip
+        given = OnInputs.of([e[:, i] for e in es], inputs, jacobian, unsure, input_names)
+        tests.append((white, _independence(given, each, name), _feedback(given, each, name)))
+    whiteness, independence, feedback = zip(*tests, strict=True)
+    return ResidualReport(whiteness, independence, feedback, level)
 
 
 @dataclass(frozen=True, eq=False)
-class _OnInputs:
-    """What the tests against inputs share, one array a record: see ``Trial``."""
+class OnInputs:
+    """What the tests of one output against inputs share, one array a record: see ``Trial``.
 
-    errors: Sequence[Array]
+    Attributes:
+        known: residuals without their means, (N,), NaN where missing.
+        inputs: without their means, (N, nu).
+        names: of the inputs.
+        jacobian, uncertain, keep: as a ``Trial`` has them.
+    """
+
+    known: Sequence[Array]
     inputs: Sequence[Array]
+    names: tuple[str, ...]
     jacobian: Sequence[Array]
-    keep: Sequence[Mask]
     uncertain: Sequence[Array]
-    noise: AutoRegression
-    basis: Sequence[Array]
+    keep: Sequence[Mask]
 
     @staticmethod
     def of(
-        errors: Signals, inputs: Signals, jacobian: Signals | None, uncertain: Signals | None
-    ) -> "_OnInputs":
-        """One output's residuals without their means, their colour, what the fit absorbed."""
+        errors: Signals,
+        inputs: Signals,
+        jacobian: Signals | None,
+        uncertain: Signals | None,
+        input_names: Sequence[str],
+    ) -> "OnInputs":
+        """One output's residuals, and what the fit absorbed.
+
+        Raises:
+            DataError: shapes do not fit, an input is not finite, or fewer than 20 usable samples.
+        """
         es = one_output(errors)
         us = [centred(u) for u in inputs_of(inputs, [len(e) for e in es])]
         js = _jacobian_records(jacobian, es)
         keep = _complete([e[:, None] for e in es], js)
-        _affordable(LAGS, keep, us[0].shape[1])  # refuses too few samples
-        noise = ar_fit([np.where(k, centred(e), np.nan) for e, k in zip(es, keep, strict=True)])
-        filled = [np.where(k, centred(e), 0.0) for e, k in zip(es, keep, strict=True)]
-        unsure = _uncertain_records(uncertain, es)
-        return _OnInputs(filled, us, js, keep, unsure, noise, orthonormal(js, keep, True))
+        _affordable(keep, us[0].shape[1])  # refuses too few samples
+        known = [np.where(k, centred(e), np.nan) for k, e in zip(keep, es, strict=True)]
+        names = named(input_names, "input", us)
+        return OnInputs(known, us, names, js, _uncertain_records(uncertain, es), keep)
+
+    @cached_property
+    def filled(self) -> list[Array]:
+        """Residuals with 0 where they are missing."""
+        return [np.nan_to_num(e) for e in self.known]
+
+    @cached_property
+    def noise(self) -> AutoRegression:
+        """The colour of the residuals."""
+        return ar_fit(self.known)
+
+    @cached_property
+    def basis(self) -> Sequence[Array]:
+        """``orthonormal`` of the Jacobian."""
+        return orthonormal(self.jacobian, self.keep, True)
+
+    def affordable(self, lags: int = LAGS, ways: int = 1) -> int:
+        """At most ``lags`` of all inputs, tested in so many ways, see ``_affordable``."""
+        return _affordable(self.keep, ways * len(self.names), lags)
+
+    def trial(
+        self,
+        signals: Sequence[Array],
+        tested: range,
+        nuisance: range = range(0),
+        *,
+        noise: AutoRegression | None,
+    ) -> Trial:
+        """A test of the residuals against lags of signals, (N, nu)."""
+        before, after = max(*tested, *nuisance), max(-tested[0], 0)
+        return Trial(
+            errors=self.filled,
+            signals=signals,
+            jacobian=self.jacobian,
+            keep=self.keep,
+            rows=[k & _inside(len(k), before, after) for k in self.keep],
+            tested=tested,
+            nuisance=nuisance,
+            centred=True,
+            noise=noise,
+            uncertain=self.uncertain,
+            basis=self.basis,
+        )
 
 
-def _input_trial(
-    given: _OnInputs, lags: int, level: float, input_names: Sequence[str], *, future: bool
-) -> ScoredTest:
-    nu = given.inputs[0].shape[1]
-    names = tuple(input_names) or tuple(f"input {i + 1}" for i in range(nu))
-    lags = _affordable(lags, given.keep, nu * (2 if future else 1))
-    past = range(lags + 1)
-    trial = Trial(
-        errors=given.errors,
-        signals=given.inputs,
-        jacobian=given.jacobian,
-        keep=given.keep,
-        rows=[k & _inside(len(k), lags, lags if future else 0) for k in given.keep],
-        tested=range(-lags, 0) if future else past,
-        nuisance=past if future else range(0),
-        centred=True,
-        noise=given.noise,
-        uncertain=given.uncertain,
-        basis=given.basis,
-    )
-    outcome = score(trial)
-    return ScoredTest(outcome, outcome.dof, level, names, trial.tested)
+def named(given: Sequence[str], kind: str, records: Sequence[Array]) -> tuple[str, ...]:
+    """The names of the columns of records; ``input 1`` … where none are given."""
+    return tuple(given) or tuple(f"{kind} {i + 1}" for i in range(records[0].shape[1]))
 
 
 def _complete(es: Sequence[Array], js: Sequence[Array]) -> list[Mask]:
@@ -338,7 +328,7 @@ def _inside(samples: int, before: int, after: int) -> Mask:
     return np.asarray((t >= before) & (t < samples - after))
 
 
-def _affordable(lags: int, keep: Sequence[Mask], signals: int) -> int:
+def _affordable(keep: Sequence[Mask], signals: int, lags: int = LAGS) -> int:
     """At most ``lags``, with 10 samples for every correlation, and at least 1.
 
     Raises:

@@ -74,16 +74,20 @@ class ScoredTest:
 
     Attributes:
         score: statistic, and what is behind it.
-        dof: degrees of freedom that count.
+        level: confidence level.
         names: of the signals tested against.
-        lags: those tested where they are to be shown one by one.
+        lags: those tested.
     """
 
     score: Score
-    dof: int
     level: float
     names: tuple[str, ...]
-    lags: range | None = None
+    lags: range
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom."""
+        return self.score.dof
 
     @property
     def p_value(self) -> float:
@@ -95,41 +99,34 @@ class ScoredTest:
         """Whether it may be chance."""
         return self.p_value >= 1.0 - self.level
 
-    @property
-    def signal(self) -> str | None:
-        """The signal that the errors depend on most."""
-        return self.names[self.score.worst[0]] if self.score.worst else None
+    def test(
+        self, name: str, output: str, sentences: tuple[str, str, str], *, judged: bool = True
+    ) -> ResidualTest:
+        """The result in words.
 
-    @property
-    def lag(self) -> int | None:
-        """How many samples earlier."""
-        return self.score.worst[1] if self.score.worst else None
-
-    @property
-    def says(self) -> str:
-        """The p-value in words."""
-        p = self.p_value
-        return f"p = {p:.2g}" if p >= 1e-12 else "p < 1e-12"
-
-    def test(self, name: str, output: str, judged: bool, sentence: str) -> ResidualTest:
-        """The result, with the sentence that states it."""
-        parts = None
-        if self.lags is not None:
-            parts = LagParts(tuple(self.lags), self.names, self.score.parts)
-        return ResidualTest(
-            name=name,
-            output=output,
-            statistic=self.score.statistic,
-            dof=self.dof,
-            p_value=self.p_value,
-            passed=self.passed,
-            level=self.level,
-            worst_lag=self.lag,
-            worst_signal=self.signal,
-            judged=judged,
-            sentence=sentence,
-            parts=parts,
+        Args:
+            name: of the test.
+            output: whose residuals were tested.
+            sentences: for a test that passed, one that failed, and one with nothing to test, with
+                ``{output}``, ``{signal}``, ``{lag}``, ``{last}`` (the largest lag) and ``{p}``.
+            judged: whether the outcome counts against the model.
+        """
+        right, wrong, empty = sentences
+        worst, p = self.score.worst, self.p_value
+        signal, lag = (None, None) if worst is None else (self.names[worst[0]], worst[1])
+        sentence = (empty if self.dof == 0 else right if self.passed else wrong).format(
+            output=output, signal=signal, lag=lag, last=max(self.lags), p=in_words(p)
         )
+        parts = LagParts(tuple(self.lags), self.names, self.score.parts)
+        return ResidualTest(
+            name, output, self.score.statistic, self.dof, p, self.passed, self.level, lag, signal,
+            judged, sentence, parts,
+        )  # fmt: skip
+
+
+def in_words(p: float) -> str:
+    """A p-value as a sentence gives it."""
+    return f"p = {p:.2g}" if p >= 1e-12 else "p < 1e-12"
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
-from sysid.data.unit_words import ending, without_unit
+from sysid.data.unit_words import ending, without_unit, word_groups, word_set
 
 Quantity = Literal["command", "speed", "measurement", "reference", "supply", "other"]
 """What a column holds: a command to the plant, a speed, another measurement, a set point, the
@@ -20,57 +20,42 @@ SIDES = {
 }
 """Word -> the side of the robot that it names."""
 
-COMMANDS: tuple[tuple[str, ...], ...] = (
-    ("pwm",),
-    ("duty", "dutycycle", "throttle", "gas", "gaspedal", "fahrpedal", "pedal"),
-    (
-        *("cmd", "command", "befehl", "kommando", "commande", "stellgröße", "stellgroesse"),
-        *("stellsignal", "stellwert", "pid", "controller", "regler", "reglerausgang"),
-        *("brake", "bremse", "frein"),
-    ),
-    ("volt", "volts", "voltage", "spannung"),
-    ("control", "ctrl", "effort", "drive", "power", "leistung"),
-    (
-        *("rudder", "ruder", "ruderwinkel", "gouvernail", "steer", "steering", "lenkung"),
-        *("lenkwinkel", "heater", "heizung", "heat", "chauffage", "pump", "pumpe", "pompe"),
-        *("valve", "ventil", "vanne", "fan", "lüfter", "relay"),
-        *("esc", "servo", "damper", "klappe"),
-    ),
-    ("u", "motor", "mot"),
+COMMANDS = word_groups(
+    "pwm",
+    "duty dutycycle throttle gas gaspedal fahrpedal pedal",
+    "cmd command befehl kommando commande stellgröße stellgroesse stellsignal stellwert pid "
+    "controller regler reglerausgang brake bremse frein",
+    "volt volts voltage spannung",
+    "control ctrl effort drive power leistung",
+    "rudder ruder ruderwinkel gouvernail steer steering lenkung lenkwinkel heater heizung heat "
+    "chauffage pump pumpe pompe valve ventil vanne fan lüfter relay esc servo damper klappe",
+    "u motor mot",
 )
 """Words of a command, the clearest first: the first group with one of a name's words counts."""
 
 MEASURED_TOO = (3, 4, 6)
 """Groups of ``COMMANDS`` whose words are measured as often as they are commanded."""
 
-SPEEDS: tuple[tuple[str, ...], ...] = (
-    ("omega", "w"),
-    ("rpm", "upm", "drehzahl", "tacho"),
-    ("speed", "vel", "velocity", "geschwindigkeit", "wheelspeed", "motorspeed", "vitesse"),
-    ("v",),
+SPEEDS = word_groups(
+    "omega w",
+    "rpm upm drehzahl tacho",
+    "speed vel velocity geschwindigkeit wheelspeed motorspeed vitesse",
+    "v",
 )
 """Words of a speed, in the same way."""
 
 SPEED_UNITS = frozenset(("rpm", "rad/s", "deg/s", "rev/s", "m/s", "mm/s", "cm/s", "km/h"))
 """Units that make a column a speed where no word does: ``left_rpm``."""
 
-MEASUREMENTS: tuple[tuple[str, ...], ...] = (
-    (
-        *("y", "out", "output", "ausgang", "measured", "actual", "feedback", "istwert", "ist"),
-        *("messwert", "pv"),
-    ),
-    (
-        *("temp", "temperature", "temperatur", "température", "level", "füllstand"),
-        *("fuellstand", "pegel", "niveau"),
-    ),
-    (
-        *("pressure", "druck", "pression", "flow", "durchfluss", "débit", "debit", "force"),
-        *("kraft", "thrust", "schub", "torque", "drehmoment"),
-    ),
-    ("position", "pos", "angle", "winkel", "displacement", "weg", "theta", "phi", "abstand"),
-    ("yawrate", "gyro", "gierrate", "drehrate"),
-    ("current", "strom", "courant", "accel", "acceleration", "beschleunigung"),
-    ("enc", "encoder", "ticks", "counts"),
+MEASUREMENTS = word_groups(
+    "y out output ausgang measured actual feedback istwert ist messwert pv",
+    "temp temperature temperatur température level füllstand fuellstand pegel niveau",
+    "pressure druck pression flow durchfluss débit debit force kraft thrust schub torque "
+    "drehmoment",
+    "position pos angle winkel displacement weg theta phi abstand",
+    "yawrate gyro gierrate drehrate",
+    "current strom courant accel acceleration beschleunigung",
+    "enc encoder ticks counts",
 )
 """Words of other measurements, in the same way."""
 
@@ -80,21 +65,17 @@ PROCESS_MEASUREMENTS = MEASUREMENTS[1:3]
 PROCESS_UNITS = frozenset(("degC", "°C", "K", "Pa", "N"))
 """Units of such measurements in a record, where no word states what is measured."""
 
-DRIVES = frozenset(
-    (
-        *("torque", "drehmoment", "moment", "couple", "force", "kraft", "current", "strom"),
-        *("courant", "freq", "frequency", "frequenz", "fréquence", "hz"),
-    )
+DRIVES = word_set(
+    "torque drehmoment moment couple force kraft current strom courant freq frequency frequenz "
+    "fréquence hz"
 )
 """Words of what drives a plant where nothing else in the log does: each is measured too, but turns,
 moves or pumps what the other columns measure."""
 
-SET_POINTS = frozenset(
-    (
-        *("ref", "reference", "setpoint", "sp", "desired", "des", "target", "goal"),
-        *("soll", "sollwert", "führungsgröße", "fuehrungsgroesse", "vorgabe", "consigne", "demand"),
-        *("consigna", "alvo", "objetivo", "börvärde", "gewenst", "zadana", "setpunt"),
-    )
+SET_POINTS = word_set(
+    "ref reference setpoint sp desired des target goal soll sollwert führungsgröße "
+    "fuehrungsgroesse vorgabe consigne demand consigna alvo objetivo börvärde gewenst zadana "
+    "setpunt"
 )
 """Words of what a controller is to reach."""
 

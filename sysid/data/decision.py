@@ -24,6 +24,11 @@ class Decision:
         return {"what": self.what, "value": self.value, "change": change}
 
 
+def amount(count: int, noun: str) -> str:
+    """``1 row``, ``2 rows``."""
+    return f"{count} {noun}" + ("" if count == 1 else "s")
+
+
 def listed(names: Sequence[str], most: int = 6) -> str:
     """The names, cut short where there are many."""
     rest = len(names) - most

@@ -9,21 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.data.schedule import Schedule, crest_factor, sample_count, with_rests, write_schedule
+from sysid.data.schedule import Schedule, crest_factor, sample_count, with_rests
 from sysid.errors import UsageError
-
-__all__ = [
-    "DESIGNS",
-    "Schedule",
-    "chirp",
-    "crest_factor",
-    "multisine",
-    "prbs",
-    "pulses",
-    "steps",
-    "write_schedule",
-]
-
 
 ROBOT_INPUTS = ("pwm_l", "pwm_r")
 

@@ -23,10 +23,9 @@ from sysid.data.noise import measurement_noise, settles
 from sysid.data.outliers import Bridged, bridged
 from sysid.data.process import ProcessFit
 from sysid.data.reading.stale import Refresh, at_own_rate, refreshes, without_repeats
-from sysid.data.record import Array, Record
+from sysid.data.record import Array, Record, shortened
 from sysid.data.resolution import sensor_step
 from sysid.data.rest import Rest, rest_head
-from sysid.data.shortened import shortened
 from sysid.data.speed import Speed, estimate_speed
 from sysid.errors import DataError
 
@@ -235,10 +234,7 @@ def without_drift(record: Record) -> Record:
     """
     every = -(-len(record) // SAMPLES)
     n = len(record) // every
-    u, y = (x[: n * every].reshape(n, every, -1).mean(axis=1) for x in (record.u, record.y))
-    coarse = replace(
-        record, u=u, y=y, dt=record.dt * every, pose=None, references=None, weights=None, sha256=""
-    )
+    coarse = replace(record.averaged(every), sha256="")
     moved = record.y.copy()
     at = np.arange(len(record)) / every - 0.5 * (every - 1) / every
     for j, fit in enumerate(LogFacts((coarse,)).processes):

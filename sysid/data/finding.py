@@ -1,8 +1,12 @@
 """Finding: one verdict on the data, in words, with what to do about it."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import wraps
+from typing import ParamSpec
+
+Arguments = ParamSpec("Arguments")
 
 
 class Severity(IntEnum):
@@ -47,6 +51,23 @@ class Finding:
     def text(self) -> str:
         """Sentence and advice in one string."""
         return f"{self.sentence} {self.advice}".strip()
+
+
+def ok_unless(
+    code: str, sentence: str
+) -> Callable[[Callable[Arguments, Iterable[Finding]]], Callable[Arguments, list[Finding]]]:
+    """Makes a check of what yields findings: where there are none it says the sentence."""
+
+    def check_of(
+        found: Callable[Arguments, Iterable[Finding]],
+    ) -> Callable[Arguments, list[Finding]]:
+        @wraps(found)
+        def check(*args: Arguments.args, **kwargs: Arguments.kwargs) -> list[Finding]:
+            return [*found(*args, **kwargs)] or [Finding(code, Severity.OK, sentence)]
+
+        return check
+
+    return check_of
 
 
 def notes(findings: Iterable[Finding]) -> tuple[str, ...]:

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
+from scipy.linalg import solve_toeplitz
 from scipy.special import fdtrc
 
 from sysid.data.record import Array, Record
@@ -20,6 +22,8 @@ from sysid.errors import DataError
 
 MAX_SAMPLES = 20_000
 """Enough samples for every answer here; longer data are cut to their first part."""
+ORDERS = (2, 4, 8, 12, 16)
+"""Numbers of lags that are tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,14 +129,11 @@ def regressors(
     """
     blocks, targets = [], []
     back, ahead = max(order, int(lags[-1])), max(-int(lags[0]), 0)
-    budget = MAX_SAMPLES
-    for record in records:
-        part = record.rows(0, budget)
-        budget -= len(part)
+    for part in at_most(records, MAX_SAMPLES):
         stop = len(part) - ahead
         if stop <= back + 1:
             continue
-        past = [part.y[back - k : stop - k, j] for j in range(part.ny) for k in _from_1(order)]
+        past = [part.y[back - k : stop - k, j] for j in range(part.ny) for k in range(1, order + 1)]
         around = [part.u[back - k : stop - k, i] for i in range(part.nu) for k in lags]
         columns, target = np.array([*past, *around]), part.y[back:stop]
         columns -= columns.mean(axis=1, keepdims=True)
@@ -144,21 +145,16 @@ def regressors(
     return np.vstack(blocks), np.vstack(targets), len(blocks)
 
 
-def _from_1(last: int) -> range:
-    return range(1, last + 1)
-
-
 def chosen_order(
     records: Sequence[Record],
-    orders: Sequence[int] = (2, 4, 8, 12, 16),
     far: Sequence[int] | NDArray[np.int64] = (),
 ) -> int:
-    """The number of lags of lowest BIC; 0 when there are too few samples for any.
+    """The number of lags of ``ORDERS`` of lowest BIC; 0 when there are too few samples for any.
 
     ``far``: further input lags in every regression.
     """
     lowest, best_order = np.inf, 0
-    for order in orders:
+    for order in ORDERS:
         try:
             fit = long_regression(records, order, far=far)
         except DataError:
@@ -202,3 +198,61 @@ def clipped(e: Array) -> Array:
     """Errors cut off at three robust standard deviations, so that jumps count no more."""
     spread = 3.0 * 1.4826 * float(np.median(np.abs(e - np.median(e))))
     return np.clip(e, -spread, spread) if spread > 0.0 else e
+
+
+def orthonormal(X: Array, least: float) -> tuple[Array, Array]:
+    """Orthonormal basis Q of the columns' span, and M with Q = X M; M Mᵀ inverts XᵀX on it.
+
+    Directions with less than ``least`` of the strongest one's power are left out, columns at
+    length 1.
+    """
+    size = lengths(X)
+    unit = X / size
+    values, vectors = np.linalg.eigh(unit.T @ unit)
+    known = values > least * values[-1]
+    turned = vectors[:, known] / np.sqrt(values[known])
+    return np.asarray(unit @ turned), turned / size[:, None]
+
+
+def least_squares(X: Array, Y: Array, rcond: float = 1e-12) -> tuple[Array, Array]:
+    """Parameters and remainders of a regression with columns at length 1."""
+    size = lengths(X)
+    theta = np.linalg.lstsq(X / size, Y, rcond=rcond)[0]
+    return np.asarray((theta.T / size).T), np.asarray(Y - X / size @ theta)
+
+
+def lengths(X: Array) -> Array:
+    """Euclidean length of each column, hardly above 0 where it is zero."""
+    return np.asarray(np.maximum(np.sqrt(np.sum(X**2, axis=0)), 1e-300))
+
+
+def correlation(a: Array, b: Array, most: int) -> Array:
+    """Σ a(t) b(t−k) for k = 0 … most, by FFT."""
+    size = fft.next_fast_len(len(a) + most + 1, real=True)
+    spectrum = fft.rfft(a, size) * np.conj(fft.rfft(b, size))
+    return np.asarray(fft.irfft(spectrum, size)[: most + 1])
+
+
+def whitener(parts: Sequence[Array], order: int, ridge: float) -> Array | None:
+    """1 + α₁q⁻¹ + … of the autoregression of signals (Yule–Walker), None for a constant.
+
+    Args:
+        parts: the signals, (N,) each.
+        order: number of coefficients.
+        ridge: power added to the signals, relative to their own.
+    """
+    r = np.asarray(sum(correlation(x, x, order) for x in parts))
+    if r[0] <= 0.0 or order < 1:
+        return None
+    alpha = solve_toeplitz(np.append(r[0] * (1.0 + ridge), r[1:order]), r[1 : order + 1])
+    return np.concatenate([[1.0], -alpha])
+
+
+def at_most(records: Sequence[Record], samples: int) -> list[Record]:
+    """The first so many samples of all records."""
+    kept: list[Record] = []
+    for r in records:
+        if samples > 0:
+            kept.append(r.rows(0, samples))
+            samples -= len(kept[-1])
+    return kept

@@ -1,24 +1,23 @@
 """All checks of a log that need no model, in a fixed order."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.checks.constancy_checks import check_constancy
 from sysid.data.checks.dynamics_checks import (
+    check_constancy,
     check_delay,
     check_excitation,
     check_feedback,
     check_nonlinearity,
     check_sampling,
-    excitation_order,
 )
 from sysid.data.checks.integral import check_integrals
-from sysid.data.checks.level_checks import check_levels
 from sysid.data.checks.robot_checks import check_robot
 from sysid.data.checks.signal_checks import (
     check_constant,
     check_finite,
+    check_levels,
     check_outliers,
     check_resolution,
     check_saturation,
@@ -29,30 +28,11 @@ from sysid.data.finding import Finding, Severity, worst
 from sysid.data.record import Record
 from sysid.errors import DataError
 
-__all__ = [
-    "Finding",
-    "Severity",
-    "excitation_order",
-    "inspect_records",
-    "require_usable",
-    "worst",
-]
-
 MIN_SAMPLES = 20
 """Records with fewer samples in all are too short for any of the fits."""
 
 INCOMPLETE = frozenset(("missing", "gaps"))
 """Codes of findings of reading after which nobody may say that no sample is missing."""
-
-SIGNAL_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
-    check_stuck,
-    check_saturation,
-    check_resolution,
-)
-INPUT_CHECKS: tuple[Callable[[Sequence[Record]], list[Finding]], ...] = (
-    check_robot,
-    check_levels,
-)
 
 
 def inspect_records(
@@ -87,15 +67,13 @@ def inspect_records(
     if worst(tuple(findings)) < Severity.FATAL:
         findings += check_constant(records)
     if worst(tuple(findings)) < Severity.FATAL:
-        for check in SIGNAL_CHECKS:
-            findings += check(records)
+        findings += [*check_stuck(records), *check_saturation(records), *check_resolution(records)]
         findings += check_outliers(records, facts.outliers)
     if worst(tuple(findings)) < Severity.FATAL and records[0].nu:
         records = facts.outliers.records
-        for check in INPUT_CHECKS:
-            findings += check(records)
+        findings += [*check_robot(records), *check_levels(records)]
         findings += check_excitation(records, order)
-        findings = _with_stops(findings, check_integrals(facts.integrals))
+        findings = _with_stops(findings, [*check_integrals(facts.integrals)])
         # the controller's speed is none of the plant, and an integrator never settles
         without = {t.output for t in facts.feedback or () if t.law}
         without |= {s.output for s in facts.integrals}

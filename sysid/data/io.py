@@ -8,13 +8,12 @@ import numpy as np
 
 from sysid.data.bags.opening import is_bag
 from sysid.data.column_words import is_set_point
-from sysid.data.common_step import common_step
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import companion, joined
 from sysid.data.logs.log_table import read_log_table
 from sysid.data.reading.blocks import STRETCH_ROWS, STRETCHES, Blocks, large_log
 from sysid.data.reading.columns import Choice, choose_columns, matching
-from sysid.data.reading.counters import as_speeds, continued
+from sysid.data.reading.counters import as_speeds, without_jumps
 from sysid.data.reading.dates import ORDERS
 from sysid.data.reading.decisions import decisions
 from sysid.data.reading.missing_codes import without_codes
@@ -37,12 +36,10 @@ from sysid.data.reading.timing import (
     plan_grid,
 )
 from sysid.data.record import Array, Channel, Record
-from sysid.data.same_kind import require_same_kind
+from sysid.data.same_kind import common_step, require_same_kind
 from sysid.data.units import Conversion, conversions, without_false_pulses
 from sysid.data.usable_rows import usable_rows, with_times
 from sysid.errors import DataError, UsageError
-
-__all__ = ["LogFile", "ReadOptions", "read_file", "read_files", "read_log", "read_logs"]
 
 
 @dataclass(frozen=True)
@@ -195,7 +192,7 @@ def _read(
 ) -> LogFile:
     """The log in a table."""
     given = options
-    options, choice, pose_units = _chosen(table, options)
+    options, choice, pose_units = chosen(table, options)
     signals = (*choice.inputs, *choice.outputs, *choice.pose)
     table, without_time = with_times(table, choice.clock, options.strict)
     stamps = numbered_clock(table, choice.clock)
@@ -211,7 +208,7 @@ def _read(
     inputs, outputs = signal_conversions(table, choice, options, rows.values)
     values, of_pose = pose_in_si(rows.values, choice, pose_units, table.where)
     turning = choice.pose[2:]
-    read, jumps = continued(
+    read, jumps = without_jumps(
         values, signals, outputs, turning, options.periods, table.where, options.speed_of
     )
     sizes = (len(choice.inputs), len(choice.outputs))
@@ -248,10 +245,15 @@ def _read(
     return LogFile(path, tuple(records), findings, given, clock.origin)
 
 
-def _chosen(
+def chosen(
     table: Table, options: ReadOptions
 ) -> tuple[ReadOptions, Choice, tuple[Conversion, ...]]:
-    """The options with whole column names, the roles of the columns, and the units of the pose."""
+    """The options with whole column names, the roles of the columns, and the units of the pose.
+
+    Raises:
+        DataError, UsageError: no columns can serve, or an option names none; see
+            ``choose_columns`` and ``usable_pose``.
+    """
 
     def whole(name: str) -> str:
         near = matching(name, table.names)
@@ -273,9 +275,7 @@ def _chosen(
         options.ts is not None,
         signal_reader(table),
     )
-    bracketed = dict(zip(table.names, table.units, strict=True))
-    choice, pose_units = usable_pose(choice, bracketed, options.units, table.where)
-    return options, choice, pose_units
+    return options, *usable_pose(choice, table.brackets, options.units)
 
 
 def _table(path: Path, options: ReadOptions) -> tuple[Table, tuple[Finding, ...], str]:
@@ -303,7 +303,7 @@ def signal_conversions(
     table: Table, choice: Choice, options: ReadOptions, values: Array
 ) -> tuple[dict[str, Conversion], dict[str, Conversion]]:
     """How inputs and outputs come to SI units; ``values`` are the signals' rows."""
-    bracketed = dict(zip(table.names, table.units, strict=True))
+    bracketed = table.brackets
     inputs, outputs = conversions(
         choice.inputs,
         choice.outputs,

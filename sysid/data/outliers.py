@@ -13,6 +13,12 @@ PASSES = 8
 """Searches of one record: the largest outliers hide the others, because they spoil the regression
 that gives the innovations. Each pass finds those that stand out of what is left."""
 
+THRESHOLD, HALF_WIDTH = 8.0, 4
+"""Distances from the median of so many neighbours on either side, in typical ones, from which on a
+sample stands out."""
+
+LAGS = 4
+"""Of the regression that gives the innovations."""
 
 TYPICAL = 20_000
 """Samples at most, evenly spread, that say how far a typical one lies from its neighbours."""
@@ -58,7 +64,7 @@ def bridged(records: Sequence[Record]) -> Bridged:
     return Bridged(tuple(lines), flags)
 
 
-def outlier_flags(record: Record, threshold: float = 8.0, half_width: int = 4) -> NDArray[np.bool_]:
+def outlier_flags(record: Record) -> NDArray[np.bool_]:
     """Single samples of the outputs that stand out of their neighbourhood, shape (N, ny).
 
     The samples that one search finds are replaced by the line between their neighbours, and what
@@ -66,10 +72,10 @@ def outlier_flags(record: Record, threshold: float = 8.0, half_width: int = 4) -
     """
     flags = np.zeros(record.y.shape, dtype=bool)
     if not np.all(np.isfinite(record.y)):
-        return _one_search(record, threshold, half_width)
+        return _one_search(record)
     remaining = record
     for _ in range(PASSES):
-        more = _one_search(remaining, threshold, half_width) & ~flags
+        more = _one_search(remaining) & ~flags
         if not more.any():
             break
         flags |= more
@@ -88,17 +94,17 @@ def _lines(y: Array, flags: NDArray[np.bool_]) -> Array:
     return y
 
 
-def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np.bool_]:
+def _one_search(record: Record) -> NDArray[np.bool_]:
     """One search of :func:`outlier_flags`, shape (N, ny).
 
-    A Hampel filter: r = y − median of 2·half_width + 1 neighbours, flagged where |r| >
-    threshold · s, with s = 1.4826 · median|r| taken in a window ten times as wide and over the
+    A Hampel filter: r = y − median of 2·HALF_WIDTH + 1 neighbours, flagged where |r| >
+    THRESHOLD · s, with s = 1.4826 · median|r| taken in a window ten times as wide and over the
     whole record, whichever is larger, and not below the signal's resolution. A flagged sample must
     also leave both neighbours in the same direction, and the larger part of it must be an
     innovation of a short regression on past outputs and the inputs, so that a fast response to a
     short command is none. (Hampel 1974; Pearson 2002, IEEE Trans. Control Syst. Technol. 10(1).)
     """
-    width = 2 * half_width + 1
+    width = 2 * HALF_WIDTH + 1
     flags = np.zeros(record.y.shape, dtype=bool)
     if len(record) < 2 * width:
         return flags
@@ -110,12 +116,12 @@ def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np
         moves = moves[moves > 0.0]
         if not len(moves):
             continue
-        typical_distance = ROBUST * float(np.median(_distance(y, some, half_width)))
-        limit = threshold * max(typical_distance, float(np.percentile(moves, 10)))
+        typical_distance = ROBUST * float(np.median(_distance(y, some)))
+        limit = THRESHOLD * max(typical_distance, float(np.percentile(moves, 10)))
         far = np.flatnonzero(np.abs(steps) > limit)
         back = (np.diff(far) == 1) & (steps[far[:-1]] * steps[far[1:]] < 0.0)
         candidates = far[:-1][back] + 1
-        left, r, right = (_distance(y, candidates + k, half_width) for k in (-1, 0, 1))
+        left, r, right = (_distance(y, candidates + k) for k in (-1, 0, 1))
         # beside a wild measurement a good one stands out too; the next pass tests it again
         kept = (r > limit) & (r >= left) & (r >= right)
         candidates, r = candidates[kept], r[kept]
@@ -123,26 +129,26 @@ def _one_search(record: Record, threshold: float, half_width: int) -> NDArray[np
             continue
         innovations = np.abs(_innovations(record, j))
         typical = ROBUST * float(np.median(innovations))
-        unexplained = innovations[candidates] > np.maximum(0.5 * r, threshold * typical)
+        unexplained = innovations[candidates] > np.maximum(0.5 * r, THRESHOLD * typical)
         for k, size in zip(candidates[unexplained], r[unexplained], strict=True):
             near = np.arange(max(k - 5 * width, 0), min(k + 5 * width + 1, len(y)))
-            local = ROBUST * float(np.median(_distance(y, near, half_width)))
-            flags[k, j] = size > threshold * local
+            local = ROBUST * float(np.median(_distance(y, near)))
+            flags[k, j] = size > THRESHOLD * local
     return flags
 
 
-def _distance(y: Array, at: NDArray[np.int64], half_width: int) -> Array:
-    """|y − median of 2·half_width + 1 neighbours| at some samples, (n,)."""
-    around = at[:, None] + np.arange(-half_width, half_width + 1)
+def _distance(y: Array, at: NDArray[np.int64]) -> Array:
+    """|y − median of 2·HALF_WIDTH + 1 neighbours| at some samples, (n,)."""
+    around = at[:, None] + np.arange(-HALF_WIDTH, HALF_WIDTH + 1)
     window = y[np.clip(around, 0, len(y) - 1)]
     return np.asarray(np.abs(y[at] - np.median(window, axis=1)))
 
 
-def _innovations(record: Record, j: int, lags: int = 4) -> Array:
+def _innovations(record: Record, j: int) -> Array:
     """Errors of a short regression of output j on past outputs and inputs, shape (N,)."""
     y, u = record.y - record.y.mean(axis=0), record.u - record.u.mean(axis=0)
-    delayed = [np.vstack([np.zeros((k, record.ny)), y[:-k]]) for k in range(1, lags + 1)]
-    driven = [np.vstack([np.zeros((k, record.nu)), u[: len(u) - k]]) for k in range(lags + 1)]
+    delayed = [np.vstack([np.zeros((k, record.ny)), y[:-k]]) for k in range(1, LAGS + 1)]
+    driven = [np.vstack([np.zeros((k, record.nu)), u[: len(u) - k]]) for k in range(LAGS + 1)]
     X = np.hstack([*delayed, *driven])
     # The normal equations are accurate enough for a verdict, and a tenth of the time.
     gram = X.T @ X

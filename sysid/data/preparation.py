@@ -7,14 +7,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sysid.data.common_step import common_step
 from sysid.data.decision import Decision
 from sysid.data.documents import by_field
 from sysid.data.facts import without_drift
 from sysid.data.finding import Finding
-from sysid.data.io import ReadOptions, read_files
+from sysid.data.io import read_files
 from sysid.data.preprocess import decimate, low_pass, trim
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Record
+from sysid.data.same_kind import common_step
 from sysid.data.schema import STORED
 from sysid.errors import UsageError
 

@@ -102,10 +102,8 @@ class Detrend:
             )
         if self.is_none:
             return record
-        t = record.t
-        return replace(
-            record, u=self._shift(record.u, t, "u", -1.0), y=self._shift(record.y, t, "y", -1.0)
-        )
+        u, y = (self._shift(getattr(record, side), record.t, side, -1.0) for side in ("u", "y"))
+        return replace(record, u=u, y=y)
 
     def remove_input(self, u: ArrayLike, t: ArrayLike) -> Array:
         """Inputs (N, nu) at the instants t (N,) [s], without their offsets and slopes."""
@@ -115,24 +113,19 @@ class Detrend:
         """Outputs (N, ny) at the instants t (N,) [s], with their offsets and slopes put back."""
         return self._shift(y, t, "y", +1.0)
 
-    def _slope(self, side: str) -> Array:
-        slope = self.u_slope if side == "u" else self.y_slope
-        assert slope is not None  # set by __post_init__
-        return slope
-
     def _shift(self, values: ArrayLike, t: ArrayLike, side: str, sign: float) -> Array:
         array = np.asarray(values, dtype=np.float64)
-        offset = self.u_offset if side == "u" else self.y_offset
+        offset, slope = (getattr(self, f"{side}_{part}") for part in ("offset", "slope"))
         if array.ndim != 2 or array.shape[1] != len(offset):
             raise DataError(
                 f"expected {side} of shape (N, {len(offset)}), time first, got {array.shape}"
             )
-        shift = offset + np.asarray(t, dtype=np.float64).reshape(-1, 1) * self._slope(side)
+        shift = offset + np.asarray(t, dtype=np.float64).reshape(-1, 1) * slope
         return np.asarray(array + sign * shift)
 
 
-def low_pass(record: Record, cutoff: float, order: int = 4) -> Record:
-    """All signals through the same causal Butterworth low-pass, settled at the first sample.
+def low_pass(record: Record, cutoff: float) -> Record:
+    """All signals through one causal Butterworth low-pass of order 4, settled at the first sample.
 
     Filtering all alike leaves the relation between them as it is and weights the fit towards
     frequencies below ``cutoff``; it colours the noise, so residuals will not be white. A filter
@@ -142,7 +135,6 @@ def low_pass(record: Record, cutoff: float, order: int = 4) -> Record:
     Args:
         record: the experiment.
         cutoff: −3 dB frequency [Hz].
-        order: order of the filter.
 
     Raises:
         UsageError: the cut-off is not between 0 and half the sampling rate.
@@ -153,11 +145,9 @@ def low_pass(record: Record, cutoff: float, order: int = 4) -> Record:
             f"a low-pass cut-off of {cutoff:g} Hz is impossible at {1 / record.dt:g} samples per "
             f"second; choose between 0 and {nyquist:g} Hz"
         )
-    if order < 1:
-        raise UsageError(f"a filter of order {order} does nothing; choose 1 or more")
     from scipy import signal
 
-    sections = signal.butter(order, cutoff / nyquist, output="sos")
+    sections = signal.butter(4, cutoff / nyquist, output="sos")
     settled = signal.sosfilt_zi(sections)[:, :, None]
     return _each(record, lambda x: signal.sosfilt(sections, x, axis=0, zi=settled * x[0])[0])
 
@@ -190,32 +180,13 @@ def decimate(record: Record, factor: int) -> Record:
         sums = np.cumsum(np.vstack([before, x]) - x[0], axis=0)
         return np.asarray(x[0] + (sums[factor:] - sums[:-factor]) / factor)
 
-    smooth = _each(record, last_means).rows(0, count * factor)
-
-    def means(x: Array) -> Array:
-        return np.asarray(x.reshape(count, factor, x.shape[1]).mean(axis=1))
-
-    return replace(
-        smooth,
-        u=means(smooth.u),
-        references=None if smooth.references is None else means(smooth.references),
-        y=smooth.y[::factor],
-        pose=None if smooth.pose is None else smooth.pose[::factor],
-        weights=None if smooth.weights is None else smooth.weights[::factor],
-        dt=record.dt * factor,
-    )
+    return _each(record, last_means).every(factor)
 
 
 def _each(record: Record, filtered: Callable[[Array], Array]) -> Record:
     """The record with every signal through the same filter."""
-    return replace(
-        record,
-        u=filtered(record.u),
-        y=filtered(record.y),
-        pose=None if record.pose is None else filtered(record.pose),
-        references=None if record.references is None else filtered(record.references),
-        as_logged=record.as_logged or record,
-    )
+    smooth = replace(record, weights=None).mapped(filtered)
+    return replace(smooth, weights=record.weights, as_logged=record.as_logged or record)
 
 
 def trim(record: Record, start: float = 0.0, end: float = 0.0) -> Record:

@@ -15,9 +15,9 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
+from sysid.data.impulse import orthonormal, whitener
 from sysid.data.record import Array, Record
 
 NOISE_ORDER = 8
@@ -183,11 +183,7 @@ class Whitened:
     def __init__(self, problem: _Problem, p: Array, noise: Array) -> None:
         self.problem, self.noise = problem, noise
         self.base, self.drifting = _base(problem, p)
-        white = self.filtered(self.base)
-        size = np.sqrt(np.sum(white**2, axis=0)) + 1e-300
-        values, vectors = np.linalg.eigh((white / size).T @ (white / size))
-        known = values > 1e-9 * values[-1]
-        self._basis = (white / size) @ (vectors[:, known] / np.sqrt(values[known]))
+        self._basis, _ = orthonormal(self.filtered(self.base), 1e-9)
         self.target = self.beside(problem.y[:, None])[:, 0]
 
     def filtered(self, columns: Array) -> Array:
@@ -360,7 +356,5 @@ def _noise(rest: Array, edges: Sequence[int]) -> Array:
     """Coefficients of the autoregression of the errors (Yule–Walker), (NOISE_ORDER,)."""
     order = min(NOISE_ORDER, len(rest) // 40)
     parts = [rest[a:b] for a, b in pairwise(edges)]
-    r = np.array([sum(float(x[k:] @ x[: len(x) - k]) for x in parts) for k in range(order + 1)])
-    if order < 1 or r[0] <= 0.0:
-        return np.zeros(0)
-    return np.asarray(-solve_toeplitz(np.append(r[0] * (1.0 + 1e-9), r[1:order]), r[1:]))
+    white = whitener(parts, order, 1e-9)
+    return np.zeros(0) if white is None else white[1:]

@@ -4,7 +4,7 @@ import hashlib
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -253,15 +253,39 @@ class Record:
     def rows(self, start: int, stop: int) -> "Record":
         """The samples ``start`` ≤ k < ``stop`` as a record of their own (same hash, later t0)."""
         start, stop, _ = slice(start, stop).indices(len(self))
-        return replace(
-            self,
-            u=self.u[start:stop],
-            y=self.y[start:stop],
-            pose=None if self.pose is None else self.pose[start:stop],
-            t0=self.t0 + start * self.dt,
-            weights=None if self.weights is None else self.weights[start:stop],
-            references=None if self.references is None else self.references[start:stop],
-        )
+        part = self.mapped(lambda x: x[start:stop])
+        return replace(part, t0=self.t0 + start * self.dt)
+
+    def every(self, rows: int, phase: int = 0) -> "Record":
+        """One sample every so many rows, from ``phase`` on: inputs are means until the next one.
+
+        ū_k = (1/m) Σ_{i<m} u_{km+i} acts on a slow plant as the m inputs that it replaces did.
+        """
+        n = (len(self) - phase) // rows
+        part = self.rows(phase, phase + n * rows)
+        kept = part.mapped(lambda x: x[::rows], lambda x: block_means(x, rows))
+        return replace(kept, dt=self.dt * rows)
+
+    def averaged(self, rows: int) -> "Record":
+        """Means of so many rows each; inputs and outputs alone."""
+        u, y = block_means(self.u, rows), block_means(self.y, rows)
+        dt = self.dt * rows
+        return replace(self, u=u, y=y, dt=dt, pose=None, references=None, weights=None)
+
+    def mapped(
+        self, taken: Callable[[Array], Array], commanded: Callable[[Array], Array] | None = None
+    ) -> "Record":
+        """The record with all that it holds by sample put through a function, (N, n) → (M, n).
+
+        Args:
+            taken: of outputs, pose and weights.
+            commanded: of inputs and references; as ``taken`` unless given.
+        """
+        led = commanded or taken
+        functions = {"u": led, "references": led, "y": taken, "pose": taken, "weights": taken}
+        held = {n: getattr(self, n) for n in functions}
+        new: dict[str, Any] = {n: functions[n](x) for n, x in held.items() if x is not None}
+        return replace(self, **new)
 
     def between(self, t_start: float, t_end: float) -> "Record":
         """The samples with ``t_start`` ≤ t < ``t_end`` [s]."""
@@ -302,6 +326,12 @@ class Record:
         )
 
 
+def block_means(x: Array, rows: int) -> Array:
+    """Means of so many rows each, (N, n) → (N // rows, n)."""
+    n = len(x) // rows
+    return np.asarray(x[: n * rows].reshape(n, rows, -1).mean(axis=1))
+
+
 def names_of(records: Sequence[Record]) -> str:
     """The names of records, with parts of one log as ``log.csv parts 1 to 20``."""
     parts: dict[str, list[str]] = {}
@@ -328,3 +358,20 @@ def _index(name: str, names: tuple[str, ...], record: str) -> int:
     if name not in names:
         raise DataError(f"{record}: no channel {name!r}; there are {', '.join(names)}")
     return names.index(name)
+
+
+PIECES = 4
+"""Pieces of each record: enough to meet what changes within it, few enough to keep them long."""
+
+
+def shortened(records: Sequence[Record], samples: int, parts: int = PIECES) -> tuple[Record, ...]:
+    """At most ``samples`` samples in all, as evenly spread contiguous pieces of each record."""
+    total = sum(len(r) for r in records)
+    if total <= samples:
+        return tuple(records)
+    pieces: list[Record] = []
+    for r in records:
+        each = max(len(r) * samples // total // parts, 1)
+        starts = [k * len(r) // parts for k in range(parts)]
+        pieces += [r.rows(start, start + each) for start in starts]
+    return tuple(pieces)

@@ -1,13 +1,12 @@
 """Speed of a plant without a model: time to 63 % of its step response."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data.impulse import long_regression
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.errors import DataError
 
 
@@ -57,7 +56,7 @@ def estimate_speed(records: Sequence[Record]) -> tuple[Speed, ...]:
                 if samples is not None and samples < 10:
                     speeds[j] = Speed(name, samples * factor * dt, True)
         factor *= 2
-        current = [_blocks(r, 2) for r in current if len(r) >= 40]
+        current = [r.averaged(2) for r in current if len(r) >= 40]
     return tuple(speeds.get(j, Speed(n, None, False)) for j, n in enumerate(names))
 
 
@@ -116,10 +115,3 @@ def _rise(step: Array) -> float | None:
         return 0.0
     before = response[hit - 1]
     return float(hit - 1 + (RISEN - before) / (response[hit] - before))
-
-
-def _blocks(record: Record, factor: int) -> Record:
-    n = len(record) // factor
-    u = record.u[: n * factor].reshape(n, factor, record.nu).mean(axis=1)
-    y = record.y[: n * factor].reshape(n, factor, record.ny).mean(axis=1)
-    return replace(record, u=u, y=y, pose=None, references=None, dt=record.dt * factor)

@@ -2,6 +2,17 @@
 
 import re
 
+
+def word_groups(*texts: str) -> tuple[tuple[str, ...], ...]:
+    """The words of each text, which stand in it with blanks between."""
+    return tuple(tuple(text.split()) for text in texts)
+
+
+def word_set(text: str) -> frozenset[str]:
+    """The words of a text, which stand in it with blanks between."""
+    return frozenset(text.split())
+
+
 SYNONYMS: dict[str, str] = {
     **dict.fromkeys(
         ("u/min", "1/min", "min^-1", "min-1", "/min", "tr/min", "r/min", "rev/min", "upm", "rpm"),
@@ -29,29 +40,13 @@ SYNONYMS: dict[str, str] = {
 """Spelling in lower case, with signs put as ``plain`` puts them -> name in ``units.UNITS``."""
 
 ENDINGS: dict[str, str] = {
-    "rad_s": "rad/s",
-    "rads": "rad/s",
-    "radps": "rad/s",
-    "rpm": "rpm",
-    "upm": "rpm",
-    "u_min": "rpm",
-    "1_min": "rpm",
-    "rev_min": "rpm",
-    "deg_s": "deg/s",
-    "degs": "deg/s",
-    "degps": "deg/s",
-    "dps": "deg/s",
-    "rev_s": "rev/s",
-    "rps": "rev/s",
-    "m_s": "m/s",
-    "mps": "m/s",
-    "mm_s": "mm/s",
-    "cm_s": "cm/s",
-    "km_h": "km/h",
-    "kmh": "km/h",
-    "kph": "km/h",
-    "us": "us",
-    "volt": "V",
+    **dict.fromkeys(("rad_s", "rads", "radps"), "rad/s"),
+    **dict.fromkeys(("rpm", "upm", "u_min", "1_min", "rev_min"), "rpm"),
+    **dict.fromkeys(("deg_s", "degs", "degps", "dps"), "deg/s"),
+    **dict.fromkeys(("rev_s", "rps"), "rev/s"),
+    **dict.fromkeys(("m_s", "mps"), "m/s"),
+    **dict.fromkeys(("km_h", "kmh", "kph"), "km/h"),
+    **{"mm_s": "mm/s", "cm_s": "cm/s", "us": "us", "volt": "V"},
     **{u: u for u in ("rad", "deg", "m", "cm", "mm", "V", "mV", "A", "mA", "W", "N", "kN", "Nm")},
     **{u: u for u in ("kg", "Pa", "kPa", "bar", "degC", "K", "Hz")},
 }

@@ -12,57 +12,33 @@ from sysid.errors import UsageError, argument
 
 _TURN = 2.0 * math.pi
 
-UNITS: dict[str, tuple[str, float]] = {
-    "rad/s": ("rad/s", 1.0),
-    "rpm": ("rad/s", _TURN / 60.0),
-    "deg/s": ("rad/s", _TURN / 360.0),
-    "rev/s": ("rad/s", _TURN),
-    "rad": ("rad", 1.0),
-    "deg": ("rad", _TURN / 360.0),
-    "rev": ("rad", _TURN),
-    "m/s": ("m/s", 1.0),
-    "mm/s": ("m/s", 1e-3),
-    "cm/s": ("m/s", 1e-2),
-    "km/h": ("m/s", 1.0 / 3.6),
-    "mph": ("m/s", 0.44704),
-    "m": ("m", 1.0),
-    "cm": ("m", 1e-2),
-    "mm": ("m", 1e-3),
-    "um": ("m", 1e-6),
-    "km": ("m", 1e3),
-    "m/s^2": ("m/s^2", 1.0),
-    "V": ("V", 1.0),
-    "mV": ("V", 1e-3),
-    "A": ("A", 1.0),
-    "mA": ("A", 1e-3),
-    "W": ("W", 1.0),
-    "N": ("N", 1.0),
-    "kN": ("N", 1e3),
-    "Nm": ("Nm", 1.0),
-    "mNm": ("Nm", 1e-3),
-    "kW": ("W", 1e3),
-    "kg": ("kg", 1.0),
-    "g": ("kg", 1e-3),
-    "Pa": ("Pa", 1.0),
-    "hPa": ("Pa", 1e2),
-    "kPa": ("Pa", 1e3),
-    "mbar": ("Pa", 1e2),
-    "bar": ("Pa", 1e5),
-    "degC": ("degC", 1.0),
-    "K": ("K", 1.0),
-    "Hz": ("Hz", 1.0),
-    "s": ("s", 1.0),
-    "ms": ("s", 1e-3),
-    "ns": ("s", 1e-9),
-    "min": ("s", 60.0),
-    "h": ("s", 3600.0),
-    "us": ("µs", 1.0),
-    "µs": ("µs", 1.0),
-    "drive": ("µs", PWM_FULL_SCALE),
-    "%drive": ("µs", PWM_FULL_SCALE / 100.0),
-    "1": ("1", 1.0),
+_FACTORS: dict[str, dict[str, float]] = {
+    "rad/s": {"rad/s": 1.0, "rpm": _TURN / 60.0, "deg/s": _TURN / 360.0, "rev/s": _TURN},
+    "rad": {"rad": 1.0, "deg": _TURN / 360.0, "rev": _TURN},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1.0 / 3.6, "mph": 0.44704},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3},
+    "m/s^2": {"m/s^2": 1.0},
+    "V": {"V": 1.0, "mV": 1e-3},
+    "A": {"A": 1.0, "mA": 1e-3},
+    "W": {"W": 1.0, "kW": 1e3},
+    "N": {"N": 1.0, "kN": 1e3},
+    "Nm": {"Nm": 1.0, "mNm": 1e-3},
+    "kg": {"kg": 1.0, "g": 1e-3},
+    "Pa": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "mbar": 1e2, "bar": 1e5},
+    "degC": {"degC": 1.0},
+    "K": {"K": 1.0},
+    "Hz": {"Hz": 1.0},
+    "s": {"s": 1.0, "ms": 1e-3, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "µs": {"us": 1.0, "µs": 1.0, "drive": PWM_FULL_SCALE, "%drive": PWM_FULL_SCALE / 100.0},
+    "1": {"1": 1.0},
 }
+"""Unit in the Record -> units of a file that come to it, each with its factor."""
+
+UNITS = {of: (to, factor) for to, group in _FACTORS.items() for of, factor in group.items()}
 """File unit -> (unit in the Record, factor). ``drive`` is PWM as a fraction of full drive."""
+
+_ANY_CASE = {u.lower(): u for u in UNITS if u.lower() not in ("mv", "ma", "mnm")}
+"""Units that cannot be mistaken for another one in capitals."""
 
 LEAST_PULSE = 1100.0
 """PWM that never goes beyond this is not in µs of ±20000, of which nothing moves below."""
@@ -125,17 +101,10 @@ def conversion(unit: str, channel: str = "") -> Conversion:
             return Conversion("rad", _TURN / per_turn, unit)
         every = position is None and match["rate"] is None
         return Conversion("rad/s", _TURN / per_turn, unit, per_sample=every)
-    if unit in UNITS:
-        to, scale = UNITS[unit]
-        return Conversion(to, scale, unit)
-    known = {u.lower(): u for u in UNITS if u.lower() not in ("mv", "ma", "mnm")}
-    if unit.lower() in known:
-        to, scale = UNITS[known[unit.lower()]]
-        return Conversion(to, scale, unit)
-    spelt = synonym(unit)
-    if spelt in UNITS:
-        to, scale = UNITS[spelt]
-        return Conversion(to, scale, unit)
+    for name in (unit, _ANY_CASE.get(unit.lower(), ""), synonym(unit)):
+        if name in UNITS:
+            to, scale = UNITS[name]
+            return Conversion(to, scale, unit)
     raise UsageError(
         f"unknown unit {unit!r}{where}; known are {', '.join(UNITS)}, "
         "ticks/360 (encoder ticks counted in a sample, 360 a turn), ticks/s/360 and "

@@ -29,8 +29,6 @@ def experiment_between(
     search: ForwardSelection,
     tied: Mapping[str, CandidateModel],
     floor: Array,
-    scales: Array,
-    delay: int,
 ) -> Experiment:
     """The schedule that separates models which explain the log equally well.
 
@@ -42,14 +40,14 @@ def experiment_between(
     programmes = list(dict.fromkeys(p for id in ids for p in about(id).programmes))
     best, least = programmes[0], -1.0
     for programme in programmes:
-        apart = _apart(search, list(tied.values()), programme.rows, floor, (scales, delay))
+        apart = _apart(search, list(tied.values()), programme.rows, floor)
         if apart > least * 1.1:
             best, least = programme, apart
     hand = next((about(id).by_hand for id in ids if about(id).by_hand), "")
     if hand and 0.0 <= least < FAINT:
         purpose = f"No command distinguishes {_listed(ids)}: the models would differ by "
         return Experiment(f"{purpose}{least:.1g} times the noise. {hand}", ids, (), ())
-    experiment = _written(f"To distinguish {_listed(ids)}:", ids, best, record, scales)
+    experiment = _written(f"To distinguish {_listed(ids)}:", ids, best, record, search.scales)
     if least < 0.0:
         return experiment
     clear = "clear" if least > CLEAR else "enough" if least > FAINT else "hardly enough"
@@ -84,7 +82,6 @@ def _apart(
     models: Sequence[CandidateModel],
     rows: Sequence[Row],
     floor: Array,
-    chain: tuple[Array, int],
 ) -> float:
     """Smallest RMS difference of any two models on a schedule, in noise standard deviations.
 
@@ -92,13 +89,12 @@ def _apart(
     already compiled.
     """
     record = search.estimation[0]
-    scales, delay = chain
-    u = sampled(rows, record, scales)[: len(search.data.drive)]
+    u = sampled(rows, record, search.scales)[: len(search.data.drive)]
     whole = np.concatenate([u, np.zeros((len(search.data.drive) - len(u), record.nu))])
     drive = replace(
         record, u=whole, y=np.zeros((len(whole), record.ny)), pose=None, references=None, sha256=""
     )
-    data = prepare([drive], scales, delay)
+    data = prepare([drive], search.scales, search.delay)
     runs = search.model.run(np.array([n.q for n in models]), data)[:, : len(u)]
     sizes = np.maximum(floor, 1e-9 * np.max(np.abs(runs), initial=1e-9))
     return min(

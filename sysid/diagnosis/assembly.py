@@ -253,7 +253,9 @@ class _Assembly:
         base, pose = self.session.base, self.pose
         single = base.parts.estimation[0].ny == 1
         offered = [e for e in base.search.model.effects if e.id not in NOT_NAMED]
-        rest = [e for e in offered if not (single and e.couples) and not (base.level and e.level)]
+        rest = [
+            e for e in offered if not (single and e.couples) and not (base.search.level and e.level)
+        ]
         ids = [e.id for e in (*rest, QUANTISATION, DROPOUTS) if e.id not in named]
         smallest = detectable(base.search, self.selection.final, ids)
         if pose is not None:
@@ -267,7 +269,7 @@ class _Assembly:
         session, base = self.session, self.session.base
         first = base.parts.estimation[0]
         experiments = [
-            experiment_between(base.search, n.rivals, session.floor, base.scales, base.delay)
+            experiment_between(base.search, n.rivals, session.floor)
             for n in self.selection.effects
             if len(n.rivals) > 1 and CHANGED.id not in n.rivals
         ]

@@ -26,7 +26,7 @@ from sysid.version import __version__
 
 def effects_of(base: Base, candidate: CandidateModel) -> tuple[str, ...]:
     """The effects of the augmented structure: those of the base, then the accepted ones."""
-    first = (LEVEL.id,) * base.level + (SAMPLING.id,) * base.sampled
+    first = (LEVEL.id,) * base.search.level + (SAMPLING.id,) * base.sampled
     return (*first, *(id for id in candidate.effects if id != CHANGED.id and id not in BY_LOG))
 
 
@@ -138,8 +138,8 @@ def model_of(
     first = records[0]
     structure = Augmented(
         search.model.order,
-        base.delay,
-        tuple(float(s) for s in base.scales),
+        base.search.delay,
+        tuple(float(s) for s in base.search.scales),
         first.dt,
         effects_of(base, candidate),
         base.given,

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.data.checks.integral import POSITIONS, integrates
 from sysid.data.column_words import may_move
 from sysid.data.facts import LogFacts
-from sysid.data.integrating import POSITIONS, integrates
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.diagnosis.integrating import rates, step_of
@@ -127,9 +127,6 @@ class Base:
     """The base of a diagnosis.
 
     Attributes:
-        scales: full drive of each track's command.
-        delay: dead time in samples.
-        level: whether a constant level belongs to the base (logs without physical zeros).
         on_rate: whether the rate of an output that integrates stands in its place.
         given: the model that was given, as the chain sees it; None for the plain base.
         sampled: whether measurements come a part of a sample late in it: how the log was made.
@@ -139,9 +136,6 @@ class Base:
     parts: Parts
     search: ForwardSelection
     model: CandidateModel
-    scales: Array
-    delay: int
-    level: bool
     words: str
     in_loop: bool = False
     on_rate: bool = False
@@ -229,7 +223,7 @@ def fit_baseline(
     candidate = search.base(starts)
     if not np.isfinite(candidate.holdout_rmse):
         raise ModelError("the baseline cannot be simulated on this log; run sysid inspect")
-    return Base(parts, search, candidate, scales, delay, level, words, in_loop, on_rate)
+    return Base(parts, search, candidate, words, in_loop, on_rate)
 
 
 def given_base(
@@ -289,9 +283,7 @@ def given_base(
         plain.set_core(q, i, gain[i], pole[[i]])
     candidate = search.evaluate((), q, ())
     words = f"the {model.structure.name} model, as it is"
-    scales = np.ones(first.nu)
-    base = Base(parts, search, candidate, scales, 1, False, words, in_loop, given=given)
-    return replace(base, driven=driven)
+    return Base(parts, search, candidate, words, in_loop, given=given, driven=driven)
 
 
 def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.checks.constancy_checks import change_sentence
+from sysid.data.checks.dynamics_checks import change_sentence
 from sysid.data.record import Record
 from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.assembly import assemble
@@ -16,8 +16,7 @@ from sysid.diagnosis.base_model import fit_baseline, full_drive, given_base
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.given_model import around_model, or_on_first_order, possible
 from sysid.diagnosis.long_logs import searched_on
-from sysid.diagnosis.pose.correct_sensor import correct_sensor
-from sysid.diagnosis.resolve_ties_by_pose import resolve_ties_by_pose
+from sysid.diagnosis.pose.correct_sensor import correct_sensor, resolve_ties_by_pose
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.several.constancy import with_ground

@@ -86,7 +86,7 @@ def indistinct_edges(
     Of a dead zone only jump less width is then known, by commands beyond the edge.
     """
     model, warnings = base.search.model, []
-    scales = base.scales
+    scales = base.search.scales
     u = np.concatenate([r.u for r in records]) / scales
     for k, interval in selection.intervals.items():
         p = model.parameters[k]

@@ -21,23 +21,21 @@ def rates(records: Sequence[Record], step: int) -> tuple[Record, ...]:
     """
     records_of_rates = []
     for r in records:
-        n = len(r) // step
-        u = r.u[: n * step].reshape(n, step, r.nu).mean(axis=1)
-        y = r.y[: n * step : step]
-        rate = (y[2:] - y[:-2]) / (2.0 * step * r.dt)
+        coarse = r.every(step)
+        rate = (coarse.y[2:] - coarse.y[:-2]) / (2.0 * coarse.dt)
         outputs = tuple(
             Channel(f"{c.name}_rate", f"{c.unit}/s" if c.unit else "") for c in r.outputs
         )
         records_of_rates.append(
             replace(
                 r,
-                u=u[1:-1],
+                u=coarse.u[1:-1],
                 y=rate,
-                dt=step * r.dt,
+                dt=coarse.dt,
                 outputs=outputs,
                 pose=None,
                 references=None,
-                t0=r.t0 + step * r.dt,
+                t0=r.t0 + coarse.dt,
             )
         )
     return tuple(records_of_rates)

@@ -6,10 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from sysid.data.checks.integral import integrates
 from sysid.data.facts import LogFacts
-from sysid.data.integrating import integrates
-from sysid.data.record import Array, Record
-from sysid.data.shortened import PIECES, shortened
+from sysid.data.record import PIECES, Array, Record, shortened
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.diagnosis import Trace
 from sysid.diagnosis.gap import Gap
@@ -149,6 +148,8 @@ def _runs(base: Base, candidate: CandidateModel, whole: Sequence[Record]) -> tup
     search = base.search
     of = {r.sha256: k for r, k in zip(search.holdout, search.logs.holdout, strict=True)}
     logs = [of.get(r.sha256, 0) for r in whole]
-    data = prepare([base.driven(r) for r in whole], base.scales, base.delay, logs=logs)
+    data = prepare(
+        [base.driven(r) for r in whole], base.search.scales, base.search.delay, logs=logs
+    )
     q = search.in_phase(candidate.q, candidate.effects)
     return data.split(search.model.run(q[None], data)[0])

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from sysid.effects import inverses
 from sysid.effects.base import Context, Effect, EffectParameter, Law, Past, Place, Signal, State
 from sysid.effects.lag import ENDLESS, lagging_drive
 from sysid.effects.programmes import (
@@ -99,6 +98,38 @@ def _delay_on(xp: Any, d: Signal, past: Past, p: P, c: Context) -> Signal:
     return (1.0 - old) * past(d, whole) + old * past(d, whole + 1.0)
 
 
+def _out_of_dead_zone(xp: Any, d: Signal, p: P, c: Context) -> Signal:
+    """d → sign(d)(δ± + |d| − j); of what lies within the jump, the nearer of 0 and j."""
+    width = xp.where(d >= 0.0, p["plus"], p["minus"])
+    size = xp.abs(d)
+    beyond = width + xp.maximum(size - p["jump"], 1e-9)
+    return xp.sign(d) * xp.where(size > 0.5 * p["jump"], beyond, 0.0)
+
+
+CUBIC_STEPS = 12
+"""Newton's steps on x − κ x³ = d; from x = d they come from one side and end at rounding, but for
+the last percent before the most that there is."""
+
+
+def _out_of_concave(xp: Any, d: Signal, p: P, c: Context) -> Signal:
+    """The smaller x with x(1 − κ|x|) = d, or x(1 − κ x²) = d; beyond, the x that gives most."""
+    kappa, size = p["kappa"], xp.abs(d)
+    # the root as a quotient, which κ = 0 does not upset
+    root = xp.sqrt(xp.maximum(1.0 - 4.0 * kappa * size, 0.0))
+    bent = xp.minimum(2.0 * size / (1.0 + root), 0.5 / xp.maximum(kappa, 1e-9))
+    most = 1.0 / xp.sqrt(3.0 * xp.maximum(kappa, 1e-9))
+    x = xp.minimum(size, most)
+    for _ in range(CUBIC_STEPS):
+        slope = xp.maximum(1.0 - 3.0 * kappa * x * x, 1e-3)
+        x = xp.minimum(x - (x * (1.0 - kappa * x * x) - size) / slope, most)
+    return xp.sign(d) * xp.where(p["cubic"] > 0.5, x, bent)
+
+
+def _out_of_direction(xp: Any, d: Signal, p: P, c: Context) -> Signal:
+    """d → d/ρ for d < 0."""
+    return xp.where(d < 0.0, d / p["rho"], d)
+
+
 NO_MOTION = 0.05
 """What is kept of the speed in a sample, below which a mean over the sample serves."""
 
@@ -164,7 +195,7 @@ EFFECTS = (
             EffectParameter("minus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), kinks=True),
         ),
         _saturation,
-        inverse=inverses.within_saturation,
+        inverse=lambda xp, d, p, c: _saturation(xp, d, (), p, c)[0],
         ties=("sensor-saturation",),
         programmes=(TOP, LEVELS),
         weakens=True,
@@ -233,7 +264,7 @@ EFFECTS = (
             ),
         ),
         _dead_zone,
-        inverse=inverses.out_of_dead_zone,
+        inverse=_out_of_dead_zone,
         ties=("coulomb-friction", "stiction"),
         programmes=(STAIRCASE, RAMPS, COASTING),
         weakens=True,
@@ -253,7 +284,7 @@ EFFECTS = (
             EffectParameter("cubic", "", 0.0, 0.0, 1.0, (0.0,) * 2 + (1.0,) * 2, choice=True),
         ),
         _concave,
-        inverse=inverses.out_of_concave,
+        inverse=_out_of_concave,
         ties=("supply-sag",),
         opposite="The static gain rises with the size of the command.",
         programmes=(LEVELS, ONE_AND_OTHER, COASTING),
@@ -278,7 +309,7 @@ EFFECTS = (
         "Steps of equal size in both directions.",
         (EffectParameter("rho", "", 1.0, 0.3, 3.0, (0.85, 1.15)),),
         _direction,
-        inverse=inverses.out_of_direction,
+        inverse=_out_of_direction,
         programmes=(LEVELS, COASTING),
         reverses=True,
     ),

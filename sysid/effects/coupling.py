@@ -6,7 +6,6 @@ Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects import inverses
 from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
 from sysid.effects.programmes import ONE_AND_OTHER, REVERSALS
 
@@ -24,11 +23,30 @@ def _coupling(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Sign
     half = 1.0 + damped - over
     slid = 2.0 * free / (half + xp.sqrt(half**2 + 4.0 * over))
     for _ in range(2):
-        remaining = inverses.before_sliding(xp, slid, p)
+        remaining = _before_sliding(xp, slid, p)
         over = slid * (1.0 + 0.5 * _of_both(c.b * p["turning"] * remaining)) - free
         slid = slid - over / (1.0 + 0.5 * _of_both(c.b * p["turning"] * remaining**2))
-    turning = xp.where(p["of_rate"] > 1.5, slid * inverses.before_sliding(xp, slid, p), turning)
+    turning = xp.where(p["of_rate"] > 1.5, slid * _before_sliding(xp, slid, p), turning)
     return torque - p["share"] * c.torque_other - p["turning"] * turning, s
+
+
+def _before_sliding(xp: Any, turning: Signal, p: P) -> Signal:
+    """What is left of the resistance to turning where tracks slide: 1/(1 + |δ|/s)."""
+    return 1.0 / (1.0 + xp.abs(turning) / xp.maximum(p["sliding"], 1e-6))
+
+
+def _against_coupling(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """The x with x_i − g_i x_j = T_i of both tracks; with T_i + v_i δ_i for T_i.
+
+    δ_i = (ω_i − ω_j)/2, times what is left of it where tracks slide.
+    """
+    share = p["share"]
+    if share.shape[-1] != 2:
+        return torque
+    apart = 0.5 * (c.w - c.w[..., ::-1])
+    remaining = xp.where(p["of_rate"] > 1.5, _before_sliding(xp, apart, p), 1.0)
+    torque = torque + p["turning"] * apart * remaining
+    return (torque + share * torque[..., ::-1]) / (1.0 - share * share[..., ::-1])
 
 
 def _of_both(x: Signal) -> Signal:
@@ -146,7 +164,7 @@ EFFECTS = (
                 sentence="It resists turning, ever less in addition as the tracks slide sideways.",
             ),
         ),
-        inverse=inverses.against_coupling,
+        inverse=_against_coupling,
         couples=True,
         opposite="One side's torque helps the other through the body.",
         programmes=(ONE_AND_OTHER, REVERSALS),

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from sysid.effects import inverses
 from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
 from sysid.effects.programmes import COASTING, LEVELS, RAMPS, RESTS, STAIRCASE
 from sysid.effects.supply import USUAL_EMF
@@ -83,6 +82,56 @@ def _viscous(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signa
     return torque + xp.where(_amid(torque, c) < 0.0, more / c.b, 0.0), s
 
 
+STANDS = 0.05
+"""Share of the larger of speed and torque below which a track counts as at standstill: there
+friction acts against the torque, otherwise against the motion."""
+
+
+def _onward(xp: Any, torque: Signal, c: Context) -> Signal:
+    """The direction against which friction acts: that of the motion, at rest that of the torque.
+
+    None where nothing is wanted: there friction may do its work.
+    """
+    moves = xp.abs(c.w) > STANDS * xp.maximum(xp.abs(c.w), xp.abs(torque))
+    onward = xp.where(moves, xp.sign(c.w), xp.sign(torque))
+    return xp.where(torque == 0.0, 0.0, onward)
+
+
+def _against_coulomb(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """The x with x − (c + s |x − ω|) sign ω = T, in the direction against which friction acts.
+
+    Of a servo the set point beyond the wanted one, T + c sign(T − y).
+    """
+    way = _onward(xp, torque, c)
+    wanted = torque - c.w + p["level"] * way
+    against = xp.where(wanted * way >= 0.0, 1.0 - p["of_load"], 1.0 + p["of_load"])
+    short = torque + p["level"] * xp.sign(torque - c.w)
+    return xp.where(p["of_servo"] > 0.5, short, c.w + wanted / against)
+
+
+def _against_stiction(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """T → T + c + c_s e^{−(ω/v)²} in the direction against which friction acts."""
+    slow = xp.exp(-((c.w / p["speed"]) ** 2))
+    return torque + (p["level"] + p["excess"] * slow) * _onward(xp, torque, c)
+
+
+def _against_drag(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """T → T + q ω|ω|."""
+    return torque + p["drag"] * c.w * xp.abs(c.w)
+
+
+def _against_bias(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """T → T + b."""
+    return torque + p["load"]
+
+
+def _against_viscous(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """T → T + (ratio − 1) min(ω, 0), or (T + ε (ratio² − 1) min(ω, 0))/ratio for ω < 0."""
+    constant, w = p["by_constant"] > 0.5, xp.minimum(c.w, 0.0)
+    more = xp.where(constant, p["emf"] * (p["ratio"] ** 2 - 1.0), p["ratio"] - 1.0)
+    return (torque + more * w) / xp.where(constant & (c.w < 0.0), p["ratio"], 1.0)
+
+
 LOAD_BIAS = Effect(
     "load-bias",
     "motor",
@@ -93,7 +142,7 @@ LOAD_BIAS = Effect(
     "Equal steps in both directions and rests.",
     (EffectParameter("load", "speed", 0.0, -0.8, 0.8, (0.05, -0.05)),),
     _bias,
-    inverse=inverses.against_bias,
+    inverse=_against_bias,
     ties=("sensor-bias",),
     programmes=(RESTS, COASTING),
     level=True,
@@ -114,7 +163,7 @@ EFFECTS = (
         "Steps at many levels.",
         (EffectParameter("drag", "1/speed", 0.0, 0.0, 2.0, (0.15, 0.5)),),
         _drag,
-        inverse=inverses.against_drag,
+        inverse=_against_drag,
         ties=("concave-gain",),
         rare=True,
         programmes=(LEVELS, COASTING),
@@ -133,7 +182,7 @@ EFFECTS = (
             EffectParameter("by_constant", "", 0.0, 0.0, 1.0, (0.0,) * 2 + (1.0,) * 2, choice=True),
         ),
         _viscous,
-        inverse=inverses.against_viscous,
+        inverse=_against_viscous,
         programmes=(LEVELS, COASTING),
         reverses=True,
         laws=(
@@ -167,7 +216,7 @@ EFFECTS = (
             EffectParameter("of_servo", "", 0.0, 0.0, 1.0, (0.0,) * 5 + (1.0,) * 3, choice=True),
         ),
         _coulomb,
-        inverse=inverses.against_coulomb,
+        inverse=_against_coulomb,
         holds=lambda p: p["level"] / (1.0 - p["of_load"]),
         ties=("stiction", "dead-zone"),
         programmes=(STAIRCASE, COASTING, RAMPS),
@@ -202,7 +251,7 @@ EFFECTS = (
             EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), kinks=True),
         ),
         _stiction,
-        inverse=inverses.against_stiction,
+        inverse=_against_stiction,
         holds=lambda p: p["level"] + p["excess"],
         ties=("coulomb-friction",),
         programmes=(RAMPS, STAIRCASE),

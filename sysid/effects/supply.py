@@ -7,7 +7,6 @@ the share of the viscous term that is the back-emf. At stall it is K d.
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects import inverses
 from sysid.effects.base import Context, Effect, EffectParameter, Law, Past, Place, Signal, State
 from sysid.effects.programmes import (
     COASTING,
@@ -113,6 +112,24 @@ def _discharged(xp: Any, d: Signal, taken: Signal, p: P, c: Context) -> Signal:
     return d * (1.0 - p["loss"] * xp.where(p["charge"] > 0.5, curved, c.t))
 
 
+EMPTY = 0.1
+"""Share of its strength below which no command makes up for an empty battery."""
+
+
+def _charged(xp: Any, d: Signal, p: P, c: Context) -> Signal:
+    """d → d/(1 − b t); of a charge that is taken nothing is known ahead."""
+    loss = xp.where(p["charge"] > 0.5, 0.0, p["loss"])
+    return d / xp.maximum(1.0 - loss * c.t, EMPTY)
+
+
+def _through_dead_time(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
+    """T → T + δ K clip(i/ρ, ±1), i = T − ε ω; none where nothing is wanted."""
+    full = xp.abs(c.gain)
+    way = (torque - p["emf"] * c.w) / xp.maximum(p["ripple"] * full, 1e-9)
+    lost = p["share"] * full * xp.minimum(xp.maximum(way, -1.0), 1.0)
+    return torque + xp.where(torque == 0.0, 0.0, lost)
+
+
 _BY_CURRENT = (
     "It falls with the current that both motors take, as by the resistance of a battery: most when "
     "they start."
@@ -168,7 +185,7 @@ EFFECTS = (
         ),
         _dead_time,
         _amid,
-        inverse=inverses.through_dead_time,
+        inverse=_through_dead_time,
         ties=("dead-zone", "coulomb-friction", "stiction"),
         programmes=(STAIRCASE, REVERSALS, COASTING),
         weakens=True,
@@ -221,7 +238,7 @@ EFFECTS = (
         states=1,
         on_past=_battery_on,
         at_rest=_full,
-        inverse=inverses.charged,
+        inverse=_charged,
         shared=True,
         gathers=True,
         laws=(

@@ -99,7 +99,7 @@ class RunErrors(Problem):
             for k, (D, kept) in enumerate(zip(self.tangents(p), self.kept, strict=True)):
                 first = n + k * self.states_each
                 columns = np.concatenate([np.arange(n), np.arange(first, first + self.states_each)])
-                for d, scale in zip(D, self.scales, strict=True):
+                for d, scale in zip(D, np.atleast_1d(self.scales), strict=True):
                     yield columns, (d if kept.all() else d[:, kept]) / -scale
 
 

@@ -7,8 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.errors import DataError, Termination, UsageError, argument
 from sysid.fitting.marquardt import Method as SolverMethod
 from sysid.fitting.normal_equations import scaled_lstsq

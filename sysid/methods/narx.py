@@ -6,8 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.fitting.holdout import HoldOut, hold_out
 from sysid.fitting.options import FitOptions

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import fdtri
 
-from sysid.data.record import Array, Index, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Index, Record, shortened
 from sysid.errors import DataError, ModelError, Termination
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions

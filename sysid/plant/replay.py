@@ -17,7 +17,7 @@ from sysid.plant.selftest import run
 from sysid.structures.plant import Plant
 
 if TYPE_CHECKING:
-    from sysid.data.io import ReadOptions
+    from sysid.data.reading.read_options import ReadOptions
 
 ELSEWHERE = 0.1
 """Share of an output's range in the log by which it may begin beside the plant's rest: less than
@@ -63,7 +63,8 @@ def read_for(plant: Plant, path: str | Path, options: "ReadOptions | None" = Non
     Raises:
         DataError, UsageError: the log cannot serve; see ``sysid.data.io``.
     """
-    from sysid.data.io import ReadOptions, read_file, read_log  # a mission reads no log
+    from sysid.data.io import read_file, read_log  # a mission reads no log
+    from sysid.data.reading.read_options import ReadOptions
 
     options = options or ReadOptions()
     options = replace(

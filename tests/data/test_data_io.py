@@ -11,7 +11,8 @@ from data_io_cases import GOOD, put, table
 
 from sysid.data.files import write_atomic
 from sysid.data.finding import Severity
-from sysid.data.io import ReadOptions, read_file, read_log, read_logs
+from sysid.data.io import read_file, read_log, read_logs
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import PWM_FULL_SCALE
 from sysid.errors import DataError, UsageError
 

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sysid.data import documents
-from sysid.data.io import ReadOptions, read_files, read_log, read_logs
+from sysid.data.io import read_files, read_log, read_logs
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.schema import checked
 from sysid.errors import DataError, SysidError, UsageError
 

@@ -14,12 +14,13 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from sysid.data.checks.delay import estimate_delays
+from sysid.data.checks.dynamics_checks import excitation_order
 from sysid.data.checks.feedback import feedback_tests
 from sysid.data.checks.integral import integrals
 from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding, Severity, worst
 from sysid.data.impulse import long_regression
-from sysid.data.inspection import excitation_order, inspect_records, require_usable
+from sysid.data.inspection import inspect_records, require_usable
 from sysid.data.io import read_log
 from sysid.data.record import PWM_FULL_SCALE, Channel, Record
 from sysid.data.speed import estimate_speed

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sysid.data.io import LogFile, read_file
-from sysid.data.joining.between_rows import Lookup, is_event_log
+from sysid.data.joining.between_rows import held_at, is_event_log
 from sysid.data.reading.read_options import ReadOptions
 
 STEP, ROWS = 0.2, 900
@@ -62,9 +62,9 @@ def test_rows_before_the_first_event_have_no_command(tmp_path: Path) -> None:
 
 def test_an_empty_cell_leaves_the_value_before_it() -> None:
     t = np.arange(8.0)
-    found = Lookup.of(t, np.array([1.0, 3.0, 5.001]), np.array([2.0, np.nan, 7.0]))
-    assert found.covered.tolist() == [False] + [True] * 7
-    assert found.values[1:].tolist() == [2.0, 2.0, 2.0, 2.0, 7.0, 7.0, 7.0]
+    values, covered = held_at(t, np.array([1.0, 3.0, 5.001]), np.array([2.0, np.nan, 7.0]))
+    assert covered.tolist() == [False] + [True] * 7
+    assert values[1:].tolist() == [2.0, 2.0, 2.0, 2.0, 7.0, 7.0, 7.0]
 
 
 def test_a_sampled_file_is_no_file_of_events() -> None:

@@ -64,7 +64,7 @@ def test_where_no_command_helps_it_is_said_what_does() -> None:
     for q, e in zip(rows, effects, strict=True):
         q[list(model.of(e.id))] = 0.2
     tied = {e.id: replace(node, q=q) for e, q in zip(effects, rows, strict=True)}
-    found = experiment_between(base.search, tied, np.array([SIGMA, SIGMA]), SCALES, base.delay)
+    found = experiment_between(base.search, tied, np.array([SIGMA, SIGMA]))
     assert found.schedule == ()
     assert "No command distinguishes" in found.purpose
     assert "turn the wheel by hand" in found.purpose
@@ -79,7 +79,7 @@ def test_a_tie_gets_the_schedule_on_which_the_models_differ_most() -> None:
     q1[list(model.of("supply-sag"))] = 0.2
     q2[list(model.of("concave-gain"))] = 0.2
     tied = {"supply-sag": replace(node, q=q1), "concave-gain": replace(node, q=q2)}
-    found = experiment_between(base.search, tied, np.array([SIGMA, SIGMA]), SCALES, base.delay)
+    found = experiment_between(base.search, tied, np.array([SIGMA, SIGMA]))
     assert found.effects == ("supply-sag", "concave-gain")
     assert "one side at a constant command while the other steps" in found.purpose
     assert "which is clear" in found.purpose

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from sysid_datasets.hidden_logs import Request, hide
 
+from sysid.data.checks.integral import integrates
 from sysid.data.documents import plain
-from sysid.data.integrating import integrates
 from sysid.data.io import read_log
 from sysid.data.record import Channel, Record
 from sysid.diagnosis.augment import values_of
@@ -345,7 +345,7 @@ def test_a_share_of_the_largest_command_is_told_in_the_unit_of_the_input() -> No
     row[m.index["core", "gain", 0]], row[m.index["core", "f1", 0]] = 20.0, -0.8
     row[at] = 0.75
     node = s.evaluate(("input-saturation",), row, (*s.core, at))
-    base = Base(divided([log], None), s, node, scales, 1, False, "")
+    base = Base(divided([log], None), s, node, "")
     value = values_of(base, node, "input-saturation", {at: Interval(0.7, 0.8)})[0]
     assert (value.value, value.unit) == (0.75, "drive")
     assert value.in_log_units.shown == "= 60 (56 to 64) %"

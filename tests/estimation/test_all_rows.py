@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 
 from sysid.data.facts import LogFacts
-from sysid.data.io import ReadOptions, read_file, thinned
+from sysid.data.io import read_file, thinned
 from sysid.data.reading.blocks import Blocks, large_log
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Record
 from sysid.errors import DataError
 from sysid.estimation.all_rows import AllRows, on_all_rows, pooled

@@ -6,7 +6,7 @@ from command_line import Capture, run, write_log
 from scipy.signal import lfilter
 
 from sysid.data.checks.dynamics_checks import check_delay
-from sysid.data.checks.level_checks import check_levels, visited_levels
+from sysid.data.checks.signal_checks import check_levels, visited_levels
 from sysid.data.facts import LogFacts
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Record

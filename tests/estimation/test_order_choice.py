@@ -10,8 +10,7 @@ from scipy.signal import lfilter
 from sysid.data.checks.delay import estimate_delays
 from sysid.data.facts import LogFacts
 from sysid.data.preprocess import Detrend
-from sysid.data.record import Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Record, shortened
 from sysid.estimation.pem import fit
 from sysid.estimation.selection.delays import chosen_delay
 from sysid.estimation.selection.orders import Candidate, ranked, searching

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from command_line import Capture, run, write_log
 
-from sysid.data.integrating import is_position
+from sysid.data.checks.integral import is_position
 from sysid.data.record import Array, Channel, Record
 from sysid.structures.grey_box.dc_motor.structure import DCMotor, MotorPhysics
 from sysid.structures.grey_box.physics import Sampling

@@ -44,69 +44,40 @@ def _messages(columns: Mapping[str, Array], make: Messages) -> Iterable[Outgoing
     for values in zip(*(c.tolist() for c in columns.values()), strict=True):
         row = dict(zip(names, values, strict=True))
         now = round(row["t"] * 1e9)
-        for topic, kind, content in _of_row(row, now, place, make):
-            yield Outgoing(topic, kind, now, content)
-        if not math.isnan(row.get("gyro_z", math.nan)):
-            yield Outgoing(IMU, "sensor_msgs/msg/Imu", now, _imu(row, now, make))
+        for topic, kind, fields in _of_row(row, now, place, make):
+            yield Outgoing(topic, kind, now, make.make(kind, **fields))
 
 
 def _of_row(
     row: Mapping[str, float], now: int, place: tuple[str, ...], make: Messages
-) -> Iterable[tuple[str, str, Any]]:
-    """Topic, type and content of what is published at one instant."""
-
-    yield (
-        CLOCK,
-        "rosgraph_msgs/msg/Clock",
-        make.make("rosgraph_msgs/msg/Clock", clock=make.time(now)),
-    )
+) -> Iterable[tuple[str, str, Mapping[str, Any]]]:
+    """Topic, type and fields of what is published at one instant."""
+    body, world = ({"header": make.header(now, frame)} for frame in (BODY, WORLD))
+    yield CLOCK, "rosgraph_msgs/msg/Clock", {"clock": make.time(now)}
     yield REFERENCES, "geometry_msgs/msg/Twist", _twist(make, row["v_ref"], row["psi_ref"])
-    yield (
-        PWM,
-        "std_msgs/msg/Float64MultiArray",
-        make.numbers({"left": row["pwm_l"], "right": row["pwm_r"]}),
-    )
-    yield (
-        JOINTS,
-        "sensor_msgs/msg/JointState",
-        make.make(
-            "sensor_msgs/msg/JointState",
-            header=make.header(now, BODY),
-            name=list(TRACKS),
-            velocity=make.array(row["omega_l"], row["omega_r"]),
-        ),
-    )
-    yield (
-        ODOMETRY,
-        "nav_msgs/msg/Odometry",
-        make.make(
-            "nav_msgs/msg/Odometry",
-            header=make.header(now, WORLD),
-            child_frame_id=BODY,
-            pose=make.make(
-                "geometry_msgs/msg/PoseWithCovariance", pose=_pose(make, *(row[n] for n in place))
-            ),
-            twist=make.make(
-                "geometry_msgs/msg/TwistWithCovariance",
-                twist=_twist(make, row["v"], row["yaw_rate"]),
-            ),
-        ),
-    )
-    yield (
-        TRUE_POSE,
-        "geometry_msgs/msg/PoseStamped",
-        make.make(
-            "geometry_msgs/msg/PoseStamped",
-            header=make.header(now, WORLD),
-            pose=_pose(make, *(row[n] for n in TRUE)),
-        ),
-    )
+    pwm = make.labelled({"left": row["pwm_l"], "right": row["pwm_r"]})
+    yield PWM, "std_msgs/msg/Float64MultiArray", pwm
+    speeds = {"name": list(TRACKS), "velocity": make.array(row["omega_l"], row["omega_r"])}
+    yield JOINTS, "sensor_msgs/msg/JointState", body | speeds
+    twist = make.make("geometry_msgs/msg/Twist", **_twist(make, row["v"], row["yaw_rate"]))
+    pose, true_pose = (_pose(make, *(row[n] for n in names)) for names in (place, TRUE))
+    pose = make.make("geometry_msgs/msg/PoseWithCovariance", pose=pose)
+    twist = make.make("geometry_msgs/msg/TwistWithCovariance", twist=twist)
+    odometry = world | {"child_frame_id": BODY, "pose": pose, "twist": twist}
+    yield ODOMETRY, "nav_msgs/msg/Odometry", odometry
+    yield TRUE_POSE, "geometry_msgs/msg/PoseStamped", world | {"pose": true_pose}
+    if not math.isnan(row.get("gyro_z", math.nan)):
+        acceleration = {n: row.get(f"acc_{n}", 0.0) for n in ("x", "y")}
+        turn = make.make("geometry_msgs/msg/Vector3", z=row["gyro_z"])
+        pushed = make.make("geometry_msgs/msg/Vector3", **acceleration)
+        imu = body | {"angular_velocity": turn, "linear_acceleration": pushed}
+        yield IMU, "sensor_msgs/msg/Imu", imu
 
 
-def _twist(make: Messages, speed: float, turn: float) -> Any:
+def _twist(make: Messages, speed: float, turn: float) -> dict[str, Any]:
     linear = make.make("geometry_msgs/msg/Vector3", x=speed)
     angular = make.make("geometry_msgs/msg/Vector3", z=turn)
-    return make.make("geometry_msgs/msg/Twist", linear=linear, angular=angular)
+    return {"linear": linear, "angular": angular}
 
 
 def _pose(make: Messages, x: float, y: float, psi: float) -> Any:
@@ -114,13 +85,3 @@ def _pose(make: Messages, x: float, y: float, psi: float) -> Any:
     turn = make.make("geometry_msgs/msg/Quaternion", z=math.sin(half), w=math.cos(half))
     at = make.make("geometry_msgs/msg/Point", x=x, y=y)
     return make.make("geometry_msgs/msg/Pose", position=at, orientation=turn)
-
-
-def _imu(row: Mapping[str, float], now: int, make: Messages) -> Any:
-    acceleration = {n: row.get(f"acc_{n}", 0.0) for n in ("x", "y")}
-    return make.make(
-        "sensor_msgs/msg/Imu",
-        header=make.header(now, BODY),
-        angular_velocity=make.make("geometry_msgs/msg/Vector3", z=row["gyro_z"]),
-        linear_acceleration=make.make("geometry_msgs/msg/Vector3", **acceleration),
-    )

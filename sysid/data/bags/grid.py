@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from sysid.data.bags.clocks import Timed
 from sysid.data.column_words import meaning
 from sysid.data.finding import Finding, Severity
+from sysid.data.joining.between_rows import spanned
 from sysid.data.reading.columns import NO_INPUT, choose_columns
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.round_period import round_period
-from sysid.data.reading.timing import GAP, ROUNDING, zero_order_hold_means
+from sysid.data.reading.timing import GAP, ROUNDING, round_period, zero_order_hold_means
 from sysid.data.record import Array
 from sysid.errors import DataError, UsageError
 
@@ -209,14 +209,8 @@ def _between(at: Array, values: Array, k: Array, turning: bool) -> Array:
 
 def _covered(at: Array, k: Array, step: float) -> NDArray[np.bool_]:
     """Rows between two measurements that are not further apart than one and a half steps."""
-    d = np.diff(at)
-    after = np.searchsorted(at, k, side="right")
-    on = np.isin(k, at)
-    inside = (after > 0) & (after < len(at))
-    gap = d[np.clip(after - 1, 0, len(d) - 1)]
     ends = (np.abs(k - at[-1]) <= ROUNDING) | (np.abs(k - at[0]) <= ROUNDING)
-    rows: NDArray[np.bool_] = on | ends | (inside & (gap <= GAP * step))
-    return rows
+    return np.asarray(np.isin(k, at) | ends | spanned(k, at, GAP * step))
 
 
 def _alignment_findings(

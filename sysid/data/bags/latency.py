@@ -118,9 +118,7 @@ def without_latency(
     estimates = () if stated.keys() >= set(topics) else latencies(streams, zero_order_hold)
     late = {one.topic: one.seconds for one in estimates if one.seen} if REMOVE in given else {}
     late |= stated
-    findings = [
-        _latency_finding(one, where, late, stated) for one in estimates if one.topic not in stated
-    ]
+    findings = [_latency_finding(one, where, late) for one in estimates if one.topic not in stated]
     findings += [
         Finding("latency", Severity.NOTE, f"{where}: {t} was moved back by {1e3 * s:.4g} ms.")
         for t, s in stated.items()
@@ -255,9 +253,7 @@ def dead_time(t: Array, y: Array, commands: Sequence[tuple[Array, Array]]) -> De
     start = fit.coarse()
     best: tuple[float, DeadTime] | None = None
     for lags in (1, 2):
-        first = np.array(
-            [start[0] + AWAY, *[np.log(start[1] / (1.0 + 2.0 * k)) for k in range(lags)]]
-        )
+        first = [start[0] + AWAY, *(np.log(start[1] / (1.0 + 2.0 * k)) for k in range(lags))]
         low = [EARLIEST + AWAY, *[np.log(0.1 * fit.step)] * lags]
         high = [LONGEST + AWAY, *[np.log(3.0 * SLOWEST)] * lags]
         x0 = np.clip(first, np.array(low) + 1e-9, np.array(high) - 1e-9)
@@ -265,25 +261,14 @@ def dead_time(t: Array, y: Array, commands: Sequence[tuple[Array, Array]]) -> De
             fit.error, x0, bounds=(low, high), diff_step=[1e-4] * len(x0), max_nfev=40
         )
         n, e = len(t), np.asarray(solution.fun)
-        squared_error = float(e @ e)
-        jacobian: Array = np.asarray(solution.jac)
-        info = jacobian.T @ jacobian
+        power = float(e @ e)
+        info = np.asarray(solution.jac).T @ np.asarray(solution.jac)
         if not np.all(np.isfinite(info)) or np.linalg.cond(info) > 1e14:
             continue
-        autocorrelation = (
-            float(np.clip(e[1:] @ e[:-1] / squared_error, 0.0, 0.99))
-            if squared_error > 0.0
-            else 0.0
-        )
-        variance = (
-            squared_error
-            / n
-            * (1.0 + autocorrelation)
-            / (1.0 - autocorrelation)
-            * np.linalg.inv(info)[0, 0]
-        )
-        criterion = n * np.log(max(squared_error, 1e-300) / n) + (lags + 2) * np.log(n)
-        share = 1.0 - squared_error / (n * float(np.var(y)))
+        rho = float(np.clip(e[1:] @ e[:-1] / max(power, 1e-300), 0.0, 0.99))
+        variance = power / n * (1.0 + rho) / (1.0 - rho) * np.linalg.inv(info)[0, 0]
+        criterion = n * np.log(max(power, 1e-300) / n) + (lags + 2) * np.log(n)
+        share = 1.0 - power / (n * float(np.var(y)))
         if share >= AGREES and (best is None or criterion < best[0]):
             theta = float(solution.x[0]) - AWAY
             error = float(np.sqrt(variance + (RESOLVED * fit.step) ** 2))
@@ -367,13 +352,10 @@ def _apart(
     reference: Timed, other: Timed, zero_order_hold: frozenset[str], row: float
 ) -> Latency | None:
     """How late a topic is behind another one that measures the same motion."""
-    reference_motion, other_motion = (
-        _motion(reference, zero_order_hold),
-        _motion(other, zero_order_hold),
-    )
-    if reference_motion is None or other_motion is None:
+    moved, also = (_motion(stream, zero_order_hold) for stream in (reference, other))
+    if moved is None or also is None:
         return None
-    shift = clock_shift(reference.t, reference_motion, other.t, other_motion)
+    shift = clock_shift(reference.t, moved, other.t, also)
     sure = shift.agreement >= AGREES and shift.rival is None and shift.std_error > 0.0
     if not sure or abs(shift.seconds) > LONGEST or shift.std_error > TELLS * row:
         return None
@@ -388,31 +370,24 @@ def _motion(stream: Timed, zero_order_hold: frozenset[str]) -> Array | None:
         column = dict(zip(s.names, s.values.T, strict=True))
         if {"x", "y", "psi"} <= column.keys():
             return way_and_turn(column["x"], column["y"], np.unwrap(column["psi"]))
-        rates = [
-            v
-            for n, v in column.items()
-            if n not in zero_order_hold and n not in s.angles and np.ptp(v)
-        ]
+        others = {*zero_order_hold, *s.angles}
+        rates = [v for n, v in column.items() if n not in others and np.ptp(v)]
         return travelled(stream.t, np.column_stack(rates)) if rates else None
     return None
 
 
-def _latency_finding(
-    one: Latency, where: str, late: Mapping[str, float], stated: Mapping[str, float]
-) -> Finding:
-    error = f"{1e3 * abs(one.seconds):.3g} ± {1e3 * one.std_error:.2g} ms"
-    side = "late" if one.seconds >= 0.0 else "early"
+def _latency_finding(one: Latency, where: str, late: Mapping[str, float]) -> Finding:
+    size = f"{1e3 * abs(one.seconds):.3g} ± {1e3 * one.std_error:.2g} ms"
+    size += " late" if one.seconds >= 0.0 else " early"
+    text = f"is {size} beside {one.behind}, by the motion that both measure"
+    advice = "`latency='remove'` moves it back."
     if one.responds:
-        how = "by a fit of a lag with dead time"
-        text = f"{where}: {one.topic} responds to {one.behind} {error} {side}, {how}"
-    else:
-        how = "by the motion that both measure"
-        text = f"{where}: {one.topic} is {error} {side} beside {one.behind}, {how}"
+        text = f"responds to {one.behind} {size}, by a fit of a lag with dead time"
+        advice = "The model includes this dead time; `latency='remove'` removes it from the log."
     if one.topic in late:
-        return Finding("latency", Severity.NOTE, f"{text}; it was moved back by that time.")
-    if not one.seen:
-        return Finding("latency", Severity.NOTE, f"{text}: not significant.")
-    advice = "The model includes this dead time; `latency='remove'` removes it from the log."
-    if not one.responds:
-        advice = "`latency='remove'` moves it back."
-    return Finding("latency", Severity.NOTE, f"{text}.", advice)
+        text, advice = f"{text}; it was moved back by that time.", ""
+    elif not one.seen:
+        text, advice = f"{text}: not significant.", ""
+    else:
+        text += "."
+    return Finding("latency", Severity.NOTE, f"{where}: {one.topic} {text}", advice)

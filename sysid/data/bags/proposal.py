@@ -18,24 +18,23 @@ from sysid.data.bags.contents import Contents, Field, Topic
 from sysid.data.bags.latency import DeadTime, dead_time
 from sysid.data.column_words import SIDES, words
 from sysid.data.reading.columns import choose_columns
+from sysid.data.unit_words import word_set
 from sysid.errors import DataError, UsageError
 
-COMMAND_WORDS = frozenset(
-    (
-        *("cmd", "command", "commands", "control", "controls", "ctrl", "reference", "references"),
-        *("pwm", "duty", "effort", "voltage", "setpoint", "drive", "target", "desired", "input"),
-        *("u", "motor", "motors", "throttle", "actuator", "actuators", "torque"),
-    )
+COMMAND_WORDS = word_set(
+    "cmd command commands control controls ctrl reference references pwm duty effort voltage "
+    "setpoint drive target desired input u motor motors throttle actuator actuators torque"
 )
 """Words of a topic that commands."""
-MEASUREMENT_WORDS = frozenset(
-    (
-        *("odom", "odometry", "state", "states", "wheel", "wheels", "encoder", "encoders"),
-        *("measured", "feedback", "speed", "speeds", "velocity", "imu", "gyro", "output"),
-        *("y", "pose", "sensor"),
-    )
+MEASUREMENT_WORDS = word_set(
+    "odom odometry state states wheel wheels encoder encoders measured feedback speed speeds "
+    "velocity imu gyro output y pose sensor"
 )
 """Words of a topic that measures."""
+COMMANDS = word_set("Twist TwistStamped AckermannDrive AckermannDriveStamped")
+NO_COMMANDS = word_set("Odometry Imu Clock TFMessage Pose PoseStamped NavSatFix Time")
+NO_OUTPUTS = word_set("Clock TFMessage Time Pose PoseStamped PoseWithCovarianceStamped")
+"""Types of messages that command, that never do, and that no plant puts out."""
 MOST_FIELDS = 4
 """Inputs, and outputs, that are proposed at most."""
 MOST_PAIRS = 3
@@ -112,26 +111,11 @@ def _best(candidates: Any) -> list[_Candidate]:
 def _as_input(topic: Topic) -> _Candidate | None:
     kind = topic.kind.rpartition("/")[2]
     name_words = set(words(topic.name))
-    if kind in (
-        "Odometry",
-        "Imu",
-        "Clock",
-        "TFMessage",
-        "Pose",
-        "PoseStamped",
-        "NavSatFix",
-        "Time",
-    ):
+    commands = bool(COMMAND_WORDS & name_words)
+    if kind in NO_COMMANDS or (kind == "JointState" and not commands):
         return None
-    if kind == "JointState" and not COMMAND_WORDS & name_words:
-        return None
-    typed = kind in ("Twist", "TwistStamped", "AckermannDrive", "AckermannDriveStamped")
-    score = (
-        NAMED
-        if COMMAND_WORDS & name_words
-        else TYPED * typed - NAMED * bool(MEASUREMENT_WORDS & name_words)
-    )
-    return _Candidate(topic, _main(topic, kind), score)
+    score = TYPED * (kind in COMMANDS) - NAMED * bool(MEASUREMENT_WORDS & name_words)
+    return _Candidate(topic, _main(topic, kind), NAMED if commands else score)
 
 
 def _as_output(topic: Topic) -> _Candidate | None:
@@ -139,7 +123,7 @@ def _as_output(topic: Topic) -> _Candidate | None:
     name_words = set(words(topic.name))
     if COMMAND_WORDS & name_words and not MEASUREMENT_WORDS & name_words:
         return None
-    if kind in ("Clock", "TFMessage", "Time", "Pose", "PoseStamped", "PoseWithCovarianceStamped"):
+    if kind in NO_OUTPUTS:
         return None
     score = NAMED * bool(MEASUREMENT_WORDS & name_words)
     score += {"JointState": TYPED, "Odometry": TYPED, "Imu": 0.5 * TYPED}.get(kind, 0.0)

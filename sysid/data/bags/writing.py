@@ -55,13 +55,12 @@ class Messages:
         """A header with a stamp [ns]."""
         return self.make("std_msgs/msg/Header", stamp=self.time(stamp), frame_id=frame)
 
-    def numbers(self, by_label: Mapping[str, float]) -> Any:
-        """A Float64MultiArray whose elements are labelled."""
+    def labelled(self, by_label: Mapping[str, float]) -> dict[str, Any]:
+        """The fields of a Float64MultiArray whose elements are labelled."""
         part = "std_msgs/msg/MultiArrayDimension"
         dims = [self.make(part, label=label, size=1, stride=1) for label in by_label]
         layout = self.make("std_msgs/msg/MultiArrayLayout", dim=dims)
-        data = self.array(*by_label.values())
-        return self.make("std_msgs/msg/Float64MultiArray", layout=layout, data=data)
+        return {"layout": layout, "data": self.array(*by_label.values())}
 
     def array(self, *values: float) -> Any:
         """Numbers as a message holds them."""
@@ -118,34 +117,27 @@ def write_bag(path: Path, source: Source) -> Path:
     messages = sorted(source(Messages(types)), key=lambda m: m.received)
     with replacing(path, folder=not suffix) as new:
         made = new.with_name("bag") if suffix == ".mcap" else new
-        (_write_first if suffix == ".bag" else _write_second)(made, messages, types, suffix)
+        _write(made, messages, types, suffix)
         if suffix == ".mcap":  # written as a folder that holds the file
             next(made.glob("*.mcap")).rename(new)
     return path
 
 
-def _write_first(path: Path, messages: list[Outgoing], types: "Typestore", _: str) -> None:
-    from rosbags.rosbag1 import Writer
+def _write(path: Path, messages: list[Outgoing], types: "Typestore", suffix: str) -> None:
+    from rosbags import rosbag1, rosbag2
 
-    with Writer(path) as bag:
+    if suffix == ".bag":
+        writer: Any = rosbag1.Writer(path)
+        serialized = types.serialize_ros1
+    else:
+        storage = rosbag2.StoragePlugin
+        plugin = storage.MCAP if suffix else storage.SQLITE3
+        writer = rosbag2.Writer(path, version=FOLDER_VERSION, storage_plugin=plugin)
+        serialized = types.serialize_cdr
+    with writer as bag:
         topics = {
             m.topic: bag.add_connection(m.topic, m.kind, typestore=types)
             for m in {m.topic: m for m in messages}.values()
         }
         for m in messages:
-            raw = types.serialize_ros1(m.content, m.kind)
-            bag.write(topics[m.topic], m.received, raw)
-
-
-def _write_second(path: Path, messages: list[Outgoing], types: "Typestore", suffix: str) -> None:
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    plugin = StoragePlugin.MCAP if suffix else StoragePlugin.SQLITE3
-    with Writer(path, version=FOLDER_VERSION, storage_plugin=plugin) as bag:
-        topics = {
-            m.topic: bag.add_connection(m.topic, m.kind, typestore=types)
-            for m in {m.topic: m for m in messages}.values()
-        }
-        for m in messages:
-            raw = types.serialize_cdr(m.content, m.kind)
-            bag.write(topics[m.topic], m.received, raw)
+            bag.write(topics[m.topic], m.received, serialized(m.content, m.kind))

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.fft import dct
 from scipy.special import fdtrc, gammaln
 
+from sysid.data.impulse import orthonormal
 from sysid.data.process import ProcessFit, fit_process
 from sysid.data.record import Array, Record
 
@@ -131,10 +132,7 @@ def change_within(records: Sequence[Record], j: int, fit: ProcessFit) -> Change 
         return None
     white = fit.white.filtered
     X = white(np.hstack([fit.white.base, fit.responses, fit.slopes, _curves(records, fit)]))
-    X = X / (np.sqrt(np.sum(X**2, axis=0)) + 1e-300)
-    values, vectors = np.linalg.eigh(X.T @ X)
-    known = values > 1e-9 * values[-1]
-    X = X @ (vectors[:, known] / np.sqrt(values[known]))
+    X, _ = orthonormal(X, 1e-9)
     target = white(np.concatenate([r.y[:, j] for r in records])[:, None])[:, 0]
     e = target - X @ (X.T @ target)
     Z = white(np.column_stack([fit.responses, fit.slopes.sum(axis=1), np.ones(n)]))

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.data.record import Array, Record
+from sysid.data.impulse import least_squares
+from sysid.data.record import Record
 
 EXACT = 0.01
 """Share of the input's variance that a law may leave."""
@@ -64,21 +65,16 @@ def control_law(records: Sequence[Record], i: int, j: int) -> ControlLaw | None:
         return None
     lines, target = np.concatenate(line), np.concatenate(u)
     terms = {"y": np.concatenate(y), "sum": np.concatenate(total)}
-    theta, left = _fit(np.column_stack([*terms.values(), lines]), target)
+    theta, rest = least_squares(np.column_stack([*terms.values(), lines]), target)
+    left = float(rest @ rest)
     spread = float(np.sum((target - target.mean()) ** 2))
-    alone = [_fit(np.column_stack([x, lines]), target)[1] for x in terms.values()]
-    opened = _fit(np.column_stack([np.concatenate(past), np.ones(len(target))]), target)[1]
+    columns = np.column_stack([np.concatenate(past), np.ones(len(target))])
+    others = [*(np.column_stack([x, lines]) for x in terms.values()), columns]
+    without = [float(np.sum(least_squares(X, target)[1] ** 2)) for X in others]
     needed = NEEDED * max(left, 1e-12 * spread)
-    if left > EXACT * spread or left > DECIDED * opened or min(*alone, opened) < needed:
+    if left > EXACT * spread or left > DECIDED * without[-1] or min(without) < needed:
         return None
     gain, rate = float(theta[0]), float(theta[1]) / records[0].dt
     if gain * rate <= 0.0:  # an integral part pushes the way of the proportional one
         return None
     return ControlLaw(gain, gain / rate, 1.0 - left / spread)
-
-
-def _fit(X: Array, y: Array) -> tuple[Array, float]:
-    """Parameters and sum of squared remainders of a regression with columns at length 1."""
-    length = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    theta = np.linalg.lstsq(X / length, y, rcond=1e-12)[0]
-    return theta / length, float(np.sum((y - X / length @ theta) ** 2))

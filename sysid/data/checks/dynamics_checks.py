@@ -1,15 +1,16 @@
 """Checks of the dynamics in a log: excitation, feedback, delay, sampling rate, nonlinearity."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from sysid.data.checks.constancy import Change, Part
 from sysid.data.checks.delay import Delay
 from sysid.data.checks.feedback import FeedbackTest
 from sysid.data.checks.nonlinearity import NONLINEAR, TRACE, NonlinearityTest
-from sysid.data.finding import Finding, Severity
+from sysid.data.finding import Finding, Severity, ok_unless
 from sysid.data.operating_point import value_with_error
-from sysid.data.record import Array, Record
+from sysid.data.record import Array, Channel, Record
 from sysid.data.speed import Speed
 from sysid.errors import argument
 
@@ -29,8 +30,7 @@ def excitation_order(records: Sequence[Record], limit: int) -> tuple[int, ...]:
     """
     orders = []
     for i in range(records[0].nu):
-        single = [r.select([r.input_names[i]], r.output_names) for r in records]
-        covariance = _lagged_covariance(single, limit)
+        covariance = _lagged_covariance([r.u[:, i] for r in records], limit)
         n = 0
         while n < len(covariance) and _smallest(covariance[: n + 1, : n + 1]) > EXCITED:
             n += 1
@@ -44,30 +44,21 @@ def check_excitation(records: Sequence[Record], order: int) -> list[Finding]:
     names = records[0].input_names
     for name, reached in zip(names, excitation_order(records, order), strict=True):
         if 0 < reached < order:
-            findings.append(
-                Finding(
-                    "excitation",
-                    Severity.WARNING,
-                    f"The input {name} excites the plant to order {reached} only; {order} was "
-                    "asked for.",
-                    "Lower the orders, or record with a richer input: sysid excite prbs.",
-                    name,
-                )
-            )
+            text = f"The input {name} excites the plant to order {reached} only; "
+            text += f"{order} was asked for."
+            advice = "Lower the orders, or record with a richer input: sysid excite prbs."
+            findings.append(Finding("excitation", Severity.WARNING, text, advice, name))
     findings += _together(records)
     text = f"Each input excites the plant to order {order} or more, independently of the others."
     return findings or [Finding("excitation", Severity.OK, text)]
 
 
-def _together(records: Sequence[Record]) -> list[Finding]:
+def _together(records: Sequence[Record]) -> Iterator[Finding]:
     """Inputs that are (nearly) a combination of the others."""
-    if records[0].nu < 2:
-        return []
     u = np.concatenate([r.u - r.u.mean(axis=0) for r in records])
     norm = np.linalg.norm(u, axis=0)
     unit = u / np.where(norm > 0, norm, 1.0)
-    correlation = unit.T @ unit
-    findings, named = [], set()
+    named = set[int]()
     for i, name in enumerate(records[0].input_names):
         others = [k for k in range(len(norm)) if k != i and norm[k] > 0]
         if norm[i] == 0 or not others or i in named:
@@ -79,46 +70,36 @@ def _together(records: Sequence[Record]) -> list[Finding]:
         parts = [k for k, c in zip(others, fit, strict=True) if abs(c) > 0.1]
         named.update(parts)
         partner = " and ".join(records[0].input_names[k] for k in parts)
-        c = correlation[i, parts[0]]
+        c = unit[:, i] @ unit[:, parts[0]]
         how = f"correlation {c:.3f}" if len(parts) == 1 else "as a weighted sum"
-        often = "always" if unexplained < 1e-3 else "nearly always"
-        findings.append(
-            Finding(
-                "collinear",
-                Severity.WARNING if unexplained < 1e-3 else Severity.NOTE,
-                f"The inputs {name} and {partner} {often} move together ({how}): their effects "
-                "cannot be distinguished.",
-                _HOW_TO_SEPARATE[records[0].is_robot_log],
-                name,
-            )
+        always = unexplained < 1e-3
+        text = (
+            f"The inputs {name} and {partner} {'' if always else 'nearly '}always move together "
+            f"({how}): their effects cannot be distinguished."
         )
-    return findings
+        severity = Severity.WARNING if always else Severity.NOTE
+        yield Finding("collinear", severity, text, _HOW_TO_SEPARATE[records[0].is_robot_log], name)
 
 
-def check_feedback(tests: Sequence[FeedbackTest] | None) -> list[Finding]:
+@ok_unless("feedback", "No feedback from output to input was detected.")
+def check_feedback(tests: Sequence[FeedbackTest] | None) -> Iterator[Finding]:
     """Whether the input depends on the output: data recorded in closed loop.
 
     Args:
         tests: one an output; None where the records are too short for them.
     """
     if tests is None:
-        return [_too_short("feedback")]
-    findings = [
-        Finding(
-            "feedback",
-            Severity.WARNING,
+        yield _too_short("feedback")
+    advice = (
+        "Prefer structures with a noise model (ARX, ARMAX, BJ) and one-step focus; OE is "
+        "biased here unless its residuals are white."
+    )
+    for test in (t for t in tests or () if t.seen):
+        text = (
             f"The input {test.input} responds to {_response(test)}: the data were recorded in "
-            "closed loop.",
-            "Prefer structures with a noise model (ARX, ARMAX, BJ) and one-step focus; OE is "
-            "biased here unless its residuals are white.",
-            test.output,
+            "closed loop."
         )
-        for test in tests
-        if test.seen
-    ]
-    return findings or [
-        Finding("feedback", Severity.OK, "No feedback from output to input was detected.")
-    ]
+        yield Finding("feedback", Severity.WARNING, text, advice, test.output)
 
 
 def _response(test: FeedbackTest) -> str:
@@ -134,7 +115,9 @@ def _response(test: FeedbackTest) -> str:
     return f"innovations of {test.output} ({share}, {_chance(test.p_value)})"
 
 
-def check_delay(delays: Sequence[Delay] | None, set_points: Sequence[str] = ()) -> list[Finding]:
+def check_delay(
+    delays: Sequence[Delay] | None, set_points: Sequence[str] = ()
+) -> Iterator[Finding]:
     """The delay of every pair with its interval, output by output.
 
     A response within the sample is either feedthrough or a controller that reads y(t) before it
@@ -146,29 +129,26 @@ def check_delay(delays: Sequence[Delay] | None, set_points: Sequence[str] = ()) 
         set_points: columns of the file that a controller follows.
     """
     if delays is None:
-        return [_too_short("delay")]
-    findings = []
-    for output in dict.fromkeys(d.output for d in delays):
-        parts = []
-        pairs = [d for d in delays if d.output == output]
-        for d in pairs:
-            if d.delay is None:
-                parts.append(f"no visible effect of {d.input}")
-            elif d.certain:
-                parts.append(f"{d.delay} from {d.input}")
-            else:
-                parts.append(f"{d.delay} ({d.low} to {d.high}) from {d.input}")
-        text = f"Delay to {output} in samples: {', '.join(parts)}.{_dead_times(pairs)}"
+        yield _too_short("delay")
+    for output in dict.fromkeys(d.output for d in delays or ()):
+        pairs = [d for d in delays or () if d.output == output]
         if all(d.delay is None for d in pairs):
-            findings.append(_no_effect(output, [d.input for d in pairs]))
+            yield _no_effect(output, [d.input for d in pairs])
             continue
-        severity, advice = (
-            Severity.OK,
-            "" if all(d.certain for d in pairs) else "Let the fit search the delay (give no nk).",
+        text = (
+            f"Delay to {output} in samples: {', '.join(map(_samples, pairs))}.{_dead_times(pairs)}"
         )
-        findings.append(Finding("delay", severity, text, advice, output))
-        findings += [_at_once(output, d.input, set_points) for d in pairs if d.delay == 0]
-    return findings
+        unsure = not all(d.certain for d in pairs)
+        advice = "Let the fit search the delay (give no nk)." * unsure
+        yield Finding("delay", Severity.OK, text, advice, output)
+        for d in (d for d in pairs if d.delay == 0):
+            yield _at_once(output, d.input, set_points)
+
+
+def _samples(d: Delay) -> str:
+    if d.delay is None:
+        return f"no visible effect of {d.input}"
+    return f"{d.delay}{'' if d.certain else f' ({d.low} to {d.high})'} from {d.input}"
 
 
 def _at_once(output: str, name: str, set_points: Sequence[str]) -> Finding:
@@ -190,28 +170,20 @@ _NEXT_SAMPLE = argument(orders="nk=1")
 def _dead_times(pairs: Sequence[Delay]) -> str:
     """Dead times in seconds, where one is seen."""
     seen = [d for d in pairs if d.delay is not None and d.dead_s > CLEAR * d.error_s]
-    if not seen:
-        return ""
     words = [f"{value_with_error(d.dead_s, d.error_s)} s from {d.input}" for d in seen]
-    return f" Dead time {', '.join(words)}."
+    return f" Dead time {', '.join(words)}." if words else ""
 
 
 def _no_effect(output: str, inputs: Sequence[str]) -> Finding:
-    who = f"The input {inputs[0]} explains"
-    if len(inputs) > 1:
-        who = f"The inputs {', '.join(inputs)} explain"
-    return Finding(
-        "no-effect",
-        Severity.WARNING,
-        f"{who} no more of {output} than chance would.",
-        "Check the columns, and whether the actuator was on: no model of these data is usable.",
-        output,
-    )
+    who = "input {} explains" if len(inputs) == 1 else "inputs {} explain"
+    text = f"The {who.format(', '.join(inputs))} no more of {output} than chance would."
+    advice = "Check the columns, and whether the actuator was on: no model of these data is usable."
+    return Finding("no-effect", Severity.WARNING, text, advice, output)
 
 
 def check_sampling(
     dt: float, speeds: Sequence[Speed], delays: Sequence[Delay] | None
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """Sample time against the time the outputs take to respond.
 
     Args:
@@ -219,17 +191,15 @@ def check_sampling(
         speeds: of the outputs.
         delays: of every pair: what an input reaches within the sample only seems slow.
     """
-    findings = []
     immediate = {d.output for d in delays or () if d.delay == 0}
     for speed in speeds:
         if speed.time_constant is None:
             text = f"The time constant of {speed.output} cannot be estimated from these data."
-            findings.append(Finding("sampling", Severity.NOTE, text, "", speed.output))
+            yield Finding("sampling", Severity.NOTE, text, "", speed.output)
             continue
         samples = speed.time_constant / dt
-        if speed.time_constant == 0:
-            text = f"{speed.output} is near its final value within the first sample"
-        else:
+        text = f"{speed.output} is near its final value within the first sample"
+        if speed.time_constant:
             text = (
                 f"{speed.output} takes {speed.time_constant:.3g} s to 63 % of its final value, "
                 f"{samples:.2g} samples"
@@ -246,8 +216,7 @@ def check_sampling(
                 f"Decimate it with {argument(decimate=max(2, round(samples / 15)))}: otherwise the "
                 "poles lie near 1 and noise dominates the fit."
             )
-        findings.append(Finding("sampling", severity, text + tail, advice, speed.output))
-    return findings
+        yield Finding("sampling", severity, text + tail, advice, speed.output)
 
 
 def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding]:
@@ -263,28 +232,20 @@ def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding
         text = "Not tested for nonlinearity: the input is a function of the output."
         return [Finding("nonlinearity", Severity.NOTE, text)]
     findings = []
-    for t in tests:
-        if t.p_value >= NONLINEAR / len(tests):
-            continue
-        p = _chance(t.p_value)
+    for t in (t for t in tests if t.p_value < NONLINEAR / len(tests)):
         predicted = f"{100.0 * t.share:.2g} %" if t.share >= TRACE else "a trace"
-        findings.append(
-            Finding(
-                "nonlinearity",
-                Severity.NOTE,
-                f"Nonlinear response of {t.output} ({p}): products of past inputs and outputs, "
-                f"mostly {t.shape}, predict {predicted} of the best linear predictor's errors.",
-                _STRUCTURES_TO_COMPARE.get(
-                    t.shape, _STRUCTURES_TO_COMPARE["of both input and output"]
-                ),
-                t.output,
-            )
+        text = (
+            f"Nonlinear response of {t.output} ({_chance(t.p_value)}): products of past inputs and "
+            f"outputs, mostly {t.shape}, predict {predicted} of the best linear predictor's errors."
         )
+        advice = _STRUCTURES_TO_COMPARE.get(t.shape, _STRUCTURES_TO_COMPARE[_BOTH])
+        findings.append(Finding("nonlinearity", Severity.NOTE, text, advice, t.output))
     least = min(t.p_value for t in tests)
     text = f"No nonlinearity was detected (p = {least:.2g}): linear structures may suffice."
     return findings or [Finding("nonlinearity", Severity.OK, text)]
 
 
+_BOTH = "of both input and output"
 _STRUCTURES_TO_COMPARE = {
     "even in the input": "Compare hammerstein-wiener and narmax with the linear structures.",
     "odd in the input": "Compare hammerstein-wiener (dead zone, saturation) and narx-wavelet with "
@@ -292,7 +253,7 @@ _STRUCTURES_TO_COMPARE = {
     "even in the output": "Compare narmax and narx-wavelet with the linear structures.",
     "odd in the output": "Compare narmax and narx-wavelet (springs, friction) with the linear "
     "structures; for a motor dc-motor.",
-    "of both input and output": "Compare narmax and narx-wavelet with the linear structures.",
+    _BOTH: "Compare narmax and narx-wavelet with the linear structures.",
 }
 
 
@@ -312,13 +273,12 @@ def _too_short(code: str) -> Finding:
     return Finding(code, Severity.NOTE, text, "Record longer.")
 
 
-def _lagged_covariance(records: Sequence[Record], order: int) -> Array:
+def _lagged_covariance(inputs: Sequence[Array], order: int) -> Array:
     total = np.zeros((order, order))
-    mean = np.concatenate([r.u for r in records]).mean(axis=0)
-    for r in records:
-        if len(r) >= 2 * order:
-            u = (r.u - mean)[:, 0]
-            lagged = np.lib.stride_tricks.sliding_window_view(u, order)
+    mean = np.concatenate(inputs).mean()
+    for u in inputs:
+        if len(u) >= 2 * order:
+            lagged = np.lib.stride_tricks.sliding_window_view(u - mean, order)
             total += lagged.T @ lagged
     return total
 
@@ -327,3 +287,64 @@ def _smallest(matrix: Array) -> float:
     """Smallest eigenvalue over the largest."""
     values = np.linalg.eigvalsh(matrix)
     return float(values[0] / values[-1]) if values[-1] > 0 else 0.0
+
+
+def check_constancy(
+    records: Sequence[Record], changes: Sequence[Change], drifts: Array, tested: bool
+) -> Iterator[Finding]:
+    """What changes within the log, and when; nothing where no process shows it.
+
+    Args:
+        records: with the channels' names and units.
+        changes: of gains and time constants.
+        drifts: ranges of the drifts of levels, (ny,).
+        tested: whether a process stands for any output.
+    """
+    for c in changes:
+        text = change_sentence(c, records[0])
+        yield Finding("change", Severity.WARNING, text, _ADVICE[c.is_step], c.output)
+    changed = {c.output for c in changes}
+    drifting = zip(records[0].outputs, drifts.tolist(), strict=False)
+    drifting_levels = [(c, d) for c, d in drifting if d and c.name not in changed]
+    for channel, drift in drifting_levels:
+        size = f"{drift / channel.scale:.2g} {channel.file_words or channel.unit}".strip()
+        text = (
+            f"The level of {channel.name} drifts by {size} within the log, whatever the inputs do."
+        )
+        advice = "`remove_drift=True` takes it out, so that it biases no gain or time constant."
+        yield Finding("drift", Severity.WARNING, text, advice, channel.name)
+    if tested and not (changes or drifting_levels):
+        text = "Gains, time constants and levels are constant."
+        yield Finding("change", Severity.OK, text)
+
+
+def change_sentence(change: Change, record: Record) -> str:
+    """``speed: gain from volts falls by 24.0 ± 0.3 % (…) at 61.3 ± 0.4 s.``"""
+    inputs = {c.name: c for c in record.inputs}
+    output = next(c for c in record.outputs if c.name == change.output)
+    parts = " and ".join(_part(p, inputs[p.input], output) for p in change.parts)
+    when = (
+        f"at {value_with_error(change.at, change.error)} s"
+        if change.is_step
+        else "from the first to the last sample"
+    )
+    return f"{change.record}: {parts} {when}."
+
+
+def _part(part: Part, u: Channel, y: Channel) -> str:
+    verb = "falls" if part.change < 0.0 else "rises"
+    by = value_with_error(100.0 * abs(part.change), 100.0 * part.error)
+    if not part.is_gain:
+        numbers = f"{part.before:.3g} to {part.after:.3g} s"
+        return f"the time constant of {y.name} {verb} by {by} % ({numbers})"
+    factor = u.scale / y.scale
+    unit = f" {y.file_words or y.unit or y.name} per {u.file_words or u.unit or u.name}"
+    numbers = f"{factor * part.before:.4g} to {factor * part.after:.4g}{unit}"
+    return f"the gain from {u.name} to {y.name} {verb} by {by} % ({numbers})"
+
+
+_ADVICE = {
+    True: "One model does not describe both parts: cut the log there (`trim`) and fit each.",
+    False: "A model of the whole log is an average: warming, an emptying battery or wear?",
+}
+"""What to do, by whether it changes at one time."""

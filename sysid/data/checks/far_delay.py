@@ -7,12 +7,12 @@ lags are looked at as well. The lags found are coarse: they say where a regressi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, linalg, special
+from scipy import special
 
+from sysid.data.impulse import correlation, whitener
 from sysid.data.record import Array, Record
 
 SHARE = 4
@@ -37,24 +37,16 @@ RIDGE = 1e-3
 chirps) would else be whitened to noise."""
 
 
-@dataclass(frozen=True)
-class Window:
-    """Lags first … last within which an input is first seen in an output."""
-
-    first: int
-    last: int
-
-
 MARGIN = 8
 """Lags on either side of a window in which the response may begin, and which a regression takes."""
 
 
-def far_lags(windows: Sequence[Window | None], near: int) -> NDArray[np.int64]:
-    """Lags around the windows that reach beyond the lags 0 … ``near``, in order; often none."""
+def far_lags(windows: Sequence[range | None], near: int) -> NDArray[np.int64]:
+    """Lags around windows of lags that reach beyond the lags 0 … ``near``, in order; often none."""
     ranges = [
-        np.arange(max(w.first - MARGIN, near + 1), w.last + MARGIN + 1)
+        np.arange(max(w[0] - MARGIN, near + 1), w[-1] + MARGIN + 1)
         for w in windows
-        if w is not None and w.last + MARGIN > near and w.last > NEAR
+        if w is not None and w[-1] + MARGIN > near and w[-1] > NEAR
     ]
     return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *ranges]))
 
@@ -64,42 +56,31 @@ def longest_delay(records: Sequence[Record]) -> int:
     return max(min(len(r) for r in records) // SHARE, 0)
 
 
-def first_seen(records: Sequence[Record]) -> list[list[Window | None]]:
+def first_seen(records: Sequence[Record]) -> list[list[range | None]]:
     """Where each input is first seen in each output, [output][input]; None for nowhere."""
     ny, nu = records[0].ny, records[0].nu
-    windows: list[list[Window | None]] = [[None] * nu for _ in range(ny)]
+    windows: list[list[range | None]] = [[None] * nu for _ in range(ny)]
     most = longest_delay(records)
     if most < 2:
         return windows
     for i in range(nu):
         us = [r.u[:, i] - r.u[:, i].mean() for r in records]
-        whitener = _whitener(us)
-        if whitener is None:
+        white = whitener(us, min(ORDER, sum(map(len, us)) // 20), RIDGE)
+        if white is None:
             continue
-        filtered = [_filtered(whitener, u) for u in us]
+        filtered = [_filtered(white, u) for u in us]
         for j in range(ny):
-            ys = [_filtered(whitener, r.y[:, j] - r.y[:, j].mean()) for r in records]
+            ys = [_filtered(white, r.y[:, j] - r.y[:, j].mean()) for r in records]
             windows[j][i] = _window(filtered, ys, most)
     return windows
 
 
-def _filtered(whitener: Array, x: Array) -> Array:
+def _filtered(white: Array, x: Array) -> Array:
     """The signal behind the whitening filter, at rest before the record."""
-    return np.asarray(np.convolve(whitener, x)[: len(x)])
+    return np.asarray(np.convolve(white, x)[: len(x)])
 
 
-def _whitener(us: Sequence[Array]) -> Array | None:
-    """1 + α₁q⁻¹ + … of the autoregression of the inputs (Yule–Walker), None for a constant."""
-    samples = sum(len(u) for u in us)
-    order = min(ORDER, samples // 20)
-    r = np.asarray(sum(_correlation(u, u, order) for u in us))
-    if r[0] <= 0.0 or order < 1:
-        return None
-    alpha = linalg.solve_toeplitz(np.append(r[0] * (1.0 + RIDGE), r[1:order]), r[1 : order + 1])
-    return np.concatenate([[1.0], -alpha])
-
-
-def _window(us: Sequence[Array], ys: Sequence[Array], most: int) -> Window | None:
+def _window(us: Sequence[Array], ys: Sequence[Array], most: int) -> range | None:
     """The first lags whose sum is beyond chance and not small beside the largest."""
     tried = [(_sizes(us, ys, most, w), w) for w in WIDTHS]
     size, width = max(tried, key=lambda t: float(t[0].max()))
@@ -107,7 +88,7 @@ def _window(us: Sequence[Array], ys: Sequence[Array], most: int) -> Window | Non
     if not float(size.max()) >= chance:
         return None
     first = int(np.flatnonzero(size >= max(chance, CLEAR * float(size.max())))[0])
-    return Window(first, first + width - 1)
+    return range(first, first + width)
 
 
 def _sizes(us: Sequence[Array], ys: Sequence[Array], most: int, width: int) -> Array:
@@ -117,19 +98,12 @@ def _sizes(us: Sequence[Array], ys: Sequence[Array], most: int, width: int) -> A
     heads = [u[: len(s)] for u, s in zip(us, sums, strict=True)]
     if not sums:
         return np.zeros(most + 1)
-    cross = np.asarray(sum(_correlation(y, u, most) for u, y in zip(heads, sums, strict=True)))
+    cross = np.asarray(sum(correlation(y, u, most) for u, y in zip(heads, sums, strict=True)))
     autocorrelations = [
-        np.asarray(sum(_correlation(x, x, most) for x in xs)) for xs in (heads, sums)
+        np.asarray(sum(correlation(x, x, most) for x in xs)) for xs in (heads, sums)
     ]
     # Bartlett: variance of Σ u(t−k) y(t) = N Σ R_u(l) R_y(l), from sums that are N times R each
     products = autocorrelations[0] * autocorrelations[1]
     variance = max(float(products[0] + 2.0 * products[1:].sum()), float(products[0]))
     variance /= max(sum(len(u) for u in heads), 1)
     return np.abs(cross) / np.sqrt(variance) if variance > 0.0 else np.zeros(most + 1)
-
-
-def _correlation(a: Array, b: Array, most: int) -> Array:
-    """Σ a(t) b(t−k) for k = 0 … most, by FFT."""
-    size = fft.next_fast_len(len(a) + most + 1, real=True)
-    spectrum = fft.rfft(a, size) * np.conj(fft.rfft(b, size))
-    return np.asarray(fft.irfft(spectrum, size)[: most + 1])

@@ -37,10 +37,14 @@ from sysid.data.checks.reference import (
 from sysid.data.impulse import (
     MAX_SAMPLES,
     LongRegression,
+    at_most,
     chance,
     chosen_order,
     clipped,
+    least_squares,
+    lengths,
     long_regression,
+    orthonormal,
     regressors,
     wald,
 )
@@ -140,7 +144,7 @@ def feedback_tests(records: Sequence[Record]) -> tuple[FeedbackTest, ...]:
         p_value = min(1.0, len(by_test) * clearest.p_value)
         test = replace(clearest, p_value=p_value, moving=moving[clearest.input])
         tests.append(test if test.sure else _by_law(records, test))
-    with_references = _at_most(with_reference(records))
+    with_references = at_most(with_reference(records), MAX_SAMPLES)
     if not with_references:
         return tuple(tests)
     return tuple(
@@ -236,19 +240,25 @@ def _reactions(records: Sequence[Record], order: int, far: NDArray[np.int64]) ->
     moving = [j for j in range(first.nu) if _moves(records, j)]
     if not usable or not moving:
         return none
-    usable = _at_most(usable)
+    usable = at_most(usable, MAX_SAMPLES)
     X, Y, _ = regressors(usable, order, lags)
-    innovations = Y - X @ np.linalg.lstsq(X, Y, rcond=1e-10)[0]
+    innovations = least_squares(X, Y, 1e-10)[1]
     edges = np.cumsum([len(r) - back for r in usable])[:-1]
     own_lags = np.union1d(np.arange(1, min(last + ANSWER, back + ANSWER) + 1), far)
     tests = []
     for i, none_of_output in enumerate(none):
         of_output = np.split(clipped(innovations[:, i]), edges)
         pairs = [(*_reaction(usable, j, of_output, back, own_lags), j) for j in moving]
-        p, share, j = min(pairs)
-        name = first.input_names[j]
-        tests.append(FeedbackTest(none_of_output.output, name, min(1.0, p * len(moving)), share))
+        tests.append(_clearest(first, none_of_output.output, pairs))
     return tests
+
+
+def _clearest(
+    record: Record, output: str, pairs: Sequence[tuple[float, float, int]]
+) -> FeedbackTest:
+    """Of (p-value, share, input) the clearest, its p-value times their number."""
+    p, share, j = min(pairs)
+    return FeedbackTest(output, record.input_names[j], min(1.0, p * len(pairs)), share)
 
 
 def _beside_reference(
@@ -256,15 +266,12 @@ def _beside_reference(
 ) -> list[FeedbackTest]:
     """The clearest response to each output beside the reference, p-values times the inputs."""
     lags = np.union1d(np.arange(_memory(records, order) + 1), far)
-    with_references = _at_most(with_reference(records))
-    names = records[0].input_names
-    tests = []
-    for output, row in zip(
-        records[0].output_names, answers_beside_reference(with_references, order, lags), strict=True
-    ):
-        p, share, j = min((p, share, j) for j, (p, share) in enumerate(row))
-        tests.append(FeedbackTest(output, names[j], min(1.0, p * len(names)), share))
-    return tests
+    with_references = at_most(with_reference(records), MAX_SAMPLES)
+    answers = answers_beside_reference(with_references, order, lags)
+    return [
+        _clearest(records[0], output, [(p, share, j) for j, (p, share) in enumerate(row)])
+        for output, row in zip(records[0].output_names, answers, strict=True)
+    ]
 
 
 def _reaction(
@@ -290,19 +297,10 @@ def _reaction(
     return _explained(np.concatenate(rows), np.concatenate(targets))
 
 
-def _at_most(records: Sequence[Record]) -> list[Record]:
-    """As many samples as the regressions look at."""
-    kept, budget = [], MAX_SAMPLES
-    for r in records:
-        if budget > 0:
-            kept.append(r.rows(0, budget))
-            budget -= len(kept[-1])
-    return kept
-
-
 def _explained(X: Array, y: Array) -> tuple[float, float]:
     """(p-value, share) of the last ANSWER columns beside the others, jumps of y clipped."""
-    basis, candidates = _basis(X[:, :-ANSWER]), _unit(X[:, -ANSWER:])
+    basis, _ = orthonormal(X[:, :-ANSWER], RANK)
+    candidates = X[:, -ANSWER:] / lengths(X[:, -ANSWER:])
     more = candidates - basis @ (basis.T @ candidates)
     values, vectors = np.linalg.eigh(more.T @ more)
     known = values > RANK
@@ -321,19 +319,6 @@ def _explained(X: Array, y: Array) -> tuple[float, float]:
 def _moves(records: Sequence[Record], j: int) -> bool:
     change = np.concatenate([np.diff(r.u[:, j]) for r in records])
     return bool(len(change)) and float(np.median(np.abs(change))) > 0.0
-
-
-def _basis(X: Array) -> Array:
-    """Orthonormal basis of the columns' span."""
-    kept = _unit(X)
-    values, vectors = np.linalg.eigh(kept.T @ kept)
-    known = values > RANK * values[-1]
-    return np.asarray(kept @ (vectors[:, known] / np.sqrt(values[known])))
-
-
-def _unit(X: Array) -> Array:
-    """The columns at length 1."""
-    return np.asarray(X / np.maximum(np.sqrt(np.sum(X**2, axis=0)), 1e-300))
 
 
 def _robust(basis: Array, y: Array) -> Array:

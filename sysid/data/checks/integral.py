@@ -9,13 +9,14 @@ An output integrates where its inputs explain its changes and its level does not
 is not above zero beyond chance, and τ is longer than what the log can show.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data.finding import Finding, Severity
-from sysid.data.record import Array, Record
+from sysid.data.impulse import least_squares, lengths
+from sysid.data.record import Array, Record, block_means
 from sysid.errors import argument
 
 BLOCKS = 400
@@ -35,6 +36,9 @@ FOLLOWS = 0.5
 
 END = 0.01
 """Share of its range within which an output is at an end."""
+
+POSITIONS = ("rad", "m")
+"""Units of positions; what is written in degrees, turns, counts or millimetres is read in these."""
 
 STOPS = 0.02
 """Share of rows at an end under push from which on it is a stop."""
@@ -63,21 +67,19 @@ def integrals(records: Sequence[Record]) -> tuple[Integral, ...]:
     return tuple(s for s in seen if s is not None)
 
 
-def check_integrals(seen: Sequence[Integral]) -> list[Finding]:
+def check_integrals(seen: Sequence[Integral]) -> Iterator[Finding]:
     """What an output that integrates is modelled by, and its end stops."""
-    findings = []
     for s in seen:
         text = f"{s.output} integrates {s.input}: its speed follows, and it has no final value."
         advice = f"Model its speed with {argument(speed_of=s.output)}."
-        findings.append(Finding("integrates", Severity.NOTE, text, advice, s.output))
+        yield Finding("integrates", Severity.NOTE, text, advice, s.output)
         if s.stopped > STOPS:
             text = (
                 f"{s.output} stands at an end of its range in {100 * s.stopped:.2g} % of the rows "
                 f"while {s.input} pushes on: an end stop or a clipping sensor."
             )
             advice = "Leave those stretches out: a linear model reads them as lower gain."
-            findings.append(Finding("saturation", Severity.WARNING, text, advice, s.output))
-    return findings
+            yield Finding("saturation", Severity.WARNING, text, advice, s.output)
 
 
 def _integral(records: Sequence[Record], j: int) -> Integral | None:
@@ -91,8 +93,8 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
         n = (len(r) - 1) // every
         if n < 4:
             continue
-        of_u = (r.u[: n * every] - means).reshape(n, every, -1).mean(axis=1)
-        level = r.y[: n * every, j].reshape(n, every).mean(axis=1)
+        of_u = block_means(r.u[: n * every] - means, every)
+        level = block_means(r.y[: n * every], every)[:, j]
         step = np.diff(r.y[: n * every + 1 : every, j])
         rows.append(np.column_stack([of_u[1:], of_u[:-1], level[1:], np.ones(n - 1)]))
         changes.append(step[1:])
@@ -104,13 +106,16 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
     X, d = every_X[end == 0.0], every_d[end == 0.0]
     if len(d) < 40:
         return None
-    theta, left, error = _fit(X, d)
-    without = _fit(X[:, 2 * nu :], d)[1]
+    theta, rest = least_squares(X, d)
+    left, without = float(rest @ rest), _left(X[:, 2 * nu :], d)
     now = np.column_stack([X[:, : 2 * nu], X[:, -1:]])
-    follows = 1.0 - _fit(now, X[:, -2])[1] / float(np.sum((X[:, -2] - X[:, -2].mean()) ** 2))
+    follows = 1.0 - _left(now, X[:, -2]) / float(np.sum((X[:, -2] - X[:, -2].mean()) ** 2))
     pull = float(theta[-2])
     if without - left < DRIVEN * without or left <= 0.0 or follows > FOLLOWS:
         return None
+    unit = X / lengths(X)
+    spread = max(float(np.linalg.pinv(unit.T @ unit)[-2, -2]), 0.0)
+    error = np.sqrt(spread * left / max(len(d) - X.shape[1], 1)) / lengths(X)[-2]
     length = sum(len(r) for r in records) / every
     if pull < PULLED * error or -pull * FOREVER * length > 1.0:
         return None
@@ -122,12 +127,27 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
     return Integral(records[0].output_names[j], records[0].input_names[i], float(np.mean(stopped)))
 
 
-def _fit(X: Array, y: Array) -> tuple[Array, float, float]:
-    """Parameters, sum of squared remainders, standard error of the last parameter but one."""
-    length = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    scaled = X / length
-    theta = np.linalg.lstsq(scaled, y, rcond=1e-12)[0]
-    left = float(np.sum((y - scaled @ theta) ** 2))
-    spread = np.linalg.pinv(scaled.T @ scaled)[-2, -2]
-    error = float(np.sqrt(max(spread, 0.0) * left / max(len(y) - X.shape[1], 1))) / length[-2]
-    return theta / length, left, error
+def _left(X: Array, y: Array) -> float:
+    return float(np.sum(least_squares(X, y)[1] ** 2))
+
+
+def integrates(records: Sequence[Record]) -> bool:
+    """Whether the output of a log of one input and one output integrates."""
+    return records[0].nu == records[0].ny == 1 and bool(integrals(records))
+
+
+def is_position(records: Sequence[Record], output: int) -> bool:
+    """Whether an output is a position: by its unit, or where that is unknown by its measurements.
+
+    Args:
+        records: a motor an output, each with the input of its own number.
+        output: which one.
+    """
+    channel = records[0].outputs[output]
+    if channel.unit:
+        return channel.unit in POSITIONS
+    motors = [
+        r.select(r.input_names[output : output + 1], r.output_names[output : output + 1])
+        for r in records
+    ]
+    return integrates(motors)

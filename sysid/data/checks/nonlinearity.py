@@ -30,9 +30,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sysid.data.checks.far_delay import NEAR, far_lags, first_seen
-from sysid.data.impulse import chosen_order, regressors
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.impulse import chosen_order, orthonormal, regressors
+from sysid.data.record import Array, Record, shortened
 from sysid.errors import DataError
 
 NONLINEAR = 0.01
@@ -158,17 +157,14 @@ class _Linear:
         X, Y, _ = regressors(records, order, lags)
         scale = np.sqrt(np.mean(X**2, axis=0))
         scale[scale == 0.0] = 1.0
-        X = X / scale
-        values, vectors = np.linalg.eigh(X.T @ X)
-        known = values > KNOWN * values[-1]
-        basis = X @ (vectors[:, known] / np.sqrt(values[known]))
-        theta = (vectors[:, known] / values[known]) @ (vectors[:, known].T @ (X.T @ Y))
-        return _Linear(order, lags, X, Y, basis, theta / scale[:, None], Y - X @ theta)
+        basis, back = orthonormal(X, KNOWN)
+        theta = back @ (basis.T @ Y)
+        return _Linear(order, lags, X / scale, Y, basis, theta, Y - X @ theta)
 
     def strongest(self, ny: int, nu: int) -> list[list[int]]:
         """For each output the columns of X of each input's strongest lags."""
         width, order = len(self.lags), self.order
-        power = np.abs(self.theta) * 1.0
+        power = np.abs(self.theta)
         strongest_columns = []
         for j in range(ny):
             columns = []

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 from scipy.special import chdtrc
 
-from sysid.data.impulse import clipped, regressors
+from sysid.data.impulse import clipped, correlation, least_squares, regressors
 from sysid.data.record import Array, Record
 
 ANSWER = 8
@@ -67,7 +67,7 @@ def answers_beside_reference(
     free = len(total) - max(command.shape[1], past.shape[1]) - groups
     if free < max(10, past.shape[1] // 2):
         return none
-    n, w = _remainder(command, total), _remainder(past, output)
+    n, w = (least_squares(X, Y, 1e-10)[1] for X, Y in ((command, total), (past, output)))
     used = [len(r) - int(lags[-1]) for r in records]
     edges = np.cumsum([m for m in used if m > 1])[:-1]
     for j in range(records[0].nu):
@@ -98,7 +98,8 @@ def followed_difference(records: Sequence[Record], i: int, j: int, order: int) -
         apart = np.hstack([command, wish, output])
         together = np.hstack([command, wish - output])
         without, by_both, by_difference = (
-            float(np.sum(_remainder(X, total) ** 2)) for X in (command, apart, together)
+            float(np.sum(least_squares(X, total, 1e-10)[1] ** 2))
+            for X in (command, apart, together)
         )
         if by_difference - by_both <= TIED * (without - by_both):
             return name
@@ -110,14 +111,10 @@ def _wished(record: Record) -> Array:
     return record.references
 
 
-def _remainder(X: Array, Y: Array) -> Array:
-    return np.asarray(Y - X @ np.linalg.lstsq(X, Y, rcond=1e-10)[0])
-
-
 def _answer(n: Sequence[Array], w: Sequence[Array], free: int) -> tuple[float, float]:
     """(p-value, share) of cᵀ C⁻¹ c over all records."""
-    c = np.sum([_products(a, b)[1:] for a, b in zip(n, w, strict=True)], axis=0)
-    autocorrelation = np.sum([_products(a, a)[:-1] for a in n], axis=0)
+    c = np.sum([correlation(a, b, ANSWER)[1:] for a, b in zip(n, w, strict=True)], axis=0)
+    autocorrelation = np.sum([correlation(a, a, ANSWER - 1) for a in n], axis=0)
     samples = sum(map(len, n))
     power = float(sum(b @ b for b in w)) * samples / free
     covariance = toeplitz(autocorrelation) / free * power
@@ -125,8 +122,3 @@ def _answer(n: Sequence[Array], w: Sequence[Array], free: int) -> tuple[float, f
         return 1.0, 0.0
     value = float(c @ np.linalg.lstsq(covariance, c, rcond=1e-10)[0])
     return float(chdtrc(ANSWER, value)), value / (value + free)
-
-
-def _products(a: Array, b: Array) -> Array:
-    """Σ a(t) b(t−k) for k = 0 … ANSWER."""
-    return np.array([a[k:] @ b[: len(b) - k] for k in range(ANSWER + 1)])

@@ -1,12 +1,12 @@
 """Checks of a robot's log: signs, sides and units of PWM and ω."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from sysid.data.column_words import meaning, words
-from sysid.data.finding import Finding, Severity
+from sysid.data.finding import Finding, Severity, ok_unless
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
 from sysid.data.units import LEAST_PULSE
 from sysid.errors import argument
@@ -21,6 +21,13 @@ _SUSPECTS = (
 """Unit -> what ω in rad/s is multiplied by when it is written in that unit."""
 
 
+@ok_unless("robot", "PWM and ω agree with the robot in sign, side and size.")
+def _check_vehicle(records: Sequence[Record]) -> Iterator[Finding]:
+    scale = _pwm_scale(records)
+    yield from scale or _omega_unit(records)
+    yield from _signs(records)
+
+
 def check_robot(records: Sequence[Record]) -> list[Finding]:
     """Sign, side and unit of PWM and ω; nothing for a log that is not a robot's.
 
@@ -29,16 +36,9 @@ def check_robot(records: Sequence[Record]) -> list[Finding]:
     """
     if not all(r.is_robot_log for r in records):
         return []
-    u = np.concatenate([r.u for r in records])
-    y = np.concatenate([r.y for r in records])
-    findings = _pwm_scale(records[0], u)
     if not _has_sides(records[0]):
-        return findings + _signs(records)
-    findings = findings or _omega_unit(records[0], u, y)
-    findings += _signs(records)
-    return findings or [
-        Finding("robot", Severity.OK, "PWM and ω agree with the robot in sign, side and size.")
-    ]
+        return [*_pwm_scale(records), *_signs(records)]
+    return _check_vehicle(records)
 
 
 def _has_sides(record: Record) -> bool:
@@ -47,69 +47,61 @@ def _has_sides(record: Record) -> bool:
     return (record.nu > 1 and record.ny > 1) or all(meaning(n).side for n in names)
 
 
-def _pwm_scale(record: Record, u: Array) -> list[Finding]:
-    top = float(np.max(np.abs(u)))
-    if any(c.scale != 1.0 for c in record.inputs):
-        return []
-    if not all("pwm" in words(n) for n in record.input_names):
-        return []  # a command of another scale, which nothing here says should be µs
+_SCALES = (
+    (1.0, 1.0, "stays within ±{:.3g}, as a command in ±1 does"),
+    (100.0, 100.0, "stays within ±{:.4g}, as a command in percent does"),
+    (255.0, 255.0, "stays within ±{:.4g}, as an 8-bit command does"),
+    (LEAST_PULSE, 1000.0, "stays within ±{:.5g}, where nothing moves in µs of ±20000"),
+)
+"""Largest command, what full drive then is likely to be, and why."""
+
+
+def _pwm_scale(records: Sequence[Record]) -> list[Finding]:
+    first = records[0]
+    top = float(np.max([np.max(np.abs(r.u)) for r in records]))
+    # a command of another scale, which nothing here says should be µs
+    others = any(c.scale != 1.0 or "pwm" not in words(c.name) for c in first.inputs)
+    guess, why = next(((g, why) for most, g, why in _SCALES if 0 < top <= most), (0.0, ""))
     if top > 1.0001 * PWM_FULL_SCALE:
-        guess, why = top, f"goes up to {top:.6g}, beyond ±20000 µs"
-    elif 0 < top <= 1.0:
-        guess, why = 1.0, f"stays within ±{top:.3g}, as a command in ±1 does"
-    elif top <= 100.0:
-        guess, why = 100.0, f"stays within ±{top:.4g}, as a command in percent does"
-    elif top <= 255.0:
-        guess, why = 255.0, f"stays within ±{top:.4g}, as an 8-bit command does"
-    elif top <= LEAST_PULSE:
-        guess, why = 1000.0, f"stays within ±{top:.5g}, where nothing moves in µs of ±20000"
-    else:
+        guess, why = top, "goes up to {:.6g}, beyond ±20000 µs"
+    if others or not why:
         return []
-    return [
-        Finding(
-            "pwm-scale",
-            Severity.WARNING,
-            f"The PWM {why}.",
-            f"If full drive is {guess:g} there, give {argument(pwm_max=float(f'{guess:g}'))}"
-            + (f"; on a board of ±255 {argument(pwm_max=255.0)}." if guess == 100.0 else "."),
-            ", ".join(record.input_names),
-        )
-    ]
+    advice = f"If full drive is {guess:g} there, give {argument(pwm_max=float(f'{guess:g}'))}"
+    advice += f"; on a board of ±255 {argument(pwm_max=255.0)}." if guess == 100.0 else "."
+    text = f"The PWM {why.format(top)}."
+    return [Finding("pwm-scale", Severity.WARNING, text, advice, ", ".join(first.input_names))]
 
 
-def _omega_unit(record: Record, u: Array, y: Array) -> list[Finding]:
+def _omega_unit(records: Sequence[Record]) -> Iterator[Finding]:
     """Compare the largest |ω| with what the largest |PWM| can give."""
     # The 97th percentile of both: a burst of outliers must not pass for another unit.
-    drive = min(1.0, float(np.percentile(np.max(np.abs(u), axis=1), 97)) / PWM_FULL_SCALE)
-    measured = float(np.percentile(np.max(np.abs(y), axis=1), 97))
+    first = records[0]
+    driven, measured = (
+        float(np.percentile(np.concatenate([np.max(np.abs(x), axis=1) for x in of_all]), 97))
+        for of_all in ([r.u for r in records], [r.y for r in records])
+    )
+    drive = min(1.0, driven / PWM_FULL_SCALE)
+    converted = any(c.scale != 1.0 for c in first.outputs)
+    if not first.is_in_pulse_widths or drive < 0.1 or measured == 0 or converted:
+        return
     expected = TOP_OMEGA * drive
-    if (
-        not record.is_in_pulse_widths
-        or drive < 0.1
-        or measured == 0
-        or any(c.scale != 1.0 for c in record.outputs)
-    ):
-        return []
     ratio = measured / expected
     if 0.25 <= ratio <= 2.0:
-        return []
-    near = [(abs(math.log(ratio / factor)), unit) for unit, factor in _SUSPECTS]
-    distance, unit = min(near)
+        return
+    distance, unit = min((abs(math.log(ratio / factor)), unit) for unit, factor in _SUSPECTS)
     hint = ""
     if distance > math.log(2.0):
         unit = "ticks/360" if ratio > 2 else "rev/s"
         hint = " (with your encoder's ticks per turn)" if ratio > 2 else ""
-    return [
-        Finding(
-            "omega-unit",
-            Severity.WARNING,
-            f"ω reaches {measured:.4g}, but the robot's sprockets turn at about {expected:.3g} "
-            f"rad/s at {100 * drive:.0f} % drive.",
-            "If the log is not in rad/s, give its unit, for example "
-            f"{argument(units={record.output_names[0]: unit})}{hint}.",
-            ", ".join(record.output_names),
-        )
-    ]
+    text = (
+        f"ω reaches {measured:.4g}, but the robot's sprockets turn at about {expected:.3g} "
+        f"rad/s at {100 * drive:.0f} % drive."
+    )
+    advice = (
+        "If the log is not in rad/s, give its unit, for example "
+        f"{argument(units={first.output_names[0]: unit})}{hint}."
+    )
+    yield Finding("omega-unit", Severity.WARNING, text, advice, ", ".join(first.output_names))
 
 
 def wrong_wires(records: Sequence[Record]) -> tuple[Finding, ...]:
@@ -135,38 +127,28 @@ def _exchanged(records: Sequence[Record], c: Array) -> bool:
     return bool(not together and all(abs(c[j, 1 - j]) > abs(c[j, j]) + 0.2 for j in (0, 1)))
 
 
-def _signs(records: Sequence[Record]) -> list[Finding]:
+def _signs(records: Sequence[Record]) -> Iterator[Finding]:
     first = records[0]
     c, names = _correlations(records), first.input_names
-    findings = []
     if _exchanged(records, c):
         c, names = c[:, ::-1], names[::-1]
-        findings.append(
-            Finding(
-                "side",
-                Severity.WARNING,
-                "The left ω follows the right PWM and the right ω the left PWM.",
-                "Swap two columns or two plugs: left and right are mixed up. Until then give "
-                f"{argument(inputs=list(names))}.",
+        text = "The left ω follows the right PWM and the right ω the left PWM."
+        advice = (
+            "Swap two columns or two plugs: left and right are mixed up. Until then give "
+            f"{argument(inputs=list(names))}."
+        )
+        yield Finding("side", Severity.WARNING, text, advice)
+    for j, y in enumerate(first.outputs[: min(first.nu, first.ny)]):
+        if c[j, j] < -0.3:
+            text = f"{y.name} runs against {names[j]} (correlation {c[j, j]:.2f}): "
+            turns = "positive PWM turns that track backward."
+            text += turns if _has_sides(first) else f"where {names[j]} rises it falls."
+            unit = {y.name: f"-{y.file_unit or y.unit or 1}"}
+            advice = (
+                "Swap the motor's two leads or the encoder's two channels, or change the sign of "
+                f"the column: {argument(units=unit)}."
             )
-        )
-    return findings + [
-        Finding(
-            "sign",
-            Severity.WARNING,
-            f"{y.name} runs against {names[j]} (correlation {c[j, j]:.2f}): "
-            + (
-                "positive PWM turns that track backward."
-                if _has_sides(first)
-                else f"where {names[j]} rises it falls."
-            ),
-            "Swap the motor's two leads or the encoder's two channels, or change the sign of the "
-            f"column: {argument(units={y.name: f'-{y.file_unit or y.unit or 1}'})}.",
-            y.name,
-        )
-        for j, y in enumerate(first.outputs[: min(first.nu, first.ny)])
-        if c[j, j] < -0.3
-    ]
+            yield Finding("sign", Severity.WARNING, text, advice, y.name)
 
 
 def _correlations(records: Sequence[Record], lags: int = 6) -> Array:

@@ -1,11 +1,11 @@
 """Checks of each signal by itself: constant, stuck, doubled, clipped, coarse, with outliers."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.finding import Finding, Severity
+from sysid.data.finding import Finding, Severity, ok_unless
 from sysid.data.outliers import Bridged
 from sysid.data.record import PWM_FULL_SCALE, Array, Record
 from sysid.errors import argument
@@ -14,76 +14,57 @@ STUCK_SAMPLES = 20
 """An output that repeats one number for so many samples while the input moves is suspect."""
 MANY_VALUES = 100
 """A signal with fewer steps of resolution over its range cannot show clipping."""
+MAX_LEVELS = 4
+"""Levels up to which a curve is guessed rather than seen: a dead zone alone has two edges."""
+SAME = 1e-6
+"""Values closer than this share of the range are one level."""
+MEANT = 0.9
+"""Share of the samples that must stand on a few levels for the commands to be such a grid."""
 
 
-def check_finite(records: Sequence[Record]) -> list[Finding]:
+@ok_unless("missing", "No sample is missing.")
+def check_finite(records: Sequence[Record]) -> Iterator[Finding]:
     """Missing or infinite samples."""
-    findings = []
-    for record in records:
-        for name, column in _channels(record):
-            bad = np.flatnonzero(~np.isfinite(column))
-            if len(bad):
-                many = "1 sample" if len(bad) == 1 else f"{len(bad)} samples, first"
-                text = f"{record.name}: {name} is not a number in {many} at "
-                findings.append(
-                    Finding(
-                        "missing",
-                        Severity.FATAL,
-                        f"{text}t = {record.t0 + bad[0] * record.dt:.6g} s.",
-                        "Leave these samples out.",
-                        name,
-                        record.name,
-                    )
-                )
-    return findings or [Finding("missing", Severity.OK, "No sample is missing.")]
+    for r, name, column in _channels(records):
+        bad = np.flatnonzero(~np.isfinite(column))
+        if len(bad):
+            many = "1 sample" if len(bad) == 1 else f"{len(bad)} samples, first"
+            text = f"{r.name}: {name} is not a number in {many} at {_instant(r, bad[0])}."
+            yield Finding("missing", Severity.FATAL, text, "Leave these samples out.", name, r.name)
 
 
-def check_constant(records: Sequence[Record]) -> list[Finding]:
+@ok_unless("constant", "Every input and output moves.")
+def check_constant(records: Sequence[Record]) -> Iterator[Finding]:
     """Channels that never change: they hold no information."""
-    findings = []
-    still = [[_is_constant(c) for _, c in _channels(r)] for r in records]
+    first, nu = records[0], records[0].nu
+    still = [[_is_constant(c) for _, _, c in _channels([r])] for r in records]
     moves = [not all(rows) for rows in zip(*still, strict=True)]
-    nu = records[0].nu
-    for i, (name, column) in enumerate(_channels(records[0])):
+    for i, (_, name, column) in enumerate(_channels([first])):
         what, same = ("input", range(nu)) if i < nu else ("output", range(nu, len(moves)))
         if not moves[i]:
-            every = (*records[0].input_names, *records[0].output_names)
+            every = (*first.input_names, *first.output_names)
             rest = [every[k] for k in same if moves[k]]
             others = argument(inputs=rest) if i < nu else argument(outputs=rest)
-            leave = (
-                f"Leave it out with {others}, or record"
-                if any(moves[k] for k in same)
-                else "Record"
-            )
-            findings.append(
-                Finding(
-                    "constant",
-                    Severity.FATAL,
-                    f"The {what} {name} never changes (it stays at {column[0]:.6g}).",
-                    f"{leave} a run in which it moves.",
-                    name,
-                )
-            )
+            leave = f"Leave it out with {others}, or record" if rest else "Record"
+            text = f"The {what} {name} never changes (it stays at {column[0]:.6g})."
+            advice = f"{leave} a run in which it moves."
+            yield Finding("constant", Severity.FATAL, text, advice, name)
         elif any(row[i] for row in still):
             where = next(r.name for r, row in zip(records, still, strict=True) if row[i])
             text = f"The {what} {name} never changes in {where}; the other experiments move it."
-            findings.append(Finding("constant", Severity.NOTE, text, "", name, where))
-    return findings or [Finding("constant", Severity.OK, "Every input and output moves.")]
+            yield Finding("constant", Severity.NOTE, text, "", name, where)
 
 
-def check_stuck(records: Sequence[Record]) -> list[Finding]:
+@ok_unless("stuck", "No output is stuck or logged twice.")
+def check_stuck(records: Sequence[Record]) -> Iterator[Finding]:
     """Outputs that hold one value while the inputs move, and samples logged twice."""
-    findings = []
-    for record in records:
-        if len(record) < 2 * STUCK_SAMPLES:
-            continue
-        moved = np.any(np.diff(record.u, axis=0) != 0, axis=1)
-        for name, y in zip(record.output_names, record.y.T, strict=True):
-            findings += _stuck(record, name, y, moved) + _doubled(record, name, y)
-    return findings or [Finding("stuck", Severity.OK, "No output is stuck or logged twice.")]
+    for r, name, y in _outputs(records):
+        if len(r) >= 2 * STUCK_SAMPLES:
+            yield from _stuck(r, name, y, np.any(np.diff(r.u, axis=0) != 0, axis=1))
+            yield from _doubled(r, name, y)
 
 
-def _stuck(record: Record, name: str, y: Array, moved: NDArray[np.bool_]) -> list[Finding]:
+def _stuck(r: Record, name: str, y: Array, moved: NDArray[np.bool_]) -> Iterator[Finding]:
     starts, lengths = _runs(y)
     typical = float(np.percentile(lengths, 95)) if len(lengths) > 20 else float(np.median(lengths))
     changes = np.concatenate([[0], np.cumsum(moved)])
@@ -93,79 +74,55 @@ def _stuck(record: Record, name: str, y: Array, moved: NDArray[np.bool_]) -> lis
     last = np.maximum(starts + lengths - 1 - quarter, first)
     driven = changes[last] - changes[first] >= 2
     long = (lengths >= max(STUCK_SAMPLES, 5 * typical)) & (y[starts] != 0) & driven
-    if not long.any():
-        return []
     longest = int(np.argmax(np.where(long, lengths, 0)))
     start, length = int(starts[longest]), int(lengths[longest])
-    if _at_an_end(y, float(y[start])):
-        return []
-    return [
-        Finding(
-            "stuck",
-            Severity.WARNING,
-            f"{record.name}: {name} repeats {y[start]:.6g} for {length} samples from "
-            f"t = {record.t0 + start * record.dt:.6g} s while the input varies.",
-            "Check the sensor and its wire, and leave that stretch out.",
-            name,
-            record.name,
-        )
-    ]
+    # at its largest or smallest value a signal is clipped or at a stop rather than stuck
+    if not long.any() or y[start] in (y.max(), y.min()):
+        return
+    text = (
+        f"{r.name}: {name} repeats {y[start]:.6g} for {length} samples from "
+        f"{_instant(r, start)} while the input varies."
+    )
+    advice = "Check the sensor and its wire, and leave that stretch out."
+    yield Finding("stuck", Severity.WARNING, text, advice, name, r.name)
 
 
-def _at_an_end(y: Array, value: float) -> bool:
-    """At its largest or smallest value a signal is clipped or at a stop rather than stuck."""
-    return bool(value in (y.max(), y.min()))
-
-
-def _doubled(record: Record, name: str, y: Array) -> list[Finding]:
+def _doubled(r: Record, name: str, y: Array) -> Iterator[Finding]:
     """A sensor slower than the logger: nearly every value stands there twice (or m times)."""
     _, lengths = _runs(y)
     repeats = int(np.median(lengths))
-    regular = np.mean(lengths == repeats)
-    if repeats < 2 or regular < 0.8 or len(lengths) < 20:
-        return []
-    return [
-        Finding(
-            "doubled",
-            Severity.WARNING,
-            f"{record.name}: {name} shows each value {repeats} times in a row.",
-            f"The sensor is slower than the log: keep every {repeats}th row, or log at its rate.",
-            name,
-            record.name,
+    if repeats >= 2 and len(lengths) >= 20 and np.mean(lengths == repeats) >= 0.8:
+        text = f"{r.name}: {name} shows each value {repeats} times in a row."
+        advice = (
+            f"The sensor is slower than the log: keep every {repeats}th row, or log at its rate."
         )
-    ]
+        yield Finding("doubled", Severity.WARNING, text, advice, name, r.name)
 
 
-def check_saturation(records: Sequence[Record]) -> list[Finding]:
+@ok_unless("saturation", "No signal is clipped.")
+def check_saturation(records: Sequence[Record]) -> Iterator[Finding]:
     """Values piled up at an end of the range: a clipping sensor, or PWM at full drive."""
-    findings = []
-    for record in records:
-        for name, y in zip(record.output_names, record.y.T, strict=True):
+    for r in records:
+        for _, name, y in _outputs([r]):
             for end, word in ((y.max(), "largest"), (y.min(), "smallest")):
                 share = _pile_up(y, float(end))
                 if share:
-                    text = f"{record.name}: {name} is at its {word} value {end:.6g} for "
-                    findings.append(
-                        Finding(
-                            "saturation",
-                            Severity.WARNING if share > 0.02 else Severity.NOTE,
-                            f"{text}{100 * share:.2g} % of the time, as a clipping sensor would.",
-                            "Widen the sensor's range or leave those stretches out: "
-                            "a linear model reads them as lower gain.",
-                            name,
-                            record.name,
-                        )
+                    text = (
+                        f"{r.name}: {name} is at its {word} value {end:.6g} for "
+                        f"{100 * share:.2g} % of the time, as a clipping sensor would."
                     )
-        for channel, u in zip(record.inputs, record.u.T, strict=True):
-            name = channel.name
-            full = np.mean(np.abs(u) >= 0.9999 * PWM_FULL_SCALE)
+                    advice = (
+                        "Widen the sensor's range or leave those stretches out: "
+                        "a linear model reads them as lower gain."
+                    )
+                    severity = Severity.WARNING if share > 0.02 else Severity.NOTE
+                    yield Finding("saturation", severity, text, advice, name, r.name)
+        for channel, u in zip(r.inputs, r.u.T, strict=True):
+            name, full = channel.name, np.mean(np.abs(u) >= 0.9999 * PWM_FULL_SCALE)
             if channel.unit == "µs" and full > 0.05:
-                text = f"{record.name}: {name} is at full drive for {100 * full:.2g} % of the time."
+                text = f"{r.name}: {name} is at full drive for {100 * full:.2g} % of the time."
                 advice = "Near full drive the motors saturate; a linear model is worst there."
-                findings.append(
-                    Finding("saturation", Severity.NOTE, text, advice, name, record.name)
-                )
-    return findings or [Finding("saturation", Severity.OK, "No signal is clipped.")]
+                yield Finding("saturation", Severity.NOTE, text, advice, name, r.name)
 
 
 def _pile_up(y: Array, end: float) -> float:
@@ -183,64 +140,94 @@ def _pile_up(y: Array, end: float) -> float:
     return float(np.mean(at)) if many and longest >= 3 else 0.0
 
 
-def check_resolution(records: Sequence[Record]) -> list[Finding]:
+@ok_unless("resolution", "The resolution of the outputs is sufficient.")
+def check_resolution(records: Sequence[Record]) -> Iterator[Finding]:
     """Outputs whose resolution is coarse relative to their variation."""
-    findings = []
-    for record in records:
-        for name, y in zip(record.output_names, record.y.T, strict=True):
-            values = np.unique(y)
-            if len(values) < 2 or len(values) > len(y) // 4:
-                continue
-            gaps = np.diff(values)
-            step = float(np.median(gaps[gaps > 1e-9 * np.ptp(y)]))
-            part = step / float(np.std(y))
-            if part > 0.1:
-                text = f"{record.name}: {name} has a resolution of about {step:.3g}, "
-                findings.append(
-                    Finding(
-                        "resolution",
-                        Severity.WARNING if part > 0.5 else Severity.NOTE,
-                        f"{text}{100 * part:.2g} % of its standard deviation.",
-                        "Use a finer sensor, drive harder, or average over a longer sample time.",
-                        name,
-                        record.name,
-                    )
-                )
-    return findings or [
-        Finding("resolution", Severity.OK, "The resolution of the outputs is sufficient.")
-    ]
+    for r, name, y in _outputs(records):
+        values = np.unique(y)
+        if len(values) < 2 or len(values) > len(y) // 4:
+            continue
+        gaps = np.diff(values)
+        step = float(np.median(gaps[gaps > 1e-9 * np.ptp(y)]))
+        part = step / float(np.std(y))
+        if part > 0.1:
+            text = (
+                f"{r.name}: {name} has a resolution of about {step:.3g}, "
+                f"{100 * part:.2g} % of its standard deviation."
+            )
+            advice = "Use a finer sensor, drive harder, or average over a longer sample time."
+            severity = Severity.WARNING if part > 0.5 else Severity.NOTE
+            yield Finding("resolution", severity, text, advice, name, r.name)
 
 
-def check_outliers(records: Sequence[Record], outliers: Bridged) -> list[Finding]:
+@ok_unless("outliers", "No output has outliers.")
+def check_outliers(records: Sequence[Record], outliers: Bridged) -> Iterator[Finding]:
     """Single samples far from both neighbours."""
-    findings = []
-    for record, flags in zip(records, outliers.flags, strict=True):
-        for j, name in enumerate(record.output_names):
-            hits = np.flatnonzero(flags[:, j])
-            if len(hits):
-                n = len(hits)
-                seen = "1 outlier" if n == 1 else f"{n} outliers"
-                text = f"{record.name}: {seen} in {name}, the first at t = "
-                y = record.y[:, j]
-                far = np.max(np.abs(y[hits] - np.median(y))) > 4 * np.std(y)
-                findings.append(
-                    Finding(
-                        "outliers",
-                        Severity.WARNING if far or n > 0.005 * len(y) else Severity.NOTE,
-                        f"{text}{record.t0 + hits[0] * record.dt:.6g} s. "
-                        "The checks of dynamics ignore "
-                        f"{'this sample' if n == 1 else 'these samples'}.",
-                        "Correct the log, or fit with a robust loss.",
-                        name,
-                        record.name,
-                    )
-                )
-    return findings or [Finding("outliers", Severity.OK, "No output has outliers.")]
+    flags = (flag for of_record in outliers.flags for flag in of_record.T)
+    for (r, name, y), flag in zip(_outputs(records), flags, strict=True):
+        hits = np.flatnonzero(flag)
+        if len(hits):
+            n = len(hits)
+            text = (
+                f"{r.name}: {n} outlier{'s' * (n > 1)} in {name}, the first at "
+                f"{_instant(r, hits[0])}. The checks of dynamics ignore "
+                f"{'this sample' if n == 1 else 'these samples'}."
+            )
+            far = np.max(np.abs(y[hits] - np.median(y))) > 4 * np.std(y)
+            severity = Severity.WARNING if far or n > 0.005 * len(y) else Severity.NOTE
+            advice = "Correct the log, or fit with a robust loss."
+            yield Finding("outliers", severity, text, advice, name, r.name)
 
 
-def _channels(record: Record) -> list[tuple[str, Array]]:
-    names = (*record.input_names, *record.output_names)
-    return list(zip(names, (*record.u.T, *record.y.T), strict=True))
+@ok_unless("levels", "The inputs take enough levels.")
+def check_levels(records: Sequence[Record]) -> Iterator[Finding]:
+    """Inputs that take so few values that no curve between input and output can be seen.
+
+    A log between two levels is fitted by any static curve through two points: a dead zone, a
+    saturation or a curved gain would be an invention. A third level shows that there is a bend,
+    not which.
+    """
+    for j, name in enumerate(records[0].input_names):
+        levels = visited_levels(np.concatenate([r.u[:, j] for r in records]))
+        if 2 <= len(levels) < MAX_LEVELS:
+            text = (
+                f"{name} takes the values {', '.join(f'{v:.4g}' for v in levels)} only: a dead "
+                f"zone, a saturation or a curved gain cannot be identified from {len(levels)} "
+                "levels."
+            )
+            advice = "Record more levels before trusting a nonlinear structure."
+            yield Finding("levels", Severity.NOTE, text, advice, name)
+
+
+def visited_levels(u: Array) -> Array:
+    """The values on which nearly all samples of a signal stand, ascending, at most ``MAX_LEVELS``.
+
+    Empty where the signal has more levels, or none.
+    """
+    spread = float(np.ptp(u)) if len(u) else 0.0
+    if spread == 0.0:
+        return np.zeros(0)
+    values, counts = np.unique(np.rint((u - u.min()) / (SAME * spread)), return_counts=True)
+    order = np.argsort(-counts, kind="stable")[:MAX_LEVELS]
+    if counts[order].sum() < MEANT * len(u):
+        return np.zeros(0)
+    kept = order[np.cumsum(counts[order]) - counts[order] < MEANT * len(u)]
+    return np.asarray(np.sort(u.min() + values[kept] * SAME * spread))
+
+
+def _channels(records: Sequence[Record]) -> Iterator[tuple[Record, str, Array]]:
+    """Every channel of every record, with its name."""
+    for r in records:
+        names = (*r.input_names, *r.output_names)
+        yield from zip([r] * len(names), names, (*r.u.T, *r.y.T), strict=True)
+
+
+def _outputs(records: Sequence[Record]) -> Iterator[tuple[Record, str, Array]]:
+    return ((r, name, y) for r in records for name, y in zip(r.output_names, r.y.T, strict=True))
+
+
+def _instant(record: Record, row: int) -> str:
+    return f"t = {record.t0 + row * record.dt:.6g} s"
 
 
 def _is_constant(x: Array) -> bool:

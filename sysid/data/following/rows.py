@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.io import signal_conversions
-from sysid.data.reading.columns import Choice, choose_columns
+from sysid.data.io import chosen, signal_conversions
+from sysid.data.reading.columns import Choice
 from sysid.data.reading.data_lines import DataLines
-from sysid.data.reading.pose_reading import usable_pose
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import ColumnReader, numbered_clock, row_times, signal_reader
+from sysid.data.reading.row_times import numbered_clock, row_times
 from sysid.data.reading.table import Table, read_table
 from sysid.data.reading.text_layout import Layout, split_line
 from sysid.data.reading.timing import GAP, plan_grid
@@ -244,13 +243,7 @@ class _Format:
         table = replace(table, date_order=options.date_order)
         if not isinstance(table.source, Layout):
             raise UsageError(f"{where} is not text; only a CSV log can be followed")
-        timed = options.ts is not None
-        choice = choose_columns(
-            table.names, options.inputs, options.outputs, options.time, where,
-            ColumnReader(table), timed, signal_reader(table),
-        )  # fmt: skip
-        bracketed = dict(zip(table.names, table.units, strict=True))
-        choice, _ = usable_pose(choice, bracketed, options.units, where)
+        options, choice, _ = chosen(table, options)
         if not choice.inputs:
             raise DataError(f"{where} has no input; a followed plant needs one")
         values = table.columns((*choice.inputs, *choice.outputs, *choice.pose))

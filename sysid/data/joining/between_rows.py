@@ -1,7 +1,6 @@
 """Values of a second file between its rows: measurements interpolated, commands held."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,31 +23,28 @@ SLACK = 0.02
 """A row within so much of a row of the log counts for it: stamps are rounded when written."""
 
 
-@dataclass(frozen=True, eq=False)
-class Lookup:
-    """A column held from each of its rows to the next, on the rows of a log.
+def held_at(t: Array, at: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """y(t) = the last value with at ≤ t; empty cells leave the value before them.
 
-    Attributes:
-        values: the last value at or before each instant, (N,); 0 where there is none.
-        covered: where there is one, (N,).
+    Args:
+        t: instants of the log [s], (N,).
+        at: instants of the values [s], rising, (M,).
+        values: (M,), NaN in empty cells.
+
+    Returns:
+        y, (N,), 0 where there is none; and where there is one, (N,).
     """
+    there = np.isfinite(values)
+    slack = SLACK * float(np.median(np.diff(t)))
+    k = np.searchsorted(at[there], t + slack, side="right") - 1
+    return np.where(k >= 0, values[there][np.maximum(k, 0)], 0.0), k >= 0
 
-    values: Array
-    covered: NDArray[np.bool_]
 
-    @classmethod
-    def of(cls, t: Array, at: Array, values: Array) -> "Lookup":
-        """y(t) = the last value with at ≤ t; empty cells leave the value before them.
-
-        Args:
-            t: instants of the log [s], (N,).
-            at: instants of the values [s], rising, (M,).
-            values: (M,), NaN in empty cells.
-        """
-        there = np.isfinite(values)
-        slack = SLACK * float(np.median(np.diff(t)))
-        k = np.searchsorted(at[there], t + slack, side="right") - 1
-        return cls(np.where(k >= 0, values[there][np.maximum(k, 0)], 0.0), k >= 0)
+def spanned(t: Array, at: Array, longest: float) -> NDArray[np.bool_]:
+    """Which instants t (N,) lie between two of ``at`` (M,), rising, that are no further apart."""
+    after = np.searchsorted(at, t, side="right")
+    gap = np.diff(at)[np.clip(after - 1, 0, len(at) - 2)]
+    return np.asarray((after > 0) & (after < len(at)) & (gap <= longest))
 
 
 def is_event_log(t: Array, at: Array) -> bool:

@@ -5,7 +5,6 @@ both over a short window are compared: for every shift of the clocks the camera'
 the wheels', so that neither r nor B nor the order or sign of the wheels need be known.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -98,6 +97,8 @@ def clock_shift(t_log: Array, log: Array, t_other: Array, other: Array) -> Shift
         t_other: instants of the second file [s], (M,), increasing.
         other: way and turn that it saw, (M, 2).
     """
+    from scipy.optimize import minimize_scalar
+
     steps = (float(np.median(np.diff(t_log))), float(np.median(np.diff(t_other))))
     window = max(WINDOW * max(steps), SHORTEST_WINDOW)
     length = float(np.ptp(t_log) + np.ptp(t_other))
@@ -116,10 +117,11 @@ def clock_shift(t_log: Array, log: Array, t_other: Array, other: Array) -> Shift
         return 1.0 - _agreement(t_log, log, t_other, other, shift, window, (low, high))
 
     def refined(low: float, high: float, around: float) -> float:
-        edge = 2.0 * coarse
-        return _lowest(
-            lambda s: unexplained(s, low, high), around - edge, around + edge, 1e-5 * window
+        near = (around - 2.0 * coarse, around + 2.0 * coarse)
+        lowest = minimize_scalar(
+            unexplained, bounds=near, args=(low, high), options={"xatol": 1e-5 * window}
         )
+        return float(lowest.x)
 
     low = max(float(t_other[0]), float(t_log[0]) - best)
     high = min(float(t_other[-1]), float(t_log[-1]) - best)
@@ -146,23 +148,6 @@ def clock_shift(t_log: Array, log: Array, t_other: Array, other: Array) -> Shift
             )
     other_shift = start + coarse * float(lags[rival]) if same else None
     return Shift(shift, error, drift, middle, agreement, other_shift)
-
-
-def _lowest(f: Callable[[float], float], low: float, high: float, width: float) -> float:
-    """Where a function of one dip is lowest, by golden section to within ``width``."""
-    golden = 0.5 * (5.0**0.5 - 1.0)
-    p, q = high - golden * (high - low), low + golden * (high - low)
-    fp, fq = f(p), f(q)
-    while high - low > width:
-        if fp < fq:
-            high, q, fq = q, p, fp
-            p = high - golden * (high - low)
-            fp = f(p)
-        else:
-            low, p, fp = p, q, fq
-            q = low + golden * (high - low)
-            fq = f(q)
-    return 0.5 * (low + high)
 
 
 def _increments(t: Array, whole: Array, at: Array, window: float) -> Array:

@@ -14,9 +14,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.decision import amount
 from sysid.data.files import read_bytes
 from sysid.data.finding import Finding, Severity
-from sysid.data.joining.between_rows import Lookup, is_event_log, zero_order_hold_names
+from sysid.data.joining.between_rows import (
+    held_at,
+    is_event_log,
+    spanned,
+    zero_order_hold_names,
+)
 from sysid.data.joining.clock_offset import (
     AGREES,
     Shift,
@@ -97,7 +103,7 @@ def joined(
     shift, findings = _shift(log, second_series, known, options)
     where = f"{other.name} joined to {table.where}"
     brought = _brought(log, shift.to_log(second_series.t), known, raw, where)
-    brackets = dict(zip(second_series.table.names, second_series.table.units, strict=True))
+    brackets = second_series.table.brackets
     more = {called[n]: brackets[n] for n in names if called[n] in brought.columns}
     wider = table.at(np.flatnonzero(brought.rows)).with_columns(brought.columns, more)
     note = Finding("join", Severity.NOTE, brought.text(where), record=table.where)
@@ -123,7 +129,7 @@ class _Brought:
     def text(self, where: str) -> str:
         """What was done, as a sentence."""
         lost = int(np.count_nonzero(~self.rows))
-        share = f"; {_rows(lost)} of the log without its data left out" if lost else ""
+        share = f"; {amount(lost, 'row')} of the log without its data left out" if lost else ""
         brought = "was" if len(self.columns) == 1 else "were"
         names = ", ".join(self.columns)
         text = f"{where}: {names} {brought} interpolated at the rows of the log{share}"
@@ -157,29 +163,25 @@ def _brought(
     by_events = is_event_log(log.t, at[order])
     still = tuple(n for n in known if n not in find_pose(tuple(known)).names)
     kept = zero_order_hold_names({n: known[n][order] for n in still}, by_events)
-    steps = [Lookup.of(log.t, at[order], raw[n][order]) for n in kept]
+    steps = {n: held_at(log.t, at[order], raw[n][order]) for n in kept}
     rows = np.ones(len(log.t), dtype=bool) if by_events else _covered(log.t, at[order])
-    for step in steps:
-        rows &= step.covered
+    for _, there in steps.values():
+        rows &= there
     if by_events and len(kept) < len(known):
         rows &= _covered(log.t, at[order])
-    if np.count_nonzero(rows) < MIN_COVERED_ROWS:
+    if (count := int(np.count_nonzero(rows))) < MIN_COVERED_ROWS:
         raise DataError(
-            f"{where}: both cover {_rows(int(np.count_nonzero(rows)))} of the log, which runs from "
+            f"{where}: both cover {amount(count, 'row')} of the log, which runs from "
             f"{log.t[0]:.6g} to {log.t[-1]:.6g} s and the other, on its clock, from {at[0]:.6g} "
             f"to {at[-1]:.6g} s; give the shift of the clocks with `join_offset=SECONDS`"
         )
-    columns = {n: step.values[rows] for n, step in zip(kept, steps, strict=True)}
+    columns = {n: values[rows] for n, (values, _) in steps.items()}
     for name in (n for n in known if n not in kept):
         series, period, low = without_turns(known[name])
         on_log = np.interp(log.t[rows], at[order], series[order])
         columns[name] = low + np.mod(on_log - low, period) if period else on_log
     columns = {n: columns[n] for n in known}
     return _Brought(columns, rows, tuple(kept), len(order) if by_events else 0)
-
-
-def _rows(count: int) -> str:
-    return f"{count} row{'' if count == 1 else 's'}"
 
 
 def _series(table: Table, time: str | None, ts: float | None, units: Mapping[str, str]) -> Series:
@@ -190,7 +192,7 @@ def _series(table: Table, time: str | None, ts: float | None, units: Mapping[str
             f"{table.where} has no time column; files are joined by time, so name one with `time`"
         )
     clock = row_times(table, column, units, ts)
-    taken = () if column is None else (column.name, *((column.fine,) if column.fine else ()))
+    taken = () if column is None else column.columns
     return Series(table, clock.t, clock.origin, taken, clock.findings)
 
 
@@ -200,7 +202,7 @@ def _unit_of_log(log: Series, other: Table) -> dict[str, str]:
     A file of events has rows too far apart for its steps to show the unit.
     """
     name = log.clock[0] if len(log.clock) == 1 else ""
-    if name not in other.names or dict(zip(other.names, other.units, strict=True))[name]:
+    if name not in other.names or other.brackets[name]:
         return {}
     if log.table.dates(name) is not None or other.dates(name) is not None:
         return {}
@@ -243,13 +245,7 @@ def without_turns(values: Array) -> tuple[Array, float, float]:
 
 def _covered(t: Array, at: Array) -> NDArray[np.bool_]:
     """Rows of the log between two instants of the second file that are not far apart."""
-    step = np.diff(at)
-    longest = max(LONGEST_STEP * float(np.median(step)), LONGEST_GAP)
-    k = np.searchsorted(at, t, side="right")
-    inside = (k > 0) & (k < len(at))
-    gap = step[np.clip(k - 1, 0, len(step) - 1)]
-    rows: NDArray[np.bool_] = inside & (gap <= longest)
-    return rows
+    return spanned(t, at, max(LONGEST_STEP * float(np.median(np.diff(at))), LONGEST_GAP))
 
 
 def _shift(

@@ -5,7 +5,7 @@ at a row has an empty cell there, and the rows keep their own times.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +13,13 @@ import numpy as np
 from sysid.data.column_words import meaning
 from sysid.data.decision import Decision
 from sysid.data.finding import Finding
+from sysid.data.io import chosen
 from sysid.data.logs.log_table import read_log_table
-from sysid.data.reading.columns import NO_INPUT, choose_columns
+from sysid.data.reading.columns import NO_INPUT
 from sysid.data.reading.decisions import time_words
-from sysid.data.reading.pose_reading import pose_in_si, usable_pose
+from sysid.data.reading.pose_reading import pose_in_si
 from sysid.data.reading.read_options import ReadOptions
-from sysid.data.reading.row_times import ColumnReader, numbered_clock, row_times
+from sysid.data.reading.row_times import numbered_clock, row_times
 from sysid.data.reading.table import Table
 from sysid.data.record import Array
 from sysid.data.unit_words import ending
@@ -96,15 +97,9 @@ def read_sensor_log(
             f"gyro_z={table.names[-1]}"
         )
     known = {w.name: w for w in wanted}
-    choice = choose_columns(
-        table.names,
-        (NO_INPUT,),
-        tuple(dict.fromkeys(places.values())),
-        options.time,
-        table.where,
-        ColumnReader(table),
-        options.ts is not None,
-    )
+    columns_used = tuple(dict.fromkeys(places.values()))
+    as_outputs = replace(options, inputs=(NO_INPUT,), outputs=columns_used)
+    _, choice, pose_units = chosen(table, as_outputs)
     table, without_time = with_times(table, choice.clock, options.strict)
     measurements = {
         n: signs.get(n, 1.0) * _in_si(table, known[n], c, options.units) for n, c in places.items()
@@ -116,8 +111,6 @@ def read_sensor_log(
         raise DataError(
             f"{table.place(int(falls[0]) + 1)}: the time does not increase; sort the rows"
         )
-    brackets = dict(zip(table.names, table.units, strict=True))
-    choice, pose_units = usable_pose(choice, brackets, options.units, table.where)
     pose: Array | None = None
     findings: tuple[Finding, ...] = ()
     if choice.pose:

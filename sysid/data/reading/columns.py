@@ -18,7 +18,6 @@ from sysid.data.reading.time_column import (
     is_counter,
     is_time,
     tells_time,
-    unit_in_name,
 )
 from sysid.errors import UnclearColumnsError, UsageError, argument
 
@@ -33,8 +32,6 @@ class Choice:
     Attributes:
         inputs, outputs: column names, in the order of the record.
         pose: names of x, y, ψ, or empty.
-        time: name of the time column, or None.
-        unit: unit of the time column [s]; None when it only counts samples.
         ignored: the other columns.
         last: inputs or outputs whose names say nothing: no other column was left for them.
         clock: the time column with how it was found, or None.
@@ -44,12 +41,15 @@ class Choice:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     pose: tuple[str, ...]
-    time: str | None
-    unit: float | None
     ignored: tuple[str, ...]
     last: tuple[str, ...] = ()
     clock: TimeColumn | None = None
     alike: PoseColumns = field(default_factory=PoseColumns)
+
+    @property
+    def time(self) -> str | None:
+        """Name of the time column, or None."""
+        return self.clock.name if self.clock else None
 
 
 def choose_columns(
@@ -88,7 +88,7 @@ def choose_columns(
     given_y = tuple(_find(n, names, "`outputs`", where) for n in outputs)
     _no_repeats(given_u, given_y, where)
     clock = _clock(names, given_u, given_y, time, where, read, timed)
-    taken = () if clock is None else (clock.name, *((clock.fine,) if clock.fine else ()))
+    taken = () if clock is None else clock.columns
     free = [n for n in names if n not in (*given_u, *given_y, *taken)]
     free = [n for n in free if not counts_rows(n, read)]
     pose_columns = find_pose(free)
@@ -124,8 +124,6 @@ def choose_columns(
         input_names,
         output_names,
         pose,
-        clock.name if clock else None,
-        None if clock is None or clock.counts else unit_in_name(clock.name) or 1.0,
         ignored,
         silent[0] if silent and not by_itself else (),
         clock,

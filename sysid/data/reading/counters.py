@@ -171,26 +171,29 @@ def _without_resets(y: Array) -> Counted:
 def without_jumps(
     values: Array,
     names: Sequence[str],
-    turns: Mapping[str, tuple[float, ...] | None],
+    outputs: Mapping[str, Conversion],
+    headings: Sequence[str],
     periods: Mapping[str, float],
     where: str,
-    speeds: Sequence[str] = (),
+    speed_of: Sequence[str] = (),
 ) -> tuple[Array, tuple[Finding, ...]]:
-    """Columns with their wraps and resets undone, and what was done.
+    """Outputs that count or turn, and headings, with wraps and resets undone, and what was done.
 
     Args:
         values: (N, n), as the file has them.
         names: of the columns.
-        turns: column that may count or turn → what is a turn in its unit, none where it is no
-            angle; None where there is no unit. Other columns are left as they are.
+        outputs: output → its unit.
+        headings: columns of the pose that are angles.
         periods: column (or ``EVERY``) → period [file unit], 0 to leave it; wins over what is seen.
         where: name of the file.
-        speeds: columns that are read as speeds, which need no advice to do so.
+        speed_of: outputs whose speed is asked for; for another counter it is proposed.
 
     Raises:
         UsageError: a period is asked for a column that is not there.
         DataError: a column exceeds the period asked for.
     """
+    turns = _turns(outputs)
+    turns |= dict.fromkeys(headings, (2.0 * pi, 360.0))
     for name in periods:
         if name != EVERY and name not in turns:
             raise UsageError(
@@ -210,7 +213,7 @@ def without_jumps(
             column = counted(
                 values[:, k], TURNS if turn is None else turn, turn is None or turn is TURNS
             )
-            if turn is None and name not in speeds:
+            if turn is None and name not in speed_of:
                 findings += _running_count(column.values, column.wraps, name, where)
             if not (column.wraps or column.resets):
                 period = suspected(values[:, k]) or _full_turn(values[:, k])
@@ -225,6 +228,15 @@ def without_jumps(
             "file's own unit, or omit it to have it detected"
         )
     return out, tuple(findings)
+
+
+def _turns(outputs: Mapping[str, Conversion]) -> dict[str, tuple[float, ...] | None]:
+    """What is a turn in the unit of each, none where it is no angle; None without a unit."""
+    turns: dict[str, tuple[float, ...] | None] = {}
+    for name, unit in outputs.items():
+        label = None if not unit.unit else () if unit.unit in KNOWN_UNITS else TURNS
+        turns[name] = (2.0 * pi / unit.scale,) if unit.unit == "rad" else label
+    return turns
 
 
 def _running_count(y: Array, wraps: int, name: str, where: str) -> list[Finding]:
@@ -294,36 +306,6 @@ def _unwrap_finding(column: Counted, name: str, where: str, given: bool) -> list
         return []
     severity = Severity.NOTE if given else Severity.WARNING
     return [Finding("counter", severity, text, advice, name, where)]
-
-
-def continued(
-    values: Array,
-    names: Sequence[str],
-    outputs: Mapping[str, Conversion],
-    headings: Sequence[str],
-    unwrap: Mapping[str, float],
-    where: str,
-    speed_of: Sequence[str] = (),
-) -> tuple[Array, tuple[Finding, ...]]:
-    """Outputs that count or turn, and headings, without their jumps.
-
-    Args:
-        values: (N, n), as the file has them.
-        names: of the columns.
-        outputs: output → its unit.
-        headings: columns of the pose that are angles.
-        unwrap: output → period, 0 to leave it, as ``without_jumps`` takes them.
-        where: name of the file.
-        speed_of: outputs whose speed is asked for; for another counter it is proposed.
-
-    Raises:
-        UsageError, DataError: an option names no output or does not fit its measurements.
-    """
-    turns: dict[str, tuple[float, ...] | None] = dict.fromkeys(headings, (2.0 * pi, 360.0))
-    for name, unit in outputs.items():
-        label = None if not unit.unit else () if unit.unit in KNOWN_UNITS else TURNS
-        turns[name] = (2.0 * pi / unit.scale,) if unit.unit == "rad" else label
-    return without_jumps(values, names, turns, unwrap, where, speed_of)
 
 
 def as_speeds(

@@ -5,10 +5,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from sysid.data.decision import amount
 from sysid.data.reading.dates import date_format
 from sysid.data.reading.line_keys import Line, interval_of, without_keys
 from sysid.data.reading.time_column import UNIT_WORDS, is_time
-from sysid.data.unit_words import ENDINGS, SYNONYMS, looks_like_unit
+from sysid.data.unit_words import ENDINGS, SYNONYMS, looks_like_unit, word_set
 from sysid.data.units import UNITS
 
 COMMENTS = ("#", "%", "//", "!")
@@ -32,11 +33,9 @@ _MEASURED = re.compile(
 _UNIT_NAMES = frozenset((*UNITS, *(u.lower() for u in UNITS), *SYNONYMS, *ENDINGS, *UNIT_WORDS))
 _NO_UNITS = ("TS", "RN")
 """What Campbell loggers write for the unit of a time stamp and of a record number."""
-_PROCESSING = frozenset(
-    (
-        *("smp", "avg", "mean", "std", "min", "max", "tot", "med", "tmn", "tmx", "wvc", "cov"),
-        *("sample", "average", "minimum", "maximum", "total", "mittelwert"),
-    )
+_PROCESSING = word_set(
+    "smp avg mean std min max tot med tmn tmx wvc cov sample average minimum maximum total "
+    "mittelwert"
 )
 """Words, in lower case, with which a row says how a logger made its numbers from measurements."""
 _UNIT_LABELS = frozenset(
@@ -205,7 +204,7 @@ def _body(lines: Sequence[Line], header: str) -> tuple[list[Line], tuple[str, ..
     repeated = len(lines) - len(kept) - comments
     notes: tuple[str, ...] = ()
     if comments:
-        notes += (f"{_count(comments, 'comment line')} between the data {_was(comments)} left out",)
+        notes += (f"{amount(comments, 'comment line')} between the data {_was(comments)} left out",)
     if repeated:
         notes += (
             f"the header, which is repeated {'once' if repeated == 1 else f'{repeated} times'} "
@@ -402,9 +401,30 @@ def _is_processing(line: str) -> bool:
     return bool(stated) and stated <= _PROCESSING and stated != {"min"}
 
 
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}" + ("" if n == 1 else "s")
-
-
 def _was(n: int) -> str:
     return "was" if n == 1 else "were"
+
+
+_BRACKETS = re.compile(
+    r"(?P<base>.*?\S)(?:\s*[\[(](?P<unit>[^\[\]()]*)[\])]|\s+in\s+(?P<word>[A-Za-zµμ°%Ω][^\s]*))"
+)
+"""A name with its unit: ``u [V]``, ``speed (rpm)``, ``Temperatur in °C``."""
+
+
+def names_and_units(raw: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Take ``u [V]`` or ``speed (rpm)`` apart, unless two columns would then share a name."""
+    split = [_BRACKETS.fullmatch(n) for n in raw]
+    split = [m if m and (m["word"] is None or is_unit(m["word"])) else None for m in split]
+    bases = [m["base"] if m else n for m, n in zip(split, raw, strict=True)]
+    if len(set(bases)) != len(set(raw)):
+        return tuple(raw), ("",) * len(raw)
+    return tuple(bases), tuple((m["unit"] or m["word"] or "").strip() if m else "" for m in split)
+
+
+def distinct(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The names, with ``(2)`` behind the second of one name and so on."""
+    out: list[str] = []
+    for name in names:
+        numbered = (name, *(f"{name} ({k})" for k in range(2, len(names) + 2)))
+        out.append(next(n for n in numbered if n not in out and (n == name or n not in names)))
+    return tuple(out)

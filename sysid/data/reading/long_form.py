@@ -6,12 +6,10 @@ from sysid.data.column_words import words
 from sysid.data.reading.row_times import ColumnReader
 from sysid.data.reading.table import Rows, Table
 from sysid.data.reading.time_column import find_time, is_time
+from sysid.data.unit_words import word_set
 
-NAMES = frozenset(
-    (
-        *("name", "signal", "variable", "field", "channel", "tag", "key", "topic", "sensor"),
-        *("parameter", "entity", "id", "metric", "item", "point"),
-    )
+NAMES = word_set(
+    "name signal variable field channel tag key topic sensor parameter entity id metric item point"
 )
 """Words of a column with the names of signals."""
 VALUES = frozenset(("value", "val", "reading", "wert", "values", "state"))
@@ -46,7 +44,7 @@ def wide(table: Table) -> Table:
     note = (
         f"{table.where} is a long table: {values} of {', '.join(signals)} in columns of their own."
     )
-    unit = dict(zip(table.names, table.units, strict=True))[time.name]
+    unit = table.brackets[time.name]
     clock = time.name if is_time(time.name) else "time"  # last_changed
     dates = table.dates(time.name)
     stamps = t[first] if dates is None else t[first] + dates[1]

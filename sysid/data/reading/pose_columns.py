@@ -7,27 +7,21 @@ import numpy as np
 
 from sysid.data.column_words import words
 from sysid.data.record import Array
-from sysid.data.unit_words import ending, without_unit
+from sysid.data.unit_words import ending, without_unit, word_set
 from sysid.data.units import Conversion, conversion
 from sysid.errors import UsageError, argument
 
 AXES = ("x", "y", "angle")
-_ANGLES = frozenset(
-    (
-        *("psi", "yaw", "heading", "theta", "th", "hdg", "phi", "kurs", "gier"),
-        *("gierwinkel", "orientation", "azimuth", "bearing", "course"),
-    )
+_ANGLES = word_set(
+    "psi yaw heading theta th hdg phi kurs gier gierwinkel orientation azimuth bearing course"
 )
 _COMPASS = frozenset(("heading", "hdg", "kurs", "azimuth", "bearing", "course"))
 """Angles that a navigator counts clockwise from north."""
 _X = frozenset(("x", "px", "posx", "xpos"))
 _Y = frozenset(("y", "py", "posy", "ypos"))
-_BESIDE = frozenset(
-    (
-        *("pos", "position", "pose", "robot", "odom", "odometry", "world", "map"),
-        *("ground", "truth", "gt", "mocap", "optitrack", "vicon", "global", "p", "field"),
-        *("body", "est", "angle", "winkel"),
-    )
+_BESIDE = word_set(
+    "pos position pose robot odom odometry world map ground truth gt mocap optitrack vicon global "
+    "p field body est angle winkel"
 )
 """Words that may stand beside the axis in the name of a pose column."""
 
@@ -138,12 +132,6 @@ def counts_as_compass(x: Array, y: Array, angle: Array) -> bool:
 def is_compass(name: str) -> bool:
     """Whether the name is one under which navigators log a clockwise angle."""
     return bool(set(words(without_unit(name))) & _COMPASS)
-
-
-def unfolded(angle: Array) -> Array:
-    """An angle [rad] without its jumps of whole turns."""
-    out: Array = np.unwrap(angle)
-    return out
 
 
 def _agreement(x: Array, y: Array, angle: Array) -> float:

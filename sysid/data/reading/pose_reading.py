@@ -13,7 +13,6 @@ from sysid.data.reading.pose_columns import (
     counts_as_compass,
     is_compass,
     pose_conversions,
-    unfolded,
 )
 from sysid.data.record import Array
 from sysid.data.units import Conversion
@@ -23,7 +22,7 @@ Units = tuple[Conversion, ...]
 
 
 def usable_pose(
-    choice: Choice, brackets: Mapping[str, str], units: Mapping[str, str], where: str
+    choice: Choice, brackets: Mapping[str, str], units: Mapping[str, str]
 ) -> tuple[Choice, Units]:
     """The choice with its pose if the units can be read, else without it and with the reason.
 
@@ -92,7 +91,7 @@ def pose_in_si(
             text = f"{where}: {name} has no unit and was read in radians."
             advice = f"If it is in degrees, give {argument(units={name: 'deg'})}."
             findings.append(Finding("pose", Severity.WARNING, text, advice, name, where))
-    angle = unfolded(angle * unit.scale)
+    angle = np.unwrap(angle * unit.scale)
     if is_compass(choice.pose[2]) and counts_as_compass(x, y, angle):
         angle = 0.5 * np.pi - angle
         text = (

@@ -73,7 +73,7 @@ def numbered_clock(table: Table, column: TimeColumn | None) -> tuple[str, ...]:
     """The columns of a clock that holds numbers; none where it holds dates or is not there."""
     if column is None or table.dates(column.name) is not None:
         return ()
-    return (column.name, column.fine) if column.fine else (column.name,)
+    return column.columns
 
 
 def row_times(
@@ -148,7 +148,7 @@ def _row_times(
         return Clock(
             (counts - counts[0]) / step * each, 0.0, _unknown_sample_time(ts, table, column)
         )
-    bracket = dict(zip(table.names, table.units, strict=True)).get(column.name, "")
+    bracket = table.brackets.get(column.name, "")
     unit = stated_unit(column, bracket, given)
     if unit is None and ts is not None:
         unit = 1.0  # the option says what a step is; the column only says which rows are missing

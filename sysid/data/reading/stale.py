@@ -10,6 +10,7 @@ leave intervals that grow like a random walk.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,7 +210,7 @@ def at_own_rate(
     rows = max(max(int(np.ceil(s.period - SHORTER)) for s in slow), 1)
     slowest = max(slow, key=lambda s: s.period)
     return tuple(
-        every_rows(r, rows, slowest.phase(k, rows))
+        r.every(rows, slowest.phase(k, rows))
         for k, r in enumerate(without_repeats(records, of_outputs))
         if len(r) >= SHORTEST_LOG * rows
     ) or tuple(records)
@@ -217,20 +218,11 @@ def at_own_rate(
 
 def fresh_only(records: Sequence[Record], i: int, refresh: Refresh | None) -> tuple[Record, ...]:
     """Output ``i`` alone, one row a fresh measurement; their instants may be uneven."""
-    selected = []
-    for k, r in enumerate(records):
-        rows = np.ones(len(r), dtype=bool) if refresh is None else refresh.fresh[k]
-        selected.append(
-            replace(
-                r,
-                u=r.u[rows],
-                y=r.y[rows, i : i + 1],
-                outputs=r.outputs[i : i + 1],
-                pose=None,
-                references=None,
-            )
-        )
-    return tuple(selected)
+    alone = tuple(r.select(r.input_names, r.output_names[i : i + 1]) for r in records)
+    if refresh is None:
+        return alone
+    pairs = zip(alone, refresh.fresh, strict=True)
+    return tuple(r.mapped(partial(np.compress, fresh, axis=0)) for r, fresh in pairs)
 
 
 def between_measurements(t: Array, values: Array, fresh: Mask) -> Array:
@@ -342,7 +334,7 @@ def at_sensor_rate(record: Record, slow: SlowSensors, t: Array, rows: slice) -> 
     part = t[rows]
     at = np.rint((part - part[0]) / record.dt).astype(np.int64)[slow.fresh[rows]]
     counts = np.bincount(at % slow.rows, minlength=slow.rows)
-    return every_rows(record, slow.rows, int(np.argmax(counts)))
+    return record.every(slow.rows, int(np.argmax(counts)))
 
 
 def check_held(how: str) -> str:
@@ -354,21 +346,3 @@ def check_held(how: str) -> str:
     if how in ("auto", "keep") or (whole(how) or 0) >= 1:
         return how
     raise UsageError(f"`held` is auto, keep or a number of rows per sample, got {how!r}")
-
-
-def every_rows(record: Record, rows: int, phase: int) -> Record:
-    """One sample every so many rows, at ``phase``; the input is its mean until the next one."""
-    n = (len(record) - phase) // rows
-    part = record.rows(phase, phase + n * rows)
-
-    def mean(x: Array) -> Array:
-        return np.asarray(x.reshape(n, rows, x.shape[1]).mean(axis=1))
-
-    return replace(
-        part,
-        u=mean(part.u),
-        references=None if part.references is None else mean(part.references),
-        y=part.y[::rows],
-        pose=None if part.pose is None else part.pose[::rows],
-        dt=part.dt * rows,
-    )

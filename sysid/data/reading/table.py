@@ -3,7 +3,7 @@
 import io
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.finding import Finding
-from sysid.data.reading.column_names import distinct, names_and_units
 from sysid.data.reading.containers import container
 from sysid.data.reading.data_lines import DataLines
 from sysid.data.reading.dates import ORDERS, Dates, date_format, only_day, only_time, seconds_of
-from sysid.data.reading.header import MISSING, STATES
+from sysid.data.reading.header import MISSING, STATES, distinct, names_and_units
 from sysid.data.reading.text_layout import Layout, lay_out, split_line
 from sysid.data.record import Array
 from sysid.errors import DataError
@@ -94,6 +93,11 @@ class Table:
         )
 
     @property
+    def brackets(self) -> dict[str, str]:
+        """Column → unit in brackets behind its name, empty where there is none."""
+        return dict(zip(self.names, self.units, strict=True))
+
+    @property
     def interval(self) -> float | None:
         """Time between two rows [s] that a title above the header states, None without."""
         return self.source.interval if isinstance(self.source, Layout) else None
@@ -150,13 +154,17 @@ class Table:
 
     def texts(self, name: str) -> list[str]:
         """The cells of a column of the file as text."""
+        return list(self._cells(name, len(self)))
+
+    def _cells(self, name: str, rows: int) -> Iterator[str]:
+        """The cells of a column in the first rows; none of a column that never was text."""
         if name in self.extra or isinstance(self.source, Rows):
-            return []
+            return iter(())
         column = self.names.index(name)
         if isinstance(self.source, Layout):
-            sep = self.source.delimiter
-            return [split_line(r, sep)[column].strip('"') for r in self.source.rows]
-        return [str(c) for c in self.source.iloc[:, column]]
+            lines, sep = self.source.rows, self.source.delimiter
+            return (split_line(lines[k], sep)[column].strip('"') for k in range(rows))
+        return map(str, self.source.iloc[:rows, column])
 
     def dates(self, name: str) -> Dates | None:
         """A column of dates or times of day, with the other one of the two where there are both.
@@ -189,14 +197,7 @@ class Table:
 
     def _first(self, name: str) -> str:
         """The first cell of a column that is filled."""
-        if name in self.extra or isinstance(self.source, Rows):
-            return ""
-        column, some = self.names.index(name), range(min(len(self), FIRST_CELL))
-        if isinstance(self.source, Layout):
-            rows, sep = self.source.rows, self.source.delimiter
-            cells = (split_line(rows[k], sep)[column].strip('"') for k in some)
-        else:
-            cells = (str(self.source.iloc[k, column]) for k in some)
+        cells = self._cells(name, min(len(self), FIRST_CELL))
         return next((c for c in cells if c.lower() not in MISSING), "")
 
     def _read_dates(self, name: str) -> Dates | None:
@@ -265,18 +266,23 @@ class Table:
         assert isinstance(layout, Layout)
         cells = [split_line(row, layout.delimiter) for row in layout.rows]
         out = np.full((len(cells), len(index)), np.nan)
+        bad: list[tuple[int, int]] = []
         for j, column in enumerate(index):
             texts = [row[column].strip('"') for row in cells]
             states = _states(texts)
             if states is not None:
                 out[:, j] = states
                 continue
-            for i, text in enumerate(texts):
-                number = text.replace(",", ".") if layout.decimal == "," else text
-                if text.lower() not in MISSING:
-                    if not _is_number(number):
-                        raise DataError(self._not_a_number(index))
-                    out[i, j] = float(number)
+            numbers = [t.replace(",", ".") if layout.decimal == "," else t for t in texts]
+            known = [_is_number(n) for n in numbers]
+            out[known, j] = [float(n) for n, is_one in zip(numbers, known, strict=True) if is_one]
+            bad += [
+                (i, column)
+                for i, (text, is_one) in enumerate(zip(texts, known, strict=True))
+                if not is_one and text.lower() not in MISSING
+            ]
+        for row, column in sorted(bad)[:1]:
+            raise DataError(self._not_a_number(row, column, cells[row][column], layout.decimal))
         return out
 
     def switches(self, names: Sequence[str]) -> dict[str, str]:
@@ -285,8 +291,7 @@ class Table:
         for name in (n for n in names if n not in self.extra):
             column = self.names.index(name)
             if isinstance(self.source, Layout):
-                first = split_line(self.source.rows[0], self.source.delimiter)[column].strip('"')
-                if _is_number(first):
+                if _is_number(next(self._cells(name, 1))):
                     continue
             elif isinstance(self.source, Rows) or not _is_text(self.source.iloc[:, column]):
                 continue
@@ -297,28 +302,18 @@ class Table:
                 words_of_column[name] = ", ".join(f"{word} = {value:g}" for word, value in words)
         return words_of_column
 
-    def _not_a_number(self, index: list[int]) -> str:
-        """Name the first cell that is no number."""
-        layout = self.source
-        assert isinstance(layout, Layout)
-        for row, line in enumerate(layout.rows):
-            cells = split_line(line, layout.delimiter)
-            for column in index:
-                text = cells[column]
-                number = text.replace(",", ".") if layout.decimal == "," else text
-                if text.lower() in MISSING or _is_number(number):
-                    continue
-                hint = "correct or delete that line"
-                if re.fullmatch(r"[+-]?\d+,\d+", text):
-                    hint = "it looks like a decimal comma; give the decimal option"
-                elif re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?", text):
-                    hint = f"omit the decimal option {layout.decimal!r}, which it contradicts"
-                elif row == 0 and re.fullmatch(r"\[?[A-Za-zµ°%][\w/^·* .-]{0,9}\]?", text):
-                    hint = "write numbers below the header (units go into the column names: u_V)"
-                shown = text if len(text) <= 40 else text[:37] + "…"
-                name = self.names[column]
-                return f"{self.place(row)}, column {name}: {shown!r} is not a number; {hint}"
-        return f"{self.where} holds a cell that is not a number; write it again as plain CSV"
+    def _not_a_number(self, row: int, column: int, text: str, decimal: str) -> str:
+        """What a cell holds that is no number, and what to do."""
+        hint = "correct or delete that line"
+        if re.fullmatch(r"[+-]?\d+,\d+", text):
+            hint = "it looks like a decimal comma; give the decimal option"
+        elif re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?", text):
+            hint = f"omit the decimal option {decimal!r}, which it contradicts"
+        elif row == 0 and re.fullmatch(r"\[?[A-Za-zµ°%][\w/^·* .-]{0,9}\]?", text):
+            hint = "write numbers below the header (units go into the column names: u_V)"
+        shown = text if len(text) <= 40 else text[:37] + "…"
+        name = self.names[column]
+        return f"{self.place(row)}, column {name}: {shown!r} is not a number; {hint}"
 
     def _frame(self, index: list[int]) -> Array:
         import pandas as pd

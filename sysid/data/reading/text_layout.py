@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+from sysid.data.decision import amount
 from sysid.data.reading.bad_lines import NONE_SKIPPED, Skipped, ragged, without_words
 from sysid.data.reading.data_lines import DataLines, cut_tail
 from sysid.data.reading.decoding import decode
@@ -319,7 +320,7 @@ def _even_out(
                 else ""
             )
             raise DataError(
-                f"{where}, line {line} has {_n(count, 'cell')} where the header has {wanted}"
+                f"{where}, line {line} has {amount(count, 'cell')} where the header has {wanted}"
                 f"{hint}; correct or delete that line"
             )
     return names, rows, numbers, notes
@@ -331,7 +332,3 @@ def no_table(where: str) -> DataError:
         f"{where} is no table: its lines hold no columns of numbers. Write its measurements as "
         "CSV, one column each, below a header such as time,u,y."
     )
-
-
-def _n(count: int, noun: str) -> str:
-    return f"{count} {noun}" + ("" if count == 1 else "s")

@@ -9,40 +9,19 @@ import numpy as np
 
 from sysid.data.column_words import meaning, words
 from sysid.data.record import Array
+from sysid.data.unit_words import word_set
 
-TIME_COLUMNS: dict[str, float] = {
-    "t": 1.0,
-    "time": 1.0,
-    "t_s": 1.0,
-    "time_s": 1.0,
-    "timestamp": 1.0,
-    "timestamp_s": 1.0,
-    "t_ms": 1e-3,
-    "time_ms": 1e-3,
-    "timestamp_ms": 1e-3,
-    "t_us": 1e-6,
-    "time_us": 1e-6,
-    "timestamp_us": 1e-6,
-    "t_ns": 1e-9,
-    "time_ns": 1e-9,
-    "timestamp_ns": 1e-9,
-}
-"""Names of a time column, the first one preferred -> the unit [s] that they most often have."""
+TIME_COLUMNS = (
+    *("t", "time", "t_s", "time_s", "timestamp", "timestamp_s"),
+    *(f"{stem}_{unit}" for unit in ("ms", "us", "ns") for stem in ("t", "time", "timestamp")),
+)
+"""Names of a time column, the first one preferred."""
 
 COUNTERS = (
     *("sample", "samples", "index", "k", "n", "idx", "i", "row", "nr", "no", "seq", "count"),
-    *(
-        "counter",
-        "cnt",
-        "lfd",
-        "lfd nr",
-        "zeile",
-        *("record", "record no", "record nr", "frame", "frame no", "frame nr", "packet", "line"),
-        *("number", "nummer", "num", "satz", "datensatz"),
-        "sample no",
-        "sample nr",
-        "no name",
-    ),
+    *("counter", "cnt", "lfd", "lfd nr", "zeile", "number", "nummer", "num", "satz", "datensatz"),
+    *("record", "record no", "record nr", "frame", "frame no", "frame nr", "packet", "line"),
+    *("sample no", "sample nr", "no name"),
 )
 """Names, as words, of a column that counts rows."""
 
@@ -61,29 +40,19 @@ UNIT_WORDS: dict[str, float] = {
 }
 """Words for units of time, in a name, in brackets or given by option -> the unit [s]."""
 
-_CLOCKS = frozenset(
-    (
-        *("t", "time", "zeit", "timestamp", "stamp", "zeitstempel", "uhrzeit", "datum"),
-        *("date", "datetime", "clock", "elapsed", "epoch", "temps", "tiempo", "tempo"),
-        *("tid", "rosbagtimestamp"),
-    )
+_CLOCKS = word_set(
+    "t time zeit timestamp stamp zeitstempel uhrzeit datum date datetime clock elapsed epoch "
+    "temps tiempo tempo tid rosbagtimestamp"
 )
 """Words that name a time by themselves."""
-_ALONE = frozenset(
-    (
-        *("millis", "micros", "ms", "us", "usec", "msec", "sec", "secs", "seconds"),
-        *("milliseconds", "microseconds", "nanoseconds", "nsec", "nsecs", "nanosec", "sekunden"),
-        *("millisekunden", "nanos"),
-    )
+_ALONE = word_set(
+    "millis micros ms us usec msec sec secs seconds milliseconds microseconds nanoseconds nsec "
+    "nsecs nanosec sekunden millisekunden nanos"
 )
 """Units that are the name of a time column without another word."""
-_BESIDE = frozenset(
-    (
-        *("boot", "since", "start", "system", "sys", "local", "utc", "gps", "log", "abs"),
-        *("rel", "unix", "relative", "absolute", "of", "day", "header", "field"),
-        *("arduino", "esp", "und", "and", "mess", "run", "device", "host", "the", "in"),
-        *("ros", "bag"),
-    )
+_BESIDE = word_set(
+    "boot since start system sys local utc gps log abs rel unix relative absolute of day header "
+    "field arduino esp und and mess run device host the in ros bag"
 )
 """Words that may stand beside those in the name of a time column."""
 
@@ -112,6 +81,11 @@ class TimeColumn:
     counts: bool = False
     by_name: bool = True
     over: str | None = None
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All columns that make the time."""
+        return (self.name, self.fine) if self.fine else (self.name,)
 
 
 Numbers = Callable[[str], Array | None]
@@ -196,7 +170,7 @@ def find_time(
         named += [
             n for n, c in dates.items() if c is None or _rises(c)
         ]  # None: is said as it is read
-    order = list(TIME_COLUMNS)
+    order = TIME_COLUMNS
     named.sort(key=lambda n: order.index(n.lower()) if n.lower() in order else len(order))
     if read is not None and (len(named) > 1 or named == ["T"]):
         # stable: among those that rise the clearest name stays first; T is mostly a temperature

@@ -152,18 +152,10 @@ def _diagnosed(
         first, second = (PoseProblem(part, geometry, noise) for part in (tracks, others))
         return PoseSearch(first, second, always, known, begun)
 
-    first = _searched(search(noise, {}))
-    second = replace(noise, beyond=_beyond(first[3], noise))
-    return _pose_diagnosis(*_searched(search(second, first[0].fits)), estimate)
-
-
-_Found = tuple[PoseSearch, Fitted, list[Step], Fitted, tuple[tuple[str, float], ...]]
-
-
-def _searched(search: PoseSearch) -> _Found:
-    """(search, before, after, steps, ranking); the remaining error is reported beside the steps."""
-    base = search.fit(())
-    return search, base, *grown(search, base)
+    first = search(noise, {})
+    beyond = _beyond(grown(first)[1], noise)
+    again = search(replace(noise, beyond=beyond), first.fits)
+    return _pose_diagnosis(again, *grown(again), estimate)
 
 
 def _beyond(final: Fitted, noise: Noise) -> Array:
@@ -216,7 +208,6 @@ def _windows(part: Sequence[Track]) -> int:
 
 def _pose_diagnosis(
     search: PoseSearch,
-    base: Fitted,
     steps: Sequence[Step],
     final: Fitted,
     ranking: tuple[tuple[str, float], ...],
@@ -233,7 +224,7 @@ def _pose_diagnosis(
         gap=pose_gap(pairs, floor),
         whole=pose_gap(pairs, floor, everywhere=True),
         detectable=_detectable(search, final),
-        windows=(sum(map(len, base.errors.estimation)), sum(map(len, base.errors.holdout))),
+        windows=(sum(map(len, final.errors.estimation)), sum(map(len, final.errors.holdout))),
         residuals=pose_residuals(search, final),
         warnings=warnings_of(search, final, [(s.candidate, s.ties) for s in steps]),
         geometry=_beside(estimate, final) if estimate is not None and steps else estimate,

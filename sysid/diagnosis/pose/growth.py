@@ -42,22 +42,22 @@ class Step:
 Grown = tuple[list[Step], Fitted, tuple[tuple[str, float], ...]]
 
 
-def grown(search: PoseSearch, base: Fitted) -> Grown:
+def grown(search: PoseSearch) -> Grown:
     """What is accepted one after the other; the likeliest first one may be a stand-in.
 
     Turns on the spot fall short by slip as by another width, and which it is may show only beside
     what comes after: so the effects that tie with the first are tried in its place, too.
     """
-    best = _grown_from(search, base, "")
+    best = _grown_from(search, "")
     if not best[0]:
         return best
     first = best[0][0].candidate.id
     rivals = effect(first).ties if first else ()
-    others = [_grown_from(search, base, id) for id in rivals]
+    others = [_grown_from(search, id) for id in rivals]
     return min([best, *(o for o in others if o[0])], key=lambda o: _score(o[1]))
 
 
-def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
+def _grown_from(search: PoseSearch, instead: str) -> Grown:
     """One candidate after the other while the rule accepts; an effect before what it ties with.
 
     Args:
@@ -66,7 +66,7 @@ def _grown_from(search: PoseSearch, base: Fitted, instead: str) -> Grown:
     chosen: list[Candidate] = []
     steps: list[Step] = []
     ranking: tuple[tuple[str, float], ...] = ()
-    current = base
+    current = base = search.fit(())
     while sum(s.claimed and bool(s.candidate.id) for s in steps) < POSE.most_effects:
         rivals = [c for c in every_candidate() if allowed(c, search, chosen)]
         fits = [(c, search.fit([*chosen, c], current)) for c in rivals]

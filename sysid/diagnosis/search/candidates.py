@@ -52,6 +52,7 @@ class CandidateSearch:
         fixed_core: bool = False,
     ) -> None:
         self.model, self.level, self.needed = model, level, needed
+        self.scales, self.delay = scales, delay
         known, known_holdout = LogFacts.of(estimation), LogFacts.of(holdout)
         self.estimation, self.holdout = known.records, known_holdout.records
         fitted, judged = weights if weights is not None else (None, None)

@@ -122,7 +122,7 @@ def _best(base: Base, i: int) -> tuple[int, float]:
     best, facts = (order_of_base, np.inf), LogFacts(tuple(fitted))
     detrend = "none" if fitted[0].is_robot_log else "auto"
     for order in (order_of_base + more for more in MORE):
-        structure = OE.from_orders({"nb": order, "nf": order, "nk": base.delay}, 1, 1)
+        structure = OE.from_orders({"nb": order, "nf": order, "nk": base.search.delay}, 1, 1)
         try:
             model = fit(structure, facts, ROUGH, detrend=detrend)
             runs = [outputs(model, r, None, Start.ESTIMATED) for r in holdout]

@@ -71,7 +71,7 @@ def _own_columns(paths: Sequence[Path], options: ReadOptions) -> ReadOptions | N
 def _speeds(table: Table, options: ReadOptions) -> tuple[list[str], list[str], list[str]]:
     """Columns of both sides: measured speeds, commands that are speeds, and all commands."""
     pose = find_pose(table.names).names
-    units = dict(zip(table.names, table.units, strict=True))
+    units = table.brackets
     columns = {
         kind: [n for n in table.names if n not in pose and meaning(n).quantity == kind]
         for kind in ("speed", "command")

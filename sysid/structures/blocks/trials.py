@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.fitting.holdout import error_margin, hold_out
 from sysid.fitting.marquardt import Conditions, loss, marquardt
 from sysid.fitting.run_errors import output_scales

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
-from sysid.data.record import Array, Record
-from sysid.data.shortened import shortened
+from sysid.data.record import Array, Record, shortened
 from sysid.structures.blocks.layers import LinearLayer
 from sysid.structures.blocks.linear_approximation import input_denominators
 from sysid.structures.blocks.static.functions import Static, parse_static

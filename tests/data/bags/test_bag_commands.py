@@ -14,7 +14,8 @@ from recorded_robots import EPOCH, MAP, Robot, Sender
 
 from sysid.data.bags.drive import write_drive
 from sysid.data.bags.writing import Messages, Outgoing, write_bag
-from sysid.data.io import ReadOptions, read_file, read_log
+from sysid.data.io import read_file, read_log
+from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, UsageError
 from sysid.robot.mission.localize import localize
 from sysid.robot.mission.result import MissionResult, write_log

@@ -12,7 +12,8 @@ from recorded_robots import EPOCH, GAIN, MAP, RADIUS, TAU, WIDTH, Robot, Sender
 from sysid.data.bags.fields import reader, steps_of
 from sysid.data.bags.latency import dead_time
 from sysid.data.bags.writing import Messages, Outgoing, write_bag
-from sysid.data.io import ReadOptions, read_file, read_log
+from sysid.data.io import read_file, read_log
+from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, SysidError, UsageError
 
 pytest.importorskip("rosbags", reason="the extra ros reads bags")

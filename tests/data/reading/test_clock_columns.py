@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from written_logs import lines, motor, point, put, whole
 
-from sysid.data.io import LogFile, ReadOptions, read_file
+from sysid.data.io import LogFile, read_file
 from sysid.data.reading.dates import ORDERS, Dates, seconds_of
+from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, UsageError
 
 START = dt.datetime(2026, 3, 4, 23, 58)

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.data.io import ReadOptions, read_file, read_log
+from sysid.data.io import read_file, read_log
 from sysid.data.reading.data_lines import HEAD, cut_tail
+from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError
 
 ROWS = 3 * HEAD

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from sysid.data.io import ReadOptions, read_file
+from sysid.data.io import read_file
 from sysid.data.reading.decoding import legacy
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.schema import checked
 from sysid.errors import DataError, UsageError
 

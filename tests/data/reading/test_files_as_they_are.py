@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.data.io import LogFile, ReadOptions, read_file, read_files
+from sysid.data.io import LogFile, read_file, read_files
+from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, SysidError
 
 N, DT = 600, 0.02

@@ -8,7 +8,8 @@ import pytest
 from sysid.data.facts import LogFacts
 from sysid.data.finding import Severity
 from sysid.data.inspection import inspect_records
-from sysid.data.io import ReadOptions, read_file
+from sysid.data.io import read_file
+from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, SysidError
 
 N = 200

@@ -10,7 +10,8 @@ from written_logs import LOGGERS, STEP, lines, motor, point, put, whole
 
 from sysid.data.facts import LogFacts
 from sysid.data.inspection import inspect_records
-from sysid.data.io import ReadOptions, read_file
+from sysid.data.io import read_file
+from sysid.data.reading.read_options import ReadOptions
 
 # ------------------------------------------------------------------------------------ whole files
 

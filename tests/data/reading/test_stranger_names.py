@@ -8,8 +8,9 @@ from command_line import Capture, run
 from named_fields import arguments
 from written_logs import RPM, STEP, lines, motor, point, put, robot_drive, whole
 
-from sysid.data.io import ReadOptions, read_file
+from sysid.data.io import read_file
 from sysid.data.reading.columns import choose_columns
+from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Channel, Record
 from sysid.data.units import conversion, from_name
 from sysid.errors import SysidError, UsageError

@@ -11,9 +11,10 @@ from named_fields import arguments
 from written_logs import lines, motor, point, put, whole
 
 from sysid.data.finding import Severity
-from sysid.data.io import ReadOptions, read_file
+from sysid.data.io import read_file
 from sysid.data.reading.clock import unrolled
 from sysid.data.reading.dates import seconds_of
+from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, UsageError
 
 

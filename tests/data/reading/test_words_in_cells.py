@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.data.io import LogFile, ReadOptions, read_file
+from sysid.data.io import LogFile, read_file
+from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, UnclearColumnsError
 
 N = 300

@@ -220,7 +220,7 @@ def test_a_delay_is_no_surer_than_its_sampling() -> None:
     model = base.search.model
     (k,) = model.of("input-delay")
     q = base.model.q.copy()
-    q[k] = 0.1 - 0.05 * max(base.delay - 1, 0)
+    q[k] = 0.1 - 0.05 * max(base.search.delay - 1, 0)
     core = [model.index["core", "gain", 0], model.index["core", "f1", 0]]
     q[core] = 10.0, -0.8
     node = base.search.evaluate(("input-delay",), q, (*core, k))

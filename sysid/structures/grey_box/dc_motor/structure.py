@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 
-from sysid.data.integrating import is_position
+from sysid.data.checks.integral import is_position
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError, argument
 from sysid.runners.single import together
