@@ -43,7 +43,7 @@ def vehicle(
     at = _by_name(angles, "--angles", _steered(loaded))
     facts = summary(loaded, at)
     if twist is not None:
-        wanted = numbers(twist, "--twist", "VX,VY,WZ")
+        wanted = numbers(twist, "--twist", "numbers such as 0.2,0,0.5")
         facts["inverse"] = inverse_document(loaded, loaded.inverse(wanted, at))
     if speeds is not None:
         wheel_speeds = _by_name(

@@ -77,7 +77,7 @@ def test_pictures_and_urdf_are_written(capsys: Capture, tmp_path: Path) -> None:
     ("options", "sentence", "code"),
     [
         (("--twist", "1,2"), "a twist is three finite numbers", 2),
-        (("--twist", "a,b,c"), "--twist a,b,c: write numbers", 2),
+        (("--twist", "a,b,c"), "--twist cannot read 'a,b,c'; write numbers", 2),
         (("--speeds", "1"), "has 1 numbers for 2 wheels (left, right)", 2),
         (("--speeds", "left=1"), "leave the motion open", 2),
         (("--speeds", "front=1"), "no wheel 'front'", 2),
