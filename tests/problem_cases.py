@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from sysid.data.record import Record
 from sysid.fitting.problem import Focus, Initial, Problem
-from sysid.methods.augmented import ChainSearch
+from sysid.structures.augmented.runs import ChainRuns
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.base import Structure
 from sysid.structures.blocks.errors import ChainErrors
@@ -30,7 +30,7 @@ def problems_of(
         case PolynomialStructure():
             return LinearSearch(structure).problems(records, focus, initial, stable)
         case Augmented():
-            return ChainSearch(structure).problems(records, focus, initial, stable)
+            return (ChainRuns(structure, data),)
         case RecursiveStructure():
             if focus is Focus.SIMULATION:
                 return (structure.over_chunks(data, max(len(r) for r in records)),)

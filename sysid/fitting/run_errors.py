@@ -39,7 +39,7 @@ class RunErrors(Problem):
         self.index = np.arange(n)
         self.n_initial = states_each * len(data)
         self.kept = [np.ones(len(y), dtype=bool) for _, y in data] if kept is None else list(kept)
-        self.scales = output_scales([y for _, y in data]) if scales is None else scales
+        self.scales: Array = output_scales([y for _, y in data]) if scales is None else scales
         ny = len(self.scales)
         self.lengths = tuple(int(k.sum()) for k in self.kept for _ in range(ny))
         self.channels = tuple(i for _ in data for i in range(ny))

@@ -1,7 +1,7 @@
 """What a parameter search asks of the family whose parameters it looks for, and what it reports."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,3 +55,19 @@ class Searchable(ABC):
     def open_directions(self, records: Sequence[Record]) -> Array:
         """Directions of θ that such inputs leave open although slopes do not show it, (n, k)."""
         return np.zeros((0, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRunSearch(Searchable):
+    """The search of θ by the errors of its free run, all outputs together, whatever the focus.
+
+    Attributes:
+        errors: ((u, y) of each experiment, whether initial states are estimated) → the problem.
+    """
+
+    errors: Callable[[Sequence[tuple[Array, Array]], bool], Problem]
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        return (self.errors([(r.u, r.y) for r in records], initial is not Initial.ZERO),)

@@ -92,7 +92,7 @@ def levenberg_marquardt(problem: Problem, p0: Array, how: Descent) -> Solution:
     """
     free = how.free
     if not free.any():
-        return _ended(problem, p0, Termination.NO_FREE_PARAMETERS, 1, how.huber)
+        return evaluated(problem, p0, Termination.NO_FREE_PARAMETERS, 1, how.huber)
     p = p0.copy()
 
     def full(x: Array) -> Array:
@@ -130,7 +130,9 @@ def levenberg_marquardt(problem: Problem, p0: Array, how: Descent) -> Solution:
     stuck = tuple(int(k) for k in where[_touching(x, lower, upper)])
     if stuck and termination.good:
         termination = Termination.AT_BOUND
-    return _ended(problem, end, termination, evaluations, how.huber, stuck, known.get(x.tobytes()))
+    return evaluated(
+        problem, end, termination, evaluations, how.huber, stuck, known.get(x.tobytes())
+    )
 
 
 class _StalledError(Exception):
@@ -155,15 +157,16 @@ class _Best:
             raise _StalledError
 
 
-def _ended(
+def evaluated(
     problem: Problem,
     p: Array,
     termination: Termination,
-    evaluations: int,
-    huber: Array | None,
+    evaluations: int = 1,
+    huber: Array | None = None,
     at_bound: tuple[int, ...] = (),
     jacobian: Array | None = None,
 ) -> Solution:
+    """A point as a solution: what the problem and the loss are there."""
     r = problem.residual(p)
     weights = np.ones(len(r))
     cost = loss(r, huber)
@@ -194,7 +197,6 @@ class Ending:
     z: Array
     cost: float | None
     iterations: int
-    termination: Termination
 
 
 CLIPPED = 1e6
@@ -225,16 +227,11 @@ def many_starts(
         jacobian: of ``residual``, with the same arguments; forward-mode unless given.
     """
     solutions = _batch_solver(residual, jacobian, iterations, tolerance)(starts, each, shared)
-    ends, costs, counts, gradients = (np.asarray(part, dtype=np.float64) for part in solutions)
-    endings = []
-    for z, cost, count, gradient in zip(ends, costs, counts, gradients, strict=True):
-        finite = bool(np.isfinite(cost)) and bool(np.all(np.isfinite(z)))
-        termination = Termination.DIVERGED
-        if finite:
-            settled = gradient <= tolerance
-            termination = Termination.CONVERGED_GRADIENT if settled else Termination.MAX_ITERATIONS
-        endings.append(Ending(z, float(cost) if finite else None, int(count), termination))
-    return tuple(endings)
+    ends, costs, counts = (np.asarray(part, dtype=np.float64) for part in solutions)
+    return tuple(
+        Ending(z, float(cost) if np.isfinite([cost, *z]).all() else None, int(count))
+        for z, cost, count in zip(ends, costs, counts, strict=True)
+    )
 
 
 @lru_cache(maxsize=16)
@@ -244,7 +241,7 @@ def _batch_solver(
     iterations: int,
     tolerance: float,
 ) -> Callable[..., Any]:
-    """(starts, each, shared) → ends, costs, iterations and gradient norms, compiled."""
+    """(starts, each, shared) → ends, costs and iterations, compiled."""
     with warnings.catch_warnings():
         # it says on import that nobody develops it further; its version is pinned here
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -287,7 +284,7 @@ def _batch_solver(
 
     def run(z: Any, bounds: Any, data: Any) -> Any:
         end, state = solver.run(z, bounds, data)
-        return end, state.value, state.iter_num, state.error
+        return end, state.value, state.iter_num
 
     compiled: Callable[..., Any] = jax.jit(jax.vmap(run, in_axes=(0, 0, None)))
     return compiled

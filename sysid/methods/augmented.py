@@ -1,15 +1,15 @@
 """Fit of an augmented structure from its own values, by its free run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from sysid.data.record import Array, Record
 from sysid.errors import ModelError
 from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Focus, Initial, Parameter, Problem
-from sysid.fitting.searchable import InitialGuesses, Searchable
+from sysid.fitting.problem import Parameter
+from sysid.fitting.searchable import FreeRunSearch, InitialGuesses
 from sysid.fitting.uncertainty import with_infinite
 from sysid.methods.method import Method
 from sysid.methods.outcome import FitOutcome
@@ -30,23 +30,6 @@ allow, else its value) is not determined: such errors say how flat the slopes ar
 
 TAKES_PART = 0.1
 """Least weight of a parameter in such a combination."""
-
-
-@dataclass(frozen=True)
-class ChainSearch(Searchable):
-    """The search of an augmented structure's θ, by its free run."""
-
-    structure: Augmented
-
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One: the errors of the free run, from the first measurements on.
-
-        The diagnosis finds effects and their first values in its full model; from there on the
-        structure is fitted like any other.
-        """
-        return (ChainRuns(self.structure, [(r.u, r.y) for r in records]),)
 
 
 def fit(
@@ -72,7 +55,9 @@ def fit(
         tolerance=options.precision(TOLERANCE),
     )
     assert isinstance(structure, Augmented)
-    search = ChainSearch(structure)
+    # the diagnosis finds effects and their first values in its full model; from there on the
+    # structure is fitted like any other
+    search = FreeRunSearch(lambda data, _: ChainRuns(structure, data))
     outcome = by_search(structure, records, limited, parameters, initial_guesses, search)
     more = _undetermined(outcome)
     if not more.size:

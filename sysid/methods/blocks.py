@@ -4,7 +4,8 @@ The user's constraints hold there, every gain is put in one place, and the covar
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.special import fdtri
@@ -13,8 +14,8 @@ from sysid.data.record import Array, Record
 from sysid.errors import ModelError
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Allowed, Focus, Initial, Parameter, Problem
-from sysid.fitting.searchable import InitialGuesses, Searchable, StartReport
+from sysid.fitting.problem import Allowed, Initial, Parameter
+from sysid.fitting.searchable import FreeRunSearch, InitialGuesses, StartReport
 from sysid.methods.method import Method
 from sysid.methods.outcome import FitOutcome
 from sysid.methods.search import STATE_LEVEL, by_search
@@ -110,10 +111,9 @@ def _final_fit(
     settled = replace(options, tolerance=options.precision(SETTLED), patience=PATIENCE)
     if not Allowed.by(table).bounded:
         settled, theta = _settled(Trial(structure, theta), table, data, settled)
+    search = FreeRunSearch(partial(ChainErrors, structure.chain))
     try:
-        outcome = by_search(
-            structure, records, settled, table, [("", theta)], ChainSearch(structure)
-        )
+        outcome = by_search(structure, records, settled, table, [("", theta)], search)
     except ModelError as error:
         named = ", ".join(p.name for p in constrained)
         more = f" No stable model was found with {named} as fixed or bounded." if named else ""
@@ -173,20 +173,6 @@ def _settled(
     if k and (options.robust or (free > 0 and ratio > fdtri(k, free, STATE_LEVEL))):
         return replace(options, initial=Initial.ESTIMATED), moving.theta
     return replace(options, initial=Initial.ZERO), rest.theta
-
-
-@dataclass(frozen=True)
-class ChainSearch(Searchable):
-    """The search of a block-oriented structure's θ, by its free run."""
-
-    structure: BlockStructure
-
-    def problems(
-        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
-    ) -> tuple[Problem, ...]:
-        """One problem of all outputs; prediction and simulation errors are the same."""
-        data = [(r.u, r.y) for r in records]
-        return (ChainErrors(self.structure.chain, data, initial is not Initial.ZERO),)
 
 
 METHOD = Method(fit, refit, takes_method=False)

@@ -63,8 +63,7 @@ def by_multi_start(
     """Fit a grey box: starts, ladder, polish, uncertainty.
 
     1. Starts: what ``first_guess`` reads off the data and variations of it by each constant's
-       spread (seed fixed), all run at once through a vmapped Levenberg-Marquardt in coordinates
-       that respect the bounds.
+       spread (seed fixed); a few rounds from each on part of the data.
     2. The best ones are polished by the bounded solver with exact derivatives.
     3. Rung by rung, mechanisms of the structure's ladder are kept where a free run over held-out
        samples errs significantly less with them.
@@ -199,7 +198,12 @@ def _entries(s: Setting, rung: Rung) -> list[int]:
 
 
 def _determined(s: Setting, solution: Solution, free: Mask, rung: Rung, kept: Masks) -> bool:
-    """Whether the data determine each constant of one sign of a rung, at one output at least."""
+    """Whether the data determine each constant of one sign of a rung, at one output at least.
+
+    One that is alone on its rung is seen by what it pays.
+    """
+    if len(rung.names) == 1:
+        return True
     n, part = len(free), _part(s, solution, free, kept)
     error = np.full(n, np.inf)
     inside = part.free < n

@@ -1,9 +1,8 @@
-"""Initial guesses of grey boxes: many at once, the best refined."""
+"""Initial guesses of grey boxes: a few rounds from many, the best refined."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,8 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
 from sysid.fitting.run_errors import Masks
 from sysid.fitting.searchable import StartReport
-from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt, many_starts
-from sysid.structures.grey_box.physics import Physics
-from sysid.structures.grey_box.runs import GreyErrors, scan
+from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
+from sysid.structures.grey_box.runs import GreyErrors
 from sysid.structures.grey_box.structure import GreyBox
 
 STARTS = 12
@@ -37,18 +35,10 @@ SAME = 1e-3
 """Starts that ended within this share of each other's cost have found the same minimum."""
 
 START_SAMPLES = 1500
-"""Samples, all records together, that the many starts see; the polish sees all."""
+"""Samples, all records together, that short descents from every start see; the polish sees all."""
 
 START_ROUNDS = 15
-
-PADDED = 512
-"""Lengths of what the many starts see are rounded up to multiples of this."""
-
-DIFFERENCE = 1e-6
-"""Step in z of the many starts' slopes."""
-
-LARGE = 1e6
-"""Errors of the many starts are clipped to this."""
+"""Evaluations of such a descent."""
 
 SAMPLES_IN_TIME_CONSTANT = 5.0
 """Samples of a time constant that are left where starts are compared on thinned data."""
@@ -113,63 +103,6 @@ class Setting:
         )
 
 
-class Coordinates(NamedTuple):
-    """θ of the free entries as numbers z without bounds, of size one.
-
-    A constant bounded below is low + scale·exp(z), one bounded on both sides a logistic curve
-    between them, one of either sign scale·z.
-
-    Attributes:
-        low: lower bound, zero where there is none.
-        width: distance between the bounds, one where either is missing.
-        scale: size of a usual value.
-        kind: 2 bounded on both sides, 1 below, 0 not at all.
-    """
-
-    low: Array
-    width: Array
-    scale: Array
-    kind: Array
-
-    @staticmethod
-    def of(lower: Array, upper: Array, typical: Array, spread: Array) -> "Coordinates":
-        """Coordinates around a typical θ; a two-sided range much wider than it counts as open."""
-        below = np.isfinite(lower)
-        low = np.where(below, lower, 0.0)
-        wide = (upper - low) > 1e3 * np.maximum(np.abs(typical - low), 1e-12)
-        both = below & np.isfinite(upper) & ~wide
-        size = np.where(below, np.maximum(typical - low, 1e-12), np.abs(typical))
-        return Coordinates(
-            low,
-            np.where(both, upper - low, 1.0),
-            np.where(size > 0, size, np.where(spread > 0, spread, 1.0)),
-            np.where(both, 2.0, np.where(below, 1.0, 0.0)),
-        )
-
-    def theta(self, xp: Any, z: Any) -> Any:
-        """z → θ."""
-        return xp.where(
-            self.kind == 2.0,
-            self.low + self.width / (1.0 + xp.exp(-z)),
-            xp.where(
-                self.kind == 1.0,
-                self.low + self.scale * xp.exp(xp.minimum(z, 50.0)),
-                self.scale * z,
-            ),
-        )
-
-    def z(self, theta: Array) -> Array:
-        """θ → z; a constant on its bound is moved inside a little."""
-        share = np.clip((theta - self.low) / self.width, 0.02, 0.98)
-        above = np.maximum(theta - self.low, 1e-3 * self.scale)
-        one_sided = np.where(self.kind == 1.0, above / self.scale, 1.0)
-        return np.where(
-            self.kind == 2.0,
-            np.log(share / (1.0 - share)),
-            np.where(self.kind == 1.0, np.log(one_sided), theta / self.scale),
-        )
-
-
 def started(
     s: Setting,
     guesses: Sequence[tuple[str, Array]],
@@ -182,10 +115,9 @@ def started(
     names, thetas = _varied(s, guesses, free)
     problem = s.problem(kept)
     costs = [cost_of(problem.residual(problem.initial_guess(t))) for t in thetas]
-    ends = thetas
-    endings: list[tuple[float | None, int]] = [(None, 0)] * len(thetas)
+    ends, spent = thetas, [0] * len(thetas)
     if np.any(free) and len(thetas) > 1:
-        ends, endings = _at_once(s, thetas, free)
+        ends, spent = _approached(s, thetas, free)
     after = [cost_of(problem.residual(problem.initial_guess(t))) for t in ends]
     ends = [e if a <= c else t for e, a, c, t in zip(ends, after, costs, thetas, strict=True)]
     after = [min(a, c) for a, c in zip(after, costs, strict=True)]
@@ -204,7 +136,7 @@ def started(
             names[k],
             costs[k] if np.isfinite(costs[k]) else None,
             solutions[k].cost if k in solutions else (after[k] if np.isfinite(after[k]) else None),
-            endings[k][1] + (solutions[k].evaluations if k in solutions else 0),
+            spent[k] + (solutions[k].evaluations if k in solutions else 0),
         )
         for k in sorted(order, key=lambda k: solutions[k].cost if k in solutions else after[k])
     ]
@@ -244,68 +176,17 @@ def _varied(
     return names, thetas
 
 
-def _at_once(
+def _approached(
     s: Setting, thetas: Sequence[Array], free: NDArray[np.bool_]
-) -> tuple[list[Array], list[tuple[float | None, int]]]:
-    """Every start through the vmapped solver, on part of the data, initial states as guessed."""
+) -> tuple[list[Array], list[int]]:
+    """Where a few rounds from every start lead on part of the data, and their evaluations."""
     every = _decimation(s, thetas[0])
     pieces = shortened([r.every(every) for r in s.records], START_SAMPLES)
     sampling = replace(s.structure.sampling, dt=pieces[0].dt)
-    structure = replace(s.structure, physics=s.structure.physics.rough(), sampling=sampling)
-    problem = replace(s, records=pieces, structure=structure).problem(None)
-    # rounded up, so that records of about equal length share a compilation
-    longest = -(-max(len(r) for r in pieces) // PADDED) * PADDED
-    u = np.zeros((longest, s.structure.nu, len(pieces)))
-    y = np.zeros((longest, s.structure.ny, len(pieces)))
-    weight = np.zeros_like(y)
-    for k, r in enumerate(pieces):
-        u[: len(r), :, k], y[: len(r), :, k] = r.u, r.y
-        weight[: len(r), :, k] = 1.0 / problem.scales
-    weight /= np.sqrt(np.count_nonzero(weight))
-    x0 = np.stack([problem.initial_states(problem.initial_guess(t)) for t in thetas])
-    where = np.flatnonzero(free)
-    typical = np.asarray(thetas[0])
-    spread = s.structure.physics.by_entry(lambda c: c.spread)
-    c = Coordinates.of(s.lower[where], s.upper[where], typical[where], spread[where])
-    residual, slopes = _screened(structure.physics.bare(), len(where))
-    z0 = np.stack([c.z(t[where]) for t in thetas])
-    shared = (u, y, weight, sampling.h, sampling.steps, where, tuple(c))
-    endings = many_starts(
-        residual, z0, (np.stack(thetas), x0), shared, START_ROUNDS, jacobian=slopes
-    )
-    ends = []
-    for t, end in zip(thetas, endings, strict=True):
-        theta = t.copy()
-        if np.all(np.isfinite(end.z)):
-            theta[where] = np.clip(c.theta(np, end.z), s.lower[where], s.upper[where])
-        ends.append(theta)
-    return ends, [(e.cost, e.iterations) for e in endings]
-
-
-@lru_cache(maxsize=16)
-def _screened(physics: Physics, n: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Free-run errors of one start over z (n,) and their slopes, as ``many_starts`` takes them.
-
-    The slopes are differences, all runs side by side: exact ones took three times as long to
-    compile, and here starts are only compared.
-    """
-
-    def residual(xp: Any, lax: Any, z: Any, start: Any, shared: Any) -> Any:
-        base, x = start
-        inputs, measured, weights, h, steps, where, c = shared
-        theta = base.at[where].set(Coordinates(*c).theta(xp, z))
-        _, (_, out) = scan(physics, xp, lax, theta, x, inputs, h, steps)
-        return ((measured - out) * weights).ravel()
-
-    def slopes(xp: Any, lax: Any, z: Any, start: Any, shared: Any) -> Any:
-        from sysid.runners.compiled import jax_module
-
-        moves = xp.concatenate([xp.zeros((1, n)), DIFFERENCE * xp.eye(n)])
-        errors = jax_module().vmap(lambda d: residual(xp, lax, z + d, start, shared))(moves)
-        kept = xp.clip(xp.nan_to_num(errors, nan=LARGE), -LARGE, LARGE)
-        return ((kept[1:] - kept[:1]) / DIFFERENCE).T
-
-    return residual, slopes
+    part = replace(s, records=pieces, structure=replace(s.structure, sampling=sampling))
+    every_sample = [np.ones(len(r), dtype=bool) for r in pieces]
+    runs = [part.descend(t, free, every_sample, START_ROUNDS) for t in thetas]
+    return [run.p[: len(free)] for run in runs], [run.evaluations for run in runs]
 
 
 def _decimation(s: Setting, theta: Array) -> int:

@@ -10,10 +10,10 @@ from sysid.data.record import Array, Record, shortened
 from sysid.errors import DataError, ModelError, Termination, UsageError
 from sysid.fitting.holdout import HoldOut, hold_out
 from sysid.fitting.options import FitOptions
-from sysid.fitting.problem import Focus, Parameter, Problem
+from sysid.fitting.problem import Focus, Parameter
 from sysid.fitting.robust import weighted
 from sysid.fitting.searchable import InitialGuesses
-from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
+from sysid.fitting.solvers import Descent, evaluated, levenberg_marquardt
 from sysid.methods.equations import judged_by_runs, searched
 from sysid.methods.method import Method
 from sysid.methods.procedure import Estimate, Judgement, Proposal, Solved, by_choice
@@ -137,7 +137,7 @@ def _on_all_data(
     solved = []
     for i, theta in enumerate(plain):
         ahead = weighted(OneStepRow(run, i, [(r.u, r.y) for r in records]), records)
-        solved.append(Solved(ahead, _evaluated(ahead, theta)))
+        solved.append(Solved(ahead, evaluated(ahead, theta, Termination.CLOSED_FORM)))
     estimates = [Estimate(np.concatenate(plain), tuple(solved), "least squares")]
     if any(t.chunk for t in winners):
         start = [t.theta if t.chunk else linear for t, linear in zip(winners, plain, strict=True)]
@@ -194,13 +194,6 @@ def _all_rows_refined(
     )
     solved = Solved(problem, solution, bare.samples)
     return Estimate(solution.p, (solved,), f"refined over {chunk} samples")
-
-
-def _evaluated(problem: Problem, theta: Array) -> Solution:
-    e = problem.residual(theta)
-    J = problem.jacobian(theta)
-    seen = np.ones(len(e)) if problem.counts is None else problem.counts.astype(np.float64)
-    return Solution(theta, 0.5 * float(e @ e), e, J, seen, Termination.CLOSED_FORM, 1)
 
 
 def _with_fixed_boxes(s: NarxWavelet, record: Record, theta: Array) -> tuple[Parameter, ...]:

@@ -180,10 +180,6 @@ class Physics(ABC):
         """The equation alone: equal where a compilation of one serves the other."""
         return self
 
-    def rough(self) -> Self:
-        """The same θ with cheaper steps, if there are any, for comparing many starts."""
-        return self
-
     # ----------------------------------------------------------------- where a fit begins
 
     @abstractmethod

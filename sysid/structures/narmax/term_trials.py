@@ -10,8 +10,8 @@ from sysid.data.record import Array, Record
 from sysid.fitting.holdout import hold_out
 from sysid.structures.difference_equations.free_run import ranges, widened
 from sysid.structures.difference_equations.monomials import Term, term
-from sysid.structures.difference_equations.one_output import OneOutput
 from sysid.structures.difference_equations.probing import stays_near
+from sysid.structures.difference_equations.signals import OneOutput
 from sysid.structures.difference_equations.trials import TIE
 from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
 from sysid.structures.narmax.runs import PolynomialRun

@@ -59,34 +59,34 @@ class Maps:
     ) -> tuple[OfInputs, OfOutputs]:
         """``FreeRun.parts`` with these frames; what follows from inputs are whole regressors."""
         every = tuple(dict.fromkeys(e for row in self.rows for e in row))
-        fed_back = [e for e in every if holds_output(e)]
-        inside = [s for e in fed_back for s in signals(e) if s.kind == "u"]
-        before = list(dict.fromkeys([*(e for e in every if e not in fed_back), *inside]))
-        place_before = {e: k for k, e in enumerate(before)}
-        numbers = np if xp is floats else xp
+        mixed = [e for e in every if not isinstance(e, Signal) and holds_output(e)]
+        inside = [s for e in mixed for s in signals(e) if s.kind == "u"]
+        before = list(dict.fromkeys([*(e for e in every if not holds_output(e)), *inside]))
+        past = [e for e in every if isinstance(e, Signal) and e.kind == "y"]
+        places = {s: place(s) for e in every for s in signals(e)}
+        # a regressor's value is that of an input, a past output, or an expression in both
+        order = {e: k for k, e in enumerate((*before, *past, *mixed))}
+        at_past = [places[s] for s in past]
+        numbers, kind = np if xp is floats else xp, KINDS[self.estimator]
         maps = [
-            (row, f, split(theta[index[0] : index[-1] + 1], *s))
+            ([order[e] for e in row], f, split(theta[index[0] : index[-1] + 1], *s))
             for row, f, index, s in zip(
                 self.rows, frames, self.theta_index, self.sizes, strict=True
             )
         ]
-        kind = KINDS[self.estimator]
+
+        def together(values: list[Any]) -> Any:
+            return np.array(values) if xp is floats else xp.stack(values, axis=-1)
 
         def of_inputs(known: Any) -> list[Any]:
-            return [evaluate(e, lambda s: known[place(s)], xp) for e in before]
+            return [evaluate(e, lambda s: known[places[s]], xp) for e in before]
 
         def of_outputs(known: Any, row: Any) -> list[Any]:
             def lookup(s: Signal) -> Any:
-                return known[place(s)] if s.kind == "y" else row[place_before[s]]
+                return known[places[s]] if s.kind == "y" else row[order[s]]
 
-            regressors = {
-                e: row[place_before[e]] if e in place_before else evaluate(e, lookup, xp)
-                for e in every
-            }
-            values = [
-                value(numbers, kind, f, w, numbers.stack([regressors[e] for e in r], axis=-1))
-                for r, f, w in maps
-            ]
+            x = [*row, *(known[k] for k in at_past), *(evaluate(e, lookup, xp) for e in mixed)]
+            values = [value(numbers, kind, f, w, together([x[k] for k in at])) for at, f, w in maps]
             return [float(v) for v in values] if xp is floats else values
 
         return of_inputs, of_outputs

@@ -21,9 +21,8 @@ from sysid.fitting.solvers import many_starts
 from sysid.structures.difference_equations.chunks import Piece, pieces, side_by_side
 from sysid.structures.difference_equations.compiled import WeightedChunks, compiled_runs
 from sysid.structures.difference_equations.expressions import replaced
-from sysid.structures.difference_equations.one_output import OneOutput
 from sysid.structures.difference_equations.regressors import columns
-from sysid.structures.difference_equations.signals import Signal
+from sysid.structures.difference_equations.signals import OneOutput, Signal
 from sysid.structures.narx.run import Maps, NarxRun
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_network import (

@@ -145,7 +145,7 @@ def linear_in(
     T, K = f.factors.shape[1], f.flag.shape[0]
     if not T and not K:
         return blocks
-    z = xp.clip(away / f.scale, f.low, f.high)
+    z = xp.minimum(xp.maximum(away / f.scale, f.low), f.high)
     if T:
         zx = xp.concatenate([z, xp.ones_like(z[..., :1])], axis=-1)
         a, b, c = (zx @ f.factors[k].T for k in range(DEGREE))

@@ -11,7 +11,7 @@ from sysid.data.record import Array
 from sysid.robot.mission.contracts import Scene
 from sysid.robot.mission.spec import Mission
 from sysid.robot.mission.variation import Variation
-from sysid.vehicle.floor import Floor
+from sysid.robot.mission.vehicle_spec import floor_of
 from sysid.vehicle.soil import Soil
 
 LEAST = 0.05
@@ -119,10 +119,5 @@ class PhysicsSampler:
 
     def scene(self, scene: Scene, values: Sequence[Any]) -> Scene:
         """The scene of a run."""
-        keys = self.overrides(values)
-        car, floor = scene.car, scene.floor
-        if car is not None and "mass" in keys:
-            car = replace(car, mass=keys["mass"], yaw_inertia=keys["yaw_inertia"])
-        if floor is not None and "soil" in keys:
-            floor = Floor(keys["soil"], keys["patches"], floor.slope)
-        return scene._replace(car=car, floor=floor)
+        varied = self.mission.with_physics(self.overrides(values))
+        return scene._replace(car=varied.car, floor=floor_of(varied.physics))

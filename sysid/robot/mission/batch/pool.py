@@ -85,7 +85,7 @@ def _in_processes(job: Job, parts: Sequence[Any]) -> Iterator[Any]:
     while done < len(parts):
         rest = parts[done:]
         count = max(2, min(os.cpu_count() or 1, len(rest)))  # a pool of one would be this process
-        pool = Parallel(n_jobs=count, return_as="generator")
+        pool = Parallel(n_jobs=count, return_as="generator", pre_dispatch="all")  # ends at once
         calls = (delayed(tied)(os.getpid(), run_on_worker, job, part) for part in rest)
         try:
             for result in pool(calls):

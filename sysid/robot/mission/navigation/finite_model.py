@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
@@ -50,14 +51,8 @@ class Hypothesis(Settings):
         response = None
         if self.lag is not None and self.top_speed is not None:
             response = Response(self.lag, self.top_speed)
-        return Process(
-            names=common.names,
-            speed=common.speed if self.speed is None else self.speed,
-            yaw_rate=common.yaw_rate,
-            walks=common.walks,
-            response=response,
-            slip=self.slip,
-        )
+        speed = common.speed if self.speed is None else self.speed
+        return replace(common, speed=speed, response=response, slip=self.slip)
 
     def geometry(self, vehicle: Geometry) -> Geometry:
         """The lengths under this hypothesis."""

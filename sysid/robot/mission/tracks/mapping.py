@@ -188,8 +188,9 @@ def _wired(
     """Scale one wiring; the sentences name what was assumed."""
     u, y = plant.inputs, plant.outputs
     at = list(wiring.read)
-    powered = [_is_pwm(u[i]) or _supplied(u[i], vehicle) is not None for i in wiring.driven]
-    direct = all(powered) and all(_is_speed(y[j]) for j in at)
+    driven = [u[i] for i in wiring.driven]
+    powered = [_is(c, "µs", "pwm") or _supplied(c, vehicle) is not None for c in driven]
+    direct = all(powered) and all(_is(y[j], "rad/s", "omega") for j in at)
     drive = _drive(plant, wiring, vehicle, direct)
     rest, answer = _static_answer(plant, drive, wiring)
     if answer.ending is Ending.KEEPS_MOVING and direct:
@@ -299,8 +300,9 @@ def _input_range(plant: SteppablePlant, i: int) -> tuple[float, float]:
     return (float(low), float(high)) if high > low else (-1.0, 1.0)
 
 
-def _is_pwm(channel: Channel) -> bool:
-    return channel.unit == "µs" or (not channel.unit and channel.name.startswith("pwm"))
+def _is(channel: Channel, unit: str, name: str) -> bool:
+    """Whether a channel has a unit, or none and a name that begins like this."""
+    return channel.unit == unit or (not channel.unit and channel.name.startswith(name))
 
 
 def _is_voltage(channel: Channel) -> bool:
@@ -311,10 +313,6 @@ def _supplied(channel: Channel, vehicle: VehicleSpec) -> float | None:
     """Full drive [V] of an input that is a voltage, where the vehicle's supply says it."""
     known = vehicle.supply is not None and _is_voltage(channel)
     return vehicle.supply.voltage if known and vehicle.supply is not None else None
-
-
-def _is_speed(channel: Channel) -> bool:
-    return channel.unit == "rad/s" or (not channel.unit and channel.name.startswith("omega"))
 
 
 # Sentences ----------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """Constants of the DC motor: lumped, or those of the bench, and the shape of friction."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,139 +21,70 @@ OPTIONAL_EACH = ("breakaway", "stribeck", "limit", "time_constant", "offset", "d
 
 def lumped(m: "MotorPhysics") -> tuple[Constant, ...]:
     """Gain, time constant, coupling and sliding friction: what commands and speeds determine."""
-    two = m.ny == 2
-    return (
+    gain = "{y}/{u}" if m.output != "position" else "({y}/s)/{u}"
+    alike = "time_constant" in m.shared
+    dry = not m.lacks(["coulomb"])
+    carried = "inertia shared through the body over a track's own"
+    taken = "sliding friction as the command it takes away"
+    constants = (
         Constant(
-            "gain",
-            "{y}/{u}" if m.output != "position" else "({y}/s)/{u}",
-            1.0,
-            each=True,
-            spread=1.5,
-            words="speed per unit of command, without friction",
+            "gain", gain, each=True, spread=1.5, words="speed per unit of command, without friction"
         ),
-        Constant(
-            "time_constant",
-            "s",
-            0.2,
-            0.0,
-            each="time_constant" not in m.shared,
-            words="inertia over damping",
-        ),
-        *(
-            (
-                Constant(
-                    "coupling",
-                    "",
-                    0.0,
-                    -0.95,
-                    0.95,
-                    spread=0.3,
-                    words="inertia shared through the body over a track's own",
-                ),
-            )
-            if two
-            else ()
-        ),
-        Constant(
-            "coulomb",
-            "{u}",
-            0.0,
-            0.0,
-            free=not m.lacks(["coulomb"]),
-            each=True,
-            words="sliding friction as the command it takes away",
-        ),
+        Constant("time_constant", "s", 0.2, 0.0, each=not alike, words="inertia over damping"),
+        Constant("coupling", "", 0.0, -0.95, 0.95, spread=0.3, words=carried),
+        Constant("coulomb", "{u}", 0.0, 0.0, free=dry, each=True, words=taken),
     )
+    return tuple(c for c in constants if c.name != "coupling" or m.ny == 2)
 
 
 def shape(m: "MotorPhysics") -> tuple[Constant, ...]:
     """What friction does beside sliding evenly, the limit of the drive and a constant load."""
-    pwm = m.input == "pwm"
-    each = {n: n not in m.shared for n in OPTIONAL_EACH}
-    speed = "{y}" if m.output != "position" else "{y}/s"
+    pwm, position = m.input == "pwm", m.output == "position"
+    speed, per_speed = ("{y}/s", "s/{y}") if position else ("{y}", "1/({y})")
+    top = PWM_FULL_SCALE if pwm else np.inf
+    at_rest = "friction at standstill over sliding friction"
+    gone = "speed at which half of the extra friction is gone"
+    most = "command beyond which the drive gives no more"
+    load = "constant load as the command it takes away"
+    square = "resistance that grows with the square of speed"
+
+    def constant(
+        name: str, unit: str, value: float, low: float, high: float, words: str
+    ) -> Constant:
+        """One of the shape: free where friction has it, one value where both tracks share it."""
+        return Constant(
+            name,
+            unit,
+            value,
+            low,
+            high,
+            free=not m.lacks([name]),
+            each=name not in m.shared,
+            words=words,
+        )
+
     return (
-        Constant(
-            "breakaway",
-            "",
-            1.0,
-            1.0,
-            10.0,
-            not m.lacks(["breakaway"]),
-            1.5,
-            each["breakaway"],
-            "friction at standstill over sliding friction",
-            jumps=True,
+        replace(constant("breakaway", "", 1.0, 1.0, 10.0, at_rest), spread=1.5, jumps=True),
+        replace(constant("stribeck", speed, 1.0, 0.0, np.inf, gone), jumps=True),
+        replace(
+            constant("limit", "{u}", PWM_FULL_SCALE if pwm else NO_LIMIT, 0.0, top, most),
+            free=m.friction == "full" and pwm,
+            spread=1.3,
         ),
-        Constant(
-            "stribeck",
-            speed,
-            1.0,
-            0.0,
-            np.inf,
-            not m.lacks(["stribeck"]),
-            3.0,
-            each["stribeck"],
-            "speed at which half of the extra friction is gone",
-            jumps=True,
-        ),
-        Constant(
-            "limit",
-            "{u}",
-            PWM_FULL_SCALE if pwm else NO_LIMIT,
-            0.0,
-            PWM_FULL_SCALE if pwm else np.inf,
-            m.friction == "full" and pwm,
-            1.3,
-            each["limit"],
-            "command beyond which the drive gives no more",
-        ),
-        Constant(
-            "offset",
-            "{u}",
-            0.0,
-            free=m.output == "position" or not m.lacks(["offset"]),
+        replace(
+            constant("offset", "{u}", 0.0, -np.inf, np.inf, load),
+            free=position or not m.lacks(["offset"]),
             spread=0.5,
-            each=each["offset"],
-            words="constant load as the command it takes away",
         ),
-        *_backward(m),
-        Constant(
-            "drag",
-            "1/({y})" if m.output != "position" else "s/{y}",
-            0.0,
-            0.0,
-            free=not m.lacks(["drag"]),
-            each=each["drag"],
-            words="resistance that grows with the square of speed",
+        replace(
+            constant("coulomb_back", "", 1.0, 0.0, 10.0, "dry friction backward over forward"),
+            spread=1.5,
         ),
-    )
-
-
-def _backward(m: "MotorPhysics") -> tuple[Constant, ...]:
-    """Friction of the way back over that of the way forth."""
-    return (
-        Constant(
-            "coulomb_back",
-            "",
-            1.0,
-            0.0,
-            10.0,
-            not m.lacks(["coulomb_back"]),
-            1.5,
-            True,
-            "dry friction backward over forward",
+        replace(
+            constant("viscous_back", "", 1.0, 0.1, 10.0, "damping backward over forward"),
+            spread=1.5,
         ),
-        Constant(
-            "viscous_back",
-            "",
-            1.0,
-            0.1,
-            10.0,
-            not m.lacks(["viscous_back"]),
-            1.5,
-            True,
-            "damping backward over forward",
-        ),
+        constant("drag", per_speed, 0.0, 0.0, np.inf, square),
     )
 
 

@@ -215,10 +215,6 @@ class MotorPhysics(Physics):
         """The equation alone, whatever is estimated and written out."""
         return replace(self, friction="auto", torque_per_input=0.0)
 
-    def rough(self) -> Self:
-        """With implicit steps, a quarter of the work and of the compilation."""
-        return replace(self, integrator="implicit")
-
     def motion(self, xp: Any, p: Mapping[str, Signal]) -> dict[str, Signal]:
         """Gain, time constants, their coupling and Coulomb level [speed], with friction's shape."""
         q = dict(p)
