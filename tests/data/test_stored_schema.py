@@ -10,7 +10,7 @@ import pytest
 
 from sysid.data.schema import STORED, checked
 from sysid.errors import ModelError
-from sysid.plant.description import to_plant
+from sysid.plant.description import to_model
 from sysid.structures.model import Model
 
 OLDER = Path(__file__).parent / "0.1"
@@ -46,10 +46,10 @@ def test_each_key_of_a_model_is_needed_and_of_one_kind(id: str) -> None:
 
 @pytest.mark.parametrize("key", sorted(PLANT.keys() - READ_NOT - {"schema", "content_sha256"}))
 def test_each_key_of_a_plant_is_needed_and_of_one_kind(key: str) -> None:
-    to_plant(PLANT, "here")
+    to_model(PLANT, "here").plant()
     for damage in ({}, *({key: v} for v in wrong(PLANT[key]))):
         with pytest.raises(ModelError, match="here") as caught:
-            to_plant({k: v for k, v in PLANT.items() if k != key} | damage, "here")
+            to_model({k: v for k, v in PLANT.items() if k != key} | damage, "here")
         assert "\n" not in str(caught.value), damage
 
 
