@@ -36,7 +36,6 @@ def facts_of(
     seed: int,
 ) -> dict[str, Any]:
     """Log, picture and bag written; the facts of a mission as ``sysid simulate`` gives them."""
-    from sysid.report.missions.drives import draw_mission
     from sysid.robot.mission.result import write_log
 
     log, plot, bag = files
@@ -47,6 +46,8 @@ def facts_of(
 
         facts["bag"] = write_drive(result.log, bag)
     if plot is not None:
+        from sysid.report.missions.drives import draw_mission
+
         draw_mission(plot, path.stem, mission, result)
         facts["plot"] = plot
     return facts
