@@ -99,11 +99,12 @@ def killed_states(root: Path, copies: Path, command: Callable[[], object]) -> li
     copies.mkdir()
     recorder = Recorder(root, copies)
     sys.addaudithook(recorder.hear)
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # modules are no output
     recorder.on = True
     try:
         command()
     finally:
-        recorder.on = False
+        recorder.on, sys.dont_write_bytecode = False, before
     assert not recorder.in_place
     shutil.copytree(root, copies / "done", symlinks=True)
     return [*recorder.states, copies / "done"]
