@@ -15,6 +15,7 @@ what that returns, as a rule an object of the library.
 """
 
 import inspect
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import partial
@@ -174,7 +175,7 @@ def pairs(
         UsageError: a text cannot be read, or a name stands twice.
     """
     values: dict[str, Value] = {}
-    for pair in (p for item in given for p in (item.split(sep) if sep else [item])):
+    for pair in (p for item in given for p in (_split(item, sep) if sep else [item])):
         name, sign, text = (part.strip() for part in pair.partition("="))
         try:
             if not (name and sign and text):
@@ -186,6 +187,11 @@ def pairs(
             raise UsageError(f"{option} names {name} twice; write {advice}")
         values[name] = value
     return values
+
+
+def _split(text: str, sep: str) -> list[str]:
+    """Parts of a text; a comma in brackets is one of a name: ``a1[left,right]=0``."""
+    return re.split(rf"{re.escape(sep)}(?![^\[]*\])", text)
 
 
 def numbers(text: str, option: str, advice: str) -> tuple[float, ...]:

@@ -206,7 +206,7 @@ CASES = (
     _fit(f"{ARX} --initial-state odd", "'odd'"),
     _fit(f"{ARX} --fix a1", "'a1'"),
     _fit(f"{ARX} --fix a1=x", "'a1=x'"),
-    _fit(f"{ARX} --fix a1[omega_l,omega_l]=inf", "'inf'"),
+    _fit(f"{ARX} --fix a1[omega_l,omega_l]=inf", "=inf'"),
     _fit(f"{ARX} --fix zz=1", "'zz'"),
     _fit(f"{ARX} --bound b1=0", "'b1=0'"),
     _fit(f"{ARX} --bound a1[omega_l,omega_l]=1:0", "a1[omega_l,omega_l]"),

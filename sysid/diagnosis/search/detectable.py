@@ -132,7 +132,7 @@ def _unexplained(
         total = sum(data.lengths)
         weight = np.sqrt(data.weight[:total]) * noise.weight
         J = np.concatenate(search.slopes(model, holdout)) * weight[:, :, None]
-        J = J.reshape(-1, J.shape[2])
+        J = J.reshape(J.shape[0] * J.shape[1], J.shape[2])
         base = search.model.run(model.q, data)[0]
         change = (search.model.run(batch, data) - base)[:, :total] * weight
         flat = np.nan_to_num(change.reshape(len(batch), -1), posinf=0.0, neginf=0.0)
