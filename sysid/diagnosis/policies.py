@@ -22,6 +22,11 @@ class AcceptanceRule:
         own_part: share below which an effect must bring the error to keep a track, or to stay
             beside others: smaller changes depend on the seed of the noise.
         minor: an effect that significantly lowers the error below this share is mentioned.
+        redundant: share of the gap below which a look-alike of an accepted effect is redundant.
+        look_alike: a look-alike of an accepted effect that takes less than this share of the gap
+            must take ``of_remainder`` of what is left; otherwise it corrects the other's law.
+        of_remainder: a third effect that takes more than this share of what the others leave above
+            the noise is not redundant, however small its share of the whole gap.
         unrivalled: an effect that scores so many times more than any other beside the same model,
             and beyond chance more, is no stand-in: a stand-in has rivals. An effect that others
             wait for need not meet ``in_loop`` then.
@@ -45,6 +50,9 @@ class AcceptanceRule:
     held_out: float = 0.90
     in_loop: float = 0.70
     own_part: float = 0.97
+    redundant: float = 0.02
+    look_alike: float = 0.10
+    of_remainder: float = 0.5
     minor: float = 0.98
     unrivalled: float = 2.0
     touched: float = 0.02

@@ -110,7 +110,7 @@ def _step(model: FullModel, q: Array, k: int) -> float:
 def information(model: FullModel, q: Array, free: Sequence[int], data: Data) -> Array:
     """Gauss–Newton matrix JᵀWJ over the free parameters in their own units, (n, n)."""
     J = data.weight[:, :, None] * slopes(model, q, free, data)
-    return np.einsum("nki,nkj->ij", J, J)
+    return np.asarray(np.einsum("nki,nkj->ij", J, J))
 
 
 class _Fits:

@@ -14,6 +14,7 @@ from sysid.diagnosis.search.moves import (
     on_more_tracks,
     swapped,
 )
+from sysid.diagnosis.search.redundancy import is_redundant
 from sysid.diagnosis.search.selection import (
     CandidateModel,
     ScoredCandidate,
@@ -101,10 +102,10 @@ class ForwardSelection(CandidateSearch):
                     model = other
                     continue
             say(f"{', '.join(model.effects)}: looking for more", 0.2 * len(model.effects))
-            passed, judged = self._next(model, effects, needed)
+            passed, judged = self._next(base, model, effects, needed)
             minor = self._minor(judged)
             if not passed and (wide := on_more_tracks(self, model)) is not None:
-                passed, _ = self._next(wide, effects, needed)
+                passed, _ = self._next(base, wide, effects, needed)
             if not passed or self.best_of(base, (model, passed[0].model)) is model:
                 break
             model = passed[0].model
@@ -113,14 +114,17 @@ class ForwardSelection(CandidateSearch):
         return model, minor
 
     def _next(
-        self, model: CandidateModel, effects: Sequence[Effect], needed: float
+        self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect], needed: float
     ) -> tuple[list[ScoredCandidate], list[ScoredCandidate]]:
         """Effects that may be added to a candidate, likeliest first, and all that were tried."""
         judged = beside_either(self, model, effects)
         return [
             j
             for j in self.passing(judged)
-            if j.evidence.ratio < needed or self.unrivalled(j.id, judged)
+            if (j.evidence.ratio < needed or self.unrivalled(j.id, judged))
+            and not is_redundant(
+                base, model, j.model, self.data.noise, self.unrivalled(j.id, judged)
+            )
         ], judged
 
     def passing(self, judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:

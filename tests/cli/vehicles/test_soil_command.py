@@ -34,7 +34,8 @@ def test_a_soil_under_the_bundled_robot(capsys: Capture) -> None:
 def test_files_of_soil_and_vehicle_and_a_picture(capsys: Capture, tmp_path: Path) -> None:
     mission, ground = tmp_path / "mission.yaml", tmp_path / "ground.yaml"
     mission.write_text(
-        "goal: [1, 0]\nvehicle: {mass: 3, L: 0.15, centre: -0.01, soil: concrete, command_scale: 2}\n"
+        "goal: [1, 0]\n"
+        "vehicle: {mass: 3, L: 0.15, centre: -0.01, soil: concrete, command_scale: 2}\n"
     )
     ground.write_text("soil:\n  preset: clay\n  friction_angle_deg: 10\n")
     own = run(capsys, "soil", "--vehicle", mission, "--set", "friction=0.5", "--json").document
