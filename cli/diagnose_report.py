@@ -34,6 +34,8 @@ def show(
     _added(result, before, after)
     _shrunk(result)
     render.cautions(result.warnings)
+    if result.against is not None:
+        render.say(result.against.sentence(result.gap))
     _next(result, before, after, folder, holdout)
 
 
@@ -114,8 +116,7 @@ def _added(result: "Diagnosis", before: str, after: str) -> None:
     if not result.grown:
         render.say(f"Nothing; the model remains {before}: {result.base_words}.")
         return
-    stem = f"the baseline ({result.baseline_words})" if result.baseline_words else ""
-    render.say(f"{after} is {stem or f'{before} ({result.base_words})'} with:")
+    render.say(f"{after} is {before} ({result.base_words}) with:")
     rows: list[list[Any]] = [
         [
             e.id if k == 0 else "",

@@ -134,19 +134,18 @@ class _Assembly:
         traces, unseen = self.traces(), self.unseen(ids)
         silent = verdict != "unexplained" and set(ids) <= set(OF_THE_LOG) and not poor
         old, new = self.models()
-        tests = (("before", session.origin.before), ("after", remaining.structure))
+        tests = (("before", session.before), ("after", remaining.structure))
         diagnosis = Diagnosis(
             verdict=verdict,
             story=poor or told,
             undecided=undecided(remaining) if silent and remaining.above_noise else "",
             unfollowed=poor,
-            base_words=session.origin.base.words,
-            baseline_words=base.words if session.given is not None else "",
+            base_words=base.words,
             effects=effects,
             excess_error=self.excess_error() if remaining.structured else None,
             minor=tuple(dict.fromkeys(id for id, _ in selection.minor)),
             candidates=(*selection.candidates, *(pose.candidates if pose is not None else ())),
-            where=self.where(session.origin.base.model),
+            where=self.where(base.model),
             where_after=regions,
             gap=gap,
             detectable=unseen,
@@ -176,7 +175,7 @@ class _Assembly:
     @cached_property
     def remaining(self) -> Remaining:
         """What remains in its errors."""
-        after = self.session.origin.before
+        after = self.session.before
         if self.selection.selected:
             after = self.session.residual_structure(self.selection, after=True)
         names = self.session.base.parts.holdout[0].output_names
@@ -242,11 +241,7 @@ class _Assembly:
 
     def traces(self) -> tuple[Trace, ...]:
         """Records with the runs of the original and the augmented model."""
-        traces, given = findings.traces(self.session.base, self.selection), self.session.given
-        if given is None:
-            return traces
-        original = findings.traces(given.base, given.nothing)
-        return tuple(replace(t, before=o.before) for t, o in zip(traces, original, strict=True))
+        return findings.traces(self.session.base, self.selection)
 
     def unseen(self, named: Sequence[str]) -> dict[str, float | None]:
         """Sizes that effects which were not found would have needed."""
@@ -288,10 +283,10 @@ class _Assembly:
         session, selection, pose = self.session, self.selection, self.pose
         base, records = session.base, session.base.parts.estimation
         said = list(findings.absorbed(base, selection))
-        if session.given is not None:
+        if self.model is not None and self.model.fitted_to(records):
             said.append(
-                "The original model has absorbed part of what is missing. The effects are added to "
-                "the baseline instead, whose held-out error is then smaller."
+                "The given model was fitted to this log and may have absorbed what is missing from "
+                "it. Without `model` effects are added to a baseline that has not."
             )
         if base.in_loop:
             said.append(

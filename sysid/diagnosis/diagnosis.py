@@ -211,6 +211,28 @@ class Trace:
     counted: Array
 
 
+@dataclass(frozen=True)
+class Against:
+    """A model that the result is compared with: its free run on the held-out data.
+
+    Attributes:
+        name: what it is called: its structure, or its name in a workspace.
+        rmse: of each output, in its unit.
+    """
+
+    name: str
+    rmse: dict[str, float]
+
+    def sentence(self, gap: Gap) -> str:
+        """How far its errors are from those of the original and of the augmented model."""
+        parts = (
+            f"{v:.3g} on {name} ({gap.channels[name].rmse_before:.3g} before, "
+            f"{gap.channels[name].rmse_after:.3g} after)"
+            for name, v in self.rmse.items()
+        )
+        return f"{self.name} has a held-out error of {', '.join(parts)}."
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """Where a model and a log disagree, what is missing, and the proof.
@@ -221,8 +243,8 @@ class Diagnosis:
         detectable: per effect the smallest size this log would have shown, None where it cannot.
         description: a sparse description of what no effect explains, empty without one.
         path: proof on a mission's path, JSON-able, empty without one.
-        baseline_words: the base that the effects were added to where that is not the original
-            model.
+        against: what another model of the same channels makes of the held-out data, if one was
+            given to compare with.
         geometry: the vehicle's lengths, where nobody gave them and the pose contradicts those
             that are assumed.
         changes: what changes within a log, and when, in sentences.
@@ -254,7 +276,7 @@ class Diagnosis:
     traces: tuple[Trace, ...] = ()
     path: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
-    baseline_words: str = ""
+    against: Against | None = None
     changes: tuple[str, ...] = ()
     geometry: GeometryEstimate | None = None
     unfollowed: str = ""
@@ -281,7 +303,7 @@ class Diagnosis:
                 "story": self.story,
                 "changes": self.changes,
                 "base": self.base_words,
-                "added_to": self.baseline_words or self.base_words,
+                "against": self.against,
                 "geometry": self.geometry,
                 "effects": self.effects,
                 "minor": self.minor,

@@ -43,18 +43,12 @@ from sysid.errors import DataError
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisSession:
-    """One diagnosis in progress.
-
-    Attributes:
-        given: the session of the model that was given, where that had absorbed so much that effects
-            are added to the baseline.
-    """
+    """One diagnosis in progress."""
 
     base: Base
     noise: NoiseFloor
     scales: Array
     seed: int
-    given: "DiagnosisSession | None" = None
     jitter: tuple[Jitter, ...] = ()
 
     @property
@@ -67,11 +61,6 @@ class DiagnosisSession:
         """Before anything is named."""
         candidate = self.base.model
         return Selection(candidate, candidate, (), (), ())
-
-    @property
-    def origin(self) -> "DiagnosisSession":
-        """The session of the original model."""
-        return self.given or self
 
     @cached_property
     def before(self) -> ResidualStructure | None:
@@ -202,7 +191,7 @@ class DiagnosisSession:
 
     def gap(self, selection: Selection) -> Gap:
         """The gap on held-out data before and after."""
-        before, after = self.origin.base.model, selection.final
+        before, after = self.base.model, selection.final
         return self.gap_of(before.errors.holdout, after.errors.holdout)
 
     def gap_of(self, before: Sequence[Array], after: Sequence[Array]) -> Gap:
