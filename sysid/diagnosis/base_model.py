@@ -17,8 +17,9 @@ from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import logs_of
 from sysid.diagnosis.search.selection import CandidateModel
-from sysid.effects.base import Effect, Place, is_of_servo, of_motor, of_servo
+from sysid.effects.base import Effect, is_of_servo, of_motor, of_servo
 from sysid.effects.by_log import for_logs
+from sysid.effects.catalogue import in_chain
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError, ModelError
 from sysid.estimation.assessment.figures import Start, outputs
@@ -313,14 +314,10 @@ def _is_servo(first: Record) -> bool:
 
 
 def _with_logs(effects: Sequence[Effect], parts: Parts, level: bool) -> tuple[Effect, ...]:
-    """Effects, and what may differ between logs where they are searched on several.
-
-    That acts on the torque before anything else does: friction feels the load.
-    """
+    """Effects, and what may differ between logs where they are searched on several."""
     logs = logs_of(parts.estimation, parts.holdout)
     by_log = for_logs(len(logs.names), level) if len(set(logs.estimation)) > 1 else ()
-    before = [e for e in effects if e.place is Place.COMMAND]
-    return (*before, *by_log, *(e for e in effects if e.place is not Place.COMMAND))
+    return in_chain((*effects, *by_log))
 
 
 def _start(model: Model, record: Record) -> Start:
