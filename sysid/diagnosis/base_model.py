@@ -17,6 +17,7 @@ from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import logs_of
 from sysid.diagnosis.search.selection import CandidateModel
+from sysid.diagnosis.servo_delay import servo_delay
 from sysid.effects.base import Effect, is_of_servo, of_motor, of_servo
 from sysid.effects.by_log import for_logs
 from sysid.effects.catalogue import in_chain
@@ -196,7 +197,9 @@ def fit_baseline(
         if not on_rate:
             linear, delay = _linear(parts.facts.without_repeats)
             order = int(np.max(linear.structure.order_values()["nf"]))
-            order = max(order, LEAST_OF_SERVO if _is_servo(first) else 1)
+            if _is_servo(first):
+                order = max(order, LEAST_OF_SERVO)
+                delay = servo_delay(estimation, parts.facts.noise, delay)
         level = not may_lack_sign(estimation)
         order = min(order if level else LARGEST_ORDER, highest)
         late = "one sample" if delay == 1 else f"{delay} samples"
@@ -295,7 +298,9 @@ def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
     and its loop has lags of its own.
     """
     servo = _is_servo(first)
-    effects = [of_servo(e) if servo else of_motor(e) for e in effects]
+    effects = [
+        of_servo(e) if servo else of_motor(e) for e in effects if servo or not is_of_servo(e)
+    ]
     if servo:
         effects = [
             e for e in effects if is_of_servo(e) or e.level or not (e.of_motion or e.exchanges)

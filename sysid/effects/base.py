@@ -122,6 +122,7 @@ class EffectParameter:
         edge: +1 or −1 for an edge on the axis of the command, upward or downward: between two
             neighbouring commands of a log its position is not determined.
         as_command: whether it is also shown as the command that just overcomes it.
+        as_rate: whether an error of a servo, it is also shown as the speed that this error holds.
         measured_as: key of a mission's ``vehicle.supply`` under which a bench measures it.
     """
 
@@ -140,6 +141,7 @@ class EffectParameter:
     at_limit: bool = False
     edge: int = 0
     as_command: bool = False
+    as_rate: bool = False
     measured_as: str = ""
 
     @property

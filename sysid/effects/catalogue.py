@@ -12,6 +12,7 @@ from sysid.effects import (
     ripple,
     samples,
     sensor,
+    servo,
     supply,
     transmission,
     vehicle,
@@ -39,7 +40,18 @@ CHANGED = Effect(
 )
 """Competes with the effects when a model is given; it changes the model's own core."""
 
-STAGES = (actuator, supply, coupling, friction, motor, transmission, ripple, sensor, vehicle)
+STAGES = (
+    actuator,
+    supply,
+    coupling,
+    friction,
+    motor,
+    transmission,
+    ripple,
+    servo,
+    sensor,
+    vehicle,
+)
 """Where effects with a step are, in the order in which they act within a place of the chain (or a
 part of the torque)."""
 
