@@ -116,7 +116,7 @@ def _inertia(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, St
         return w, s
     deviation = c.w - (w - c.w_free) / c.b
     # a track that sticks neither feels the other one nor moves it
-    stands = (w == 0.0) & (c.w == 0.0) & (xp.abs(c.torque) < c.holds)
+    stands = (w == 0.0) & (c.w == 0.0) & (c.holds > 0.0)
     stands = stands[..., :1] | stands[..., 1:]
     # both less one is the other: turning the tracks round would cost most of a compiled step
     other = deviation[..., :1] + deviation[..., 1:] - deviation
