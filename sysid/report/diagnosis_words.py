@@ -56,6 +56,9 @@ def headline(result: Diagnosis) -> str:
     seen = "".join(f"; {OF_THE_LOG[e.id]}" for e in result.effects if e.id in OF_THE_LOG)
     if result.verdict == "effects-found" and missing:
         return f"Missing: {missing}{seen}"
+    if result.verdict == "shape-found":
+        places = ", ".join(dict.fromkeys(s.place for s in result.shapes))
+        return f"Shape known, physics open: {places}{seen}"
     if result.verdict != "unexplained" and result.undecided:
         return result.undecided.partition(":")[0] + seen
     if result.verdict != "unexplained":
