@@ -27,7 +27,7 @@ from sysid.diagnosis.search.detectable import detectable
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
 from sysid.diagnosis.session import DiagnosisSession, SelectionResult
 from sysid.diagnosis.several.constancy import several_logs
-from sysid.diagnosis.shapes.grading import FoundShape, proven
+from sysid.diagnosis.shapes.grading import FoundShape, curves_of, proven
 from sysid.diagnosis.validation.acceptance import final_evidence
 from sysid.diagnosis.validation.excess_error import ExcessError, excess_error
 from sysid.diagnosis.validation.explain import described, explain
@@ -149,6 +149,7 @@ class _Assembly:
             effects=effects,
             excess_error=self.excess_error() if remaining.structured else None,
             shapes=self.shapes,
+            curves=self.curves(),
             minor=tuple(dict.fromkeys(id for id, _ in selection.minor)),
             candidates=(*selection.candidates, *(pose.candidates if pose is not None else ())),
             where=self.where(session.origin.base.model),
@@ -165,18 +166,24 @@ class _Assembly:
             geometry=pose.geometry if pose is not None else None,
             several=several_logs(session, selection),
         )
-        nothing = remaining.structure is None and not selection.effects
-        if not nothing or not (poor or verdict in ("unexplained", "shape-found")):
+        nothing = remaining.structure is None and not (selection.effects or self.shapes)
+        if not nothing or not (poor or verdict == "unexplained"):
             return diagnosis
         # so few samples show no more than that the log is too short
         sentence = too_short(remaining)
-        plain = replace(diagnosis, minor=(), candidates=(), where=(), where_after=(), shapes=())
+        plain = replace(diagnosis, minor=(), candidates=(), where=(), where_after=())
         return replace(plain, description="", story=sentence, unfollowed=sentence, undecided="")
 
     @cached_property
     def shapes(self) -> tuple[FoundShape, ...]:
         """Proven shapes of what the augmented model leaves."""
         return proven(self.session.shapes(self.selection.final))
+
+    def curves(self) -> tuple[FoundShape, ...]:
+        """The curve at the place of each named effect, without its law."""
+        named = self.selection.effects
+        each = (curves_of(self.session.shapes(n.rest), n) for n in named)
+        return tuple(curve for curves in each for curve in curves)
 
     @cached_property
     def regions(self) -> tuple[Region, ...]:

@@ -219,6 +219,7 @@ class Diagnosis:
     Attributes:
         verdict: ``effects-found``, ``shape-found``, ``no-missing-effect`` or ``unexplained``.
         shapes: what has no physics and explains part of what the augmented model leaves.
+        curves: the shape at the place of a named effect, by the log without the effect's law.
         candidates: (id, score) of every effect tried first, best first.
         detectable: per effect the smallest size this log would have shown, None where it cannot.
         description: a sparse description of what no effect explains, empty without one.
@@ -265,6 +266,7 @@ class Diagnosis:
     excess_error: ExcessError | None = None
     reading: tuple[str, ...] = ()
     shapes: tuple[FoundShape, ...] = ()
+    curves: tuple[FoundShape, ...] = ()
     several: SeveralLogs = field(default_factory=SeveralLogs)
 
     @property
@@ -288,6 +290,7 @@ class Diagnosis:
                 "geometry": self.geometry,
                 "effects": self.effects,
                 "shapes": self.shapes,
+                "curves": self.curves,
                 "minor": self.minor,
                 "rejected": self.rejected,
                 "excess_error": self.excess_error,

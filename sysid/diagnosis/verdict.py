@@ -96,7 +96,7 @@ def story(
         rest = f" What remains has a shape: {_shapes(shapes)}." if shapes else ""
         return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}{rest}"
     if verdict == "shape-found":
-        return f"Shape known, physics open: {_shapes(shapes)}. No effect of the catalogue is it."
+        return f"Shape known, physics open: {_shapes(shapes)}. No effect of the catalogue explains it."
     if verdict == "unexplained" and remaining.structure is None:
         return too_short(remaining)
     if verdict == "unexplained":
@@ -115,10 +115,16 @@ def story(
 
 
 def _shapes(shapes: Sequence[FoundShape]) -> str:
-    """Shapes in words, each with its share of the excess error."""
-    return "; ".join(
-        f"{s.sentence} ({100.0 * s.share:.0f} % of the excess error of {s.output})" for s in shapes
-    )
+    """Shapes in words, each with its share of the excess error; alike ones once."""
+    said = []
+    for id in dict.fromkeys(s.id for s in shapes):
+        first, *others = (s for s in shapes if s.id == id)
+        alike = f", and likewise {', '.join(s.output for s in others)}" if others else ""
+        said.append(
+            f"{first.sentence} ({100.0 * first.share:.0f} % of the excess error of "
+            f"{first.output}{alike})"
+        )
+    return "; ".join(said)
 
 
 def _what_remains(remaining: Remaining) -> str:

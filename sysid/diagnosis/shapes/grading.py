@@ -38,6 +38,7 @@ class FoundShape:
         share: share of the held-out squared error above the noise that it explains.
         numbers: effective numbers of it.
         curve: what a page draws; None where the sentence says all.
+        effect: the effect at whose place it lies; empty for what no effect explains.
     """
 
     id: str
@@ -49,6 +50,7 @@ class FoundShape:
     p_value: float
     sentence: str
     curve: Curve | None
+    effect: str = ""
 
     def to_json(self) -> dict[str, object]:
         """As ``diagnosis.json`` holds it."""
@@ -61,6 +63,7 @@ class FoundShape:
             "evidence": {"delta_bic": self.delta_bic, "p_value": self.p_value},
             "sentence": self.sentence,
             "curve": self.curve,
+            "effect": self.effect,
         }
 
 
@@ -80,21 +83,44 @@ def proven(fitted: Sequence[FittedShape]) -> tuple[FoundShape, ...]:
             continue
         near = [s for s in passed if s.score > passed[0].score - SHAPES.near]
         best = min(near, key=lambda s: s.numbers)
-        sentence, curve = best.says()
-        found.append(
-            FoundShape(
-                best.shape.id,
-                best.shape.place.value,
-                best.track.output.name,
-                best.share,
-                best.numbers,
-                best.evidence.delta_bic,
-                best.evidence.p_value,
-                sentence,
-                curve,
-            )
-        )
+        found.append(_found(best))
     return tuple(found)
+
+
+def _found(shape: FittedShape, effect: str = "") -> FoundShape:
+    sentence, curve = shape.says()
+    return FoundShape(
+        shape.shape.id,
+        shape.shape.place.value,
+        shape.track.output.name,
+        shape.share,
+        shape.numbers,
+        shape.evidence.delta_bic,
+        shape.evidence.p_value,
+        sentence,
+        curve,
+        effect,
+    )
+
+
+def curves_of(fitted: Sequence[FittedShape], named: SelectedEffect) -> tuple[FoundShape, ...]:
+    """The best proven curve at the place of a named effect, one for each of its tracks.
+
+    Args:
+        fitted: around the model without the effect.
+    """
+    effect, curves = about(named.id), []
+    for i in np.flatnonzero(named.touched).tolist():
+        here = (s for s in fitted if s.index == i and s.proven)
+        same = (
+            s
+            for s in here
+            if (s.shape.in_time if effect.gathers else s.shape.place is PLACES.get(effect.place))
+        )
+        best = next((found for found in (_found(s, named.id) for s in same) if found.curve), None)
+        if best is not None:
+            curves.append(best)
+    return tuple(curves)
 
 
 def better_shape(
