@@ -70,6 +70,7 @@ def _what(result: "Diagnosis") -> None:
         evidence_sentence,
         nothing_named,
         score_words,
+        shape_sentence,
         tie_sentence,
     )
 
@@ -87,6 +88,8 @@ def _what(result: "Diagnosis") -> None:
                 render.say(f"   {sentence}")
     if not result.effects:
         render.say(nothing_named(result))
+    for s in result.shapes:
+        render.say(f"Shape: {shape_sentence(s)}")
     if result.description:
         render.say(f"What remains: {result.description}")
     for d in result.rejected:

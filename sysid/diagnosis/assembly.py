@@ -27,6 +27,7 @@ from sysid.diagnosis.search.detectable import detectable
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
 from sysid.diagnosis.session import DiagnosisSession, SelectionResult
 from sysid.diagnosis.several.constancy import several_logs
+from sysid.diagnosis.shapes.grading import FoundShape, curves_of, proven
 from sysid.diagnosis.validation.acceptance import final_evidence
 from sysid.diagnosis.validation.excess_error import ExcessError, excess_error
 from sysid.diagnosis.validation.explain import described, explain
@@ -126,13 +127,16 @@ class _Assembly:
         ids = [e.id for e in effects]
         poor, linear = self.poor(), session.linear_words(selection)
         off = (pose is not None and pose.residuals.structured) or poor.startswith(ASTRAY)
-        verdict = verdict_of(ids, remaining, off or bool(linear))
+        verdict = verdict_of(ids, remaining, off or bool(linear), self.shapes)
         gap = remaining.gap if pose is None else with_path(remaining.gap, pose.whole)
-        told = story(
-            verdict, ids, replace(remaining, gap=gap) if on_ground else remaining, base.on_rate
-        )
+        left = replace(remaining, gap=gap) if on_ground else remaining
+        told = story(verdict, ids, left, base.on_rate, self.shapes)
         traces, unseen = self.traces(), self.unseen(ids)
-        silent = verdict != "unexplained" and set(ids) <= set(OF_THE_LOG) and not poor
+        silent = (
+            verdict not in ("unexplained", "shape-found")
+            and set(ids) <= set(OF_THE_LOG)
+            and not poor
+        )
         old, new = self.models()
         tests = (("before", session.before), ("after", remaining.structure))
         diagnosis = Diagnosis(
@@ -143,6 +147,8 @@ class _Assembly:
             base_words=base.words,
             effects=effects,
             excess_error=self.excess_error() if remaining.structured else None,
+            shapes=self.shapes,
+            curves=self.curves(),
             minor=tuple(dict.fromkeys(id for id, _ in selection.minor)),
             candidates=(*selection.candidates, *(pose.candidates if pose is not None else ())),
             where=self.where(base.model),
@@ -159,13 +165,24 @@ class _Assembly:
             geometry=pose.geometry if pose is not None else None,
             several=several_logs(session, selection),
         )
-        nothing = remaining.structure is None and not selection.effects
+        nothing = remaining.structure is None and not (selection.effects or self.shapes)
         if not nothing or not (poor or verdict == "unexplained"):
             return diagnosis
         # so few samples show no more than that the log is too short
         sentence = too_short(remaining)
         plain = replace(diagnosis, minor=(), candidates=(), where=(), where_after=())
         return replace(plain, description="", story=sentence, unfollowed=sentence, undecided="")
+
+    @cached_property
+    def shapes(self) -> tuple[FoundShape, ...]:
+        """Proven shapes of what the augmented model leaves."""
+        return proven(self.session.shapes(self.selection.final))
+
+    def curves(self) -> tuple[FoundShape, ...]:
+        """The curve at the place of each named effect, without its law."""
+        named = self.selection.effects
+        each = (curves_of(self.session.shapes(n.rest), n) for n in named)
+        return tuple(curve for curves in each for curve in curves)
 
     @cached_property
     def regions(self) -> tuple[Region, ...]:

@@ -8,6 +8,7 @@ from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array, Record
 from sysid.diagnosis.gap import Gap
 from sysid.diagnosis.several.results import SeveralLogs
+from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.diagnosis.validation.excess_error import ExcessError
 from sysid.diagnosis.validation.localise import Region
 from sysid.diagnosis.validation.model_error import ResidualVerdict
@@ -238,7 +239,9 @@ class Diagnosis:
     """Where a model and a log disagree, what is missing, and the proof.
 
     Attributes:
-        verdict: ``effects-found``, ``no-missing-effect`` or ``unexplained``.
+        verdict: ``effects-found``, ``shape-found``, ``no-missing-effect`` or ``unexplained``.
+        shapes: what has no physics and explains part of what the augmented model leaves.
+        curves: the shape at the place of a named effect, by the log without the effect's law.
         candidates: (id, score) of every effect tried first, best first.
         detectable: per effect the smallest size this log would have shown, None where it cannot.
         description: a sparse description of what no effect explains, empty without one.
@@ -284,6 +287,8 @@ class Diagnosis:
     rejected: tuple[RejectedEffect, ...] = ()
     excess_error: ExcessError | None = None
     reading: tuple[str, ...] = ()
+    shapes: tuple[FoundShape, ...] = ()
+    curves: tuple[FoundShape, ...] = ()
     several: SeveralLogs = field(default_factory=SeveralLogs)
 
     @property
@@ -306,6 +311,8 @@ class Diagnosis:
                 "against": self.against,
                 "geometry": self.geometry,
                 "effects": self.effects,
+                "shapes": self.shapes,
+                "curves": self.curves,
                 "minor": self.minor,
                 "rejected": self.rejected,
                 "excess_error": self.excess_error,

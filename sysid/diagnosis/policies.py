@@ -103,6 +103,21 @@ class VerdictRule:
 
 
 @dataclass(frozen=True)
+class ShapeRule:
+    """When a shape without physics is told, and when it takes the place of a name.
+
+    Attributes:
+        near: shapes whose scores differ by less are equal; the one with fewest numbers is told
+            (10 in units of BIC is very strong evidence; Kass & Raftery 1995).
+        clearly_more: a name is withheld where a shape of another place, or of time, leaves less
+            than this share of its held-out error: as much as a first effect must bring.
+    """
+
+    near: float = 10.0
+    clearly_more: float = 0.90
+
+
+@dataclass(frozen=True)
 class PoseRule:
     """What is required of effects between tracks and ground beyond ``AcceptanceRule``.
 
@@ -182,5 +197,6 @@ class SearchBudget:
 
 RULE = AcceptanceRule()
 VERDICT = VerdictRule()
+SHAPES = ShapeRule()
 POSE = PoseRule()
 BUDGET = SearchBudget()
