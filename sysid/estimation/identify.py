@@ -17,7 +17,7 @@ from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
 from sysid.estimation.offsets.choice import known_policy
 from sysid.estimation.selection.grid import parse_grids
-from sysid.estimation.selection.ranking import Entry
+from sysid.estimation.selection.ranking import Entry, common_criteria
 from sysid.estimation.selection.select_structure import select_structure, structures_for
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
@@ -122,6 +122,7 @@ def identify(
         jobs=request.jobs,
         progress=progress,
     )
+    common = common_criteria([e.model for e in contest.entries], inside)
     judged = tuple(
         assess(
             entry.model,
@@ -131,8 +132,9 @@ def identify(
             entry.seconds,
             _searched(entry),
             (*notes_for(entry.model.structure, findings), *entry.notes),
+            criteria,
         )
-        for entry in contest.entries
+        for entry, criteria in zip(contest.entries, common, strict=True)
     )
     return Identification(judged, contest.reason, contest.failed, inside, outside)
 

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from sysid.criteria import table
-from sysid.criteria.information import information_criteria, on_common_samples
 from sysid.data.documents import plain
 from sysid.data.record import Record, names_of
 from sysid.errors import ModelError, SysidError
 from sysid.estimation.assessment.figures import residual_tests
 from sysid.estimation.assessment.findings import Policy, figures_on
-from sysid.estimation.robust_fit import judged_errors
+from sysid.estimation.selection.ranking import common_criteria
 from sysid.estimation.soundness import doubts_about, leader, relative_gap
 from sysid.fitting.holdout import CLOSE
 from sysid.structures.model import Model
@@ -306,12 +305,8 @@ def _criteria(contenders: Sequence[Contender], notes: list[str]) -> dict[str, di
         )
     if not same or first.records is None:
         return {c.id: dict(c.model.criteria) for c in contenders}
-    errors = [judged_errors(c.model, first.records) for c in contenders]
-    common = on_common_samples(errors)
-    return {
-        c.id: information_criteria(e, c.model.n_estimated)
-        for c, e in zip(contenders, common, strict=True)
-    }
+    common = common_criteria([c.model for c in contenders], first.records)
+    return {c.id: made for c, made in zip(contenders, common, strict=True)}
 
 
 def _value(criterion: str, criteria: Mapping[str, float], figures: Mapping[str, Any]) -> float:
