@@ -17,7 +17,7 @@ from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
 from sysid.estimation.offsets.choice import known_policy
 from sysid.estimation.selection.grid import parse_grids
-from sysid.estimation.selection.ranking import Entry, common_criteria
+from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.select_structure import select_structure, structures_for
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
@@ -122,7 +122,6 @@ def identify(
         jobs=request.jobs,
         progress=progress,
     )
-    common = common_criteria([e.model for e in contest.entries], inside)
     judged = tuple(
         assess(
             entry.model,
@@ -134,7 +133,7 @@ def identify(
             (*notes_for(entry.model.structure, findings), *entry.notes),
             criteria,
         )
-        for entry, criteria in zip(contest.entries, common, strict=True)
+        for entry, criteria in contest.with_criteria(inside)
     )
     return Identification(judged, contest.reason, contest.failed, inside, outside)
 
