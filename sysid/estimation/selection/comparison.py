@@ -163,6 +163,21 @@ def compare(
     return Ranking(criterion, tuple(lines), excluded, tuple(notes), data, best)
 
 
+def common_validation(
+    contenders: Sequence[Contender],
+) -> tuple[tuple[Record, ...], str] | None:
+    """What the newest model was validated on, for all of them, and what to call it.
+
+    None where all were validated alike or none was, and where the log has gone or is one that a
+    model was fitted to: figures of the fit then stand.
+    """
+    data = {tuple((r.sha256, r.t0, len(r)) for r in c.validation or ()) for c in contenders}
+    newest = next((c.validation for c in reversed(contenders) if c.validation), None)
+    if newest is None or len(data) == 1 or _seen_before(contenders, newest):
+        return None
+    return newest, names_of(newest)
+
+
 def _seen_before(contenders: Sequence[Contender], judged: Sequence[Record]) -> list[str]:
     """A note where models are judged on what some of them were fitted to: those look too good."""
     seen = [c.id for c in contenders if not _unseen(c.model, judged)]
