@@ -11,7 +11,7 @@ import typer
 
 from sysid.errors import SysidError
 
-from . import compare, diagnose, excite, fit, inspect, models, structures
+from . import compare, diagnose, excite, fit, inspect, models, show, structures
 from .cosim import plant
 from .exporting import export, verify
 from .field_options import Command, every_command
@@ -35,6 +35,7 @@ for _command in (
     structures.structures,
     fit.fit,
     compare.compare,
+    show.show,
     models.models,
     export.export,
     verify.verify,

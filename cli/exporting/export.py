@@ -12,7 +12,7 @@ from ..options import command, option
 
 @command
 def export(
-    model: str | None = option("ID", "Which model [best of the last comparison or fit]."),
+    model: str | None = option("ID", "Which model [of the last diagnosis, comparison or fit]."),
     output: Path | None = targets.target(
         "DIR|FILE.zip", "Output path [WORKSPACE/plant].", "-o", "--out"
     ),
