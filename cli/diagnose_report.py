@@ -187,7 +187,7 @@ def _next(
     render.say(f"Page: {folder / 'index.html'}, all figures: {folder / 'diagnosis.json'}.")
     if result.grown:
         logs = "".join(f" --val {path}" for path in holdout)
-        judged = f"{logs} --criteria fit" if holdout else ""
+        judged = f"{logs} --criterion fit" if holdout else ""
         render.say(
             f"Next: sysid compare {before} {after}{judged}, sysid export --model {after}.", "bold"
         )

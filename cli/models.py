@@ -28,9 +28,12 @@ class Action(StrEnum):
 
 @command
 def models(
-    action: Action = argument(None, "What to do.", default=Action.LIST),
+    action: Action = argument("[list|show|remove]", "What to do.", default=Action.LIST),
     id: str | None = argument(
-        "[ID]", "Id of the model, its beginning, or best (the default of export).", default=None
+        "[ID]",
+        "Id of the model, its beginning, or best (the default of export).",
+        default=None,
+        autocompletion=reading.stored_models,
     ),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,

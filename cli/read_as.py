@@ -1,5 +1,6 @@
 """What reading the logs of a command decided, each with the option that decides otherwise."""
 
+import sys
 import textwrap
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
@@ -42,7 +43,8 @@ def show_decisions(decisions: Sequence[dict[str, str]]) -> None:
             parts.append(text if first else f"in {d['log']} {text}")
     if parts:
         text = f"Read as: {'; '.join(parts)}"
+        width = min(WIDTH, render.columns(sys.stdout) or WIDTH)
         for line in textwrap.wrap(
-            text, WIDTH, subsequent_indent="  ", max_lines=LINES, break_on_hyphens=False
+            text, width, subsequent_indent="  ", max_lines=LINES, break_on_hyphens=False
         ):
-            render.say(line, "dim")
+            render.note(line)

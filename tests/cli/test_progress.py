@@ -1,6 +1,8 @@
 """Progress where nobody sees a bar: a line now and then on stderr, and nothing on stdout."""
 
+import io
 import re
+import sys
 import time
 
 import pytest
@@ -19,11 +21,60 @@ def test_piped_progress_is_a_line_now_and_then(
         time.sleep(0.3)
     shown = capsys.readouterr()
     assert shown.out == ""
-    assert re.search(r"^Fitting: \d+ s, 25 % done$", shown.err, re.MULTILINE)
-    assert re.search(r"^the proof: \d+ s, 50 % done$", shown.err, re.MULTILINE)
+    for line in ("Fitting: 0 s, 25 % done", "the proof: 0 s, 50 % done"):
+        said = re.findall(rf"^{line}, about 0 s left$", shown.err, re.MULTILINE)
+        assert len(said) == 1, "a share is said once"
+    assert shown.err.count("Fitting: 0 s\n") >= 1, "that it goes on is said all the same"
 
 
 def test_a_short_command_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     with render.progress("Fitting", total=4) as tick:
         tick(4)
     assert capsys.readouterr().err == ""
+
+
+class Terminal(io.StringIO):
+    """What is written to a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(("total", "words"), [(4, "25%"), (None, "0:00:0")])
+def test_a_terminal_shows_a_bar_after_a_second(
+    monkeypatch: pytest.MonkeyPatch, total: int | None, words: str
+) -> None:
+    shown = Terminal()
+    monkeypatch.setattr(sys, "stderr", shown)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(render, "DRAWN_AFTER", 0.05)
+    with render.progress("Fitting", total) as tick:
+        tick(1)
+        time.sleep(0.3)
+    assert words in shown.getvalue()
+    assert "Fitting" in shown.getvalue()
+    monkeypatch.setattr(render, "DRAWN_AFTER", 5.0)
+    before = shown.getvalue()
+    with render.progress("Comparing", total) as tick:
+        tick(1)
+    assert "Comparing" not in shown.getvalue().removeprefix(before)
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_prose_breaks_between_words_at_the_width_that_is_said(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], width: int
+) -> None:
+    sentence = "! The residuals of omega_l are correlated with the inputs: dynamics are missing."
+    path = "/a/folder-of-a-long-name/" + 60 * "x" + ".csv"
+    monkeypatch.setenv("COLUMNS", str(width))
+    render.warn(sentence)
+    render.say(f"Log: {path}")
+    render.command(f"sysid fit {path}")
+    shown = capsys.readouterr()
+    assert shown.err.split() == sentence.split()
+    assert max(map(len, shown.err.splitlines())) <= width
+    assert path in shown.out
+    assert f"sysid fit {path}\n" in shown.out
+    monkeypatch.delenv("COLUMNS")
+    render.warn(sentence)
+    assert capsys.readouterr().err == f"{sentence}\n", "a pipe gets whole sentences"
