@@ -11,7 +11,7 @@ import typer
 
 from sysid.errors import SysidError
 
-from . import compare, diagnose, excite, fit, inspect, models, structures
+from . import compare, demo, diagnose, excite, fit, inspect, models, structures
 from .command_help import Command, Group
 from .cosim import node
 from .exporting import export, verify
@@ -31,7 +31,7 @@ app = typer.Typer(
     context_settings=_HELP,
 )
 _COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Data": (inspect.inspect, excite.excite),
+    "Data": (demo.demo, inspect.inspect, excite.excite),
     "Models": (fit.fit, compare.compare, models.models, diagnose.diagnose, structures.structures),
     "Deploy": (export.export, verify.verify),
     "Missions": (simulate.simulate, plan.plan, tune.tune, localize.localize, node.node),
