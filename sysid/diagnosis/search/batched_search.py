@@ -67,9 +67,10 @@ def search(
     """
     batch = [_batch_item(model, q, f) for q, f in zip(q0, free, strict=True)]
     fits = _Fits(model, data, batch, q0)
-    theta, cost = descend_together(
-        fits.run, fits.start, fits.free, fits.bounds, DAMPING, iterations, flat
-    )
+    with np.errstate(over="ignore", invalid="ignore"):  # runs from some starts have no end
+        theta, cost = descend_together(
+            fits.run, fits.start, fits.free, fits.bounds, DAMPING, iterations, flat
+        )
     return fits.rows(theta), fits.by_track(cost)
 
 
@@ -97,7 +98,8 @@ def slopes(model: FullModel, q: Array, free: Sequence[int], data: Data) -> Array
     steps = [_step(model, q, k) for k in free]
     rows[np.arange(1, len(rows)), list(free)] += steps
     first, *shifted = model.run(rows, data)
-    whole = np.array([(run - first) / h for run, h in zip(shifted, steps, strict=True)])
+    with np.errstate(over="ignore", invalid="ignore"):
+        whole = np.array([(run - first) / h for run, h in zip(shifted, steps, strict=True)])
     return np.moveaxis(np.nan_to_num(whole, posinf=0.0, neginf=0.0), 0, 2)
 
 

@@ -68,7 +68,7 @@ def _starts_of(model: FullModel, e: Effect, q: Array, errors: Array, data: Data)
         rows.append(row)
     if is_of_servo(e):
         return [*rows, *_from_motion(model, e, q, data)]
-    return [*rows, *(_stronger(model, row) for row in rows)] if e.weakens else rows
+    return rows
 
 
 def _other_cores(model: FullModel, q: Array) -> list[Array]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from sysid.export.c.writing import comment
+from sysid.runners.trace.writing import comment
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from sysid.export.c.parameters import (
     theta_numbers,
     traced_step,
 )
-from sysid.export.c.program import Derived, Program, assigned
-from sysid.export.c.traced import Traced, cells_of
+from sysid.runners.trace.program import Derived, Program, assigned
+from sysid.runners.trace.traced import Traced, cells_of
 from sysid.structures import special_runs
 from sysid.structures.model import Model
 from sysid.structures.special_runs import CStep

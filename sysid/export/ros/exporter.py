@@ -12,9 +12,9 @@ from sysid.export.c.loop.sources import law_sources, robot_lines
 from sysid.export.c.precision import DOUBLE
 from sysid.export.c.source import plant_sources
 from sysid.export.c.step import c_step
-from sysid.export.c.writing import number
 from sysid.export.templates import fill
 from sysid.robot.mission.loop import Loop
+from sysid.runners.trace.writing import number
 
 _USAGE = """As two nodes of ROS 1, in a catkin package: link the folder `ros/` into the sources
 of a catkin workspace and build; `ros/README.md` has the details.
