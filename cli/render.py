@@ -238,12 +238,16 @@ def stages(label: str, *, known: bool = True) -> Iterator[Callable[[str, float |
     """
     if quiet():
         yield lambda what, share: None
-    elif not sys.stderr.isatty():
-        with _spoken(label) as show_line:
-            yield show_line
-    else:
-        with _bar(label, known) as draw:
-            yield draw
+        return
+    with _bar(label, known) if sys.stderr.isatty() else _spoken(label) as show:
+        furthest = 0.0
+
+        def forward(what: str, share: float | None) -> None:
+            nonlocal furthest
+            furthest = max(furthest, share or 0.0)
+            show(what, None if share is None else furthest)
+
+        yield forward
 
 
 DRAWN_AFTER = 1.0

@@ -41,11 +41,13 @@ def around_model(
             return on_baseline
     effects = session.base.search.model.effects
     effects = effects if absorbed else (*effects, CHANGED)
-    result = session.searched(effects, say)
+    result = session.searched(effects, lambda text, share: say(text, 0.5 * share))
     named = [n.id for n in result.selection.selected]
     if absorbed or (len(named) == 1 and not session.unexplained(result.selection)):
         return result
-    on_plain_base = _on_baseline(session, facts, holdout, say)
+    on_plain_base = _on_baseline(
+        session, facts, holdout, lambda text, share: say(text, 0.35 + 0.5 * share)
+    )
     if on_plain_base is None:
         return result
     simpler = len(on_plain_base.selection.selected) < len(named) and CHANGED.id not in named

@@ -4,6 +4,7 @@ import io
 import re
 import sys
 import time
+from itertools import pairwise
 
 import pytest
 from sysid_cli import render
@@ -78,3 +79,32 @@ def test_prose_breaks_between_words_at_the_width_that_is_said(
     monkeypatch.delenv("COLUMNS")
     render.warn(sentence)
     assert capsys.readouterr().err == f"{sentence}\n", "a pipe gets whole sentences"
+
+
+def test_a_bar_never_goes_back(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(render, "SPOKEN_EVERY", 0.05)
+    with render.stages("Diagnosing") as stage:
+        for what, share in (("first", 0.6), ("again", 0.2)):
+            stage(what, share)
+            time.sleep(0.2)
+    assert re.findall(r"(\w+): 0 s, (\d+) %", capsys.readouterr().err) == [
+        ("first", "60"),
+        ("again", "60"),
+    ]
+
+
+def test_the_share_of_a_fit_grows_with_its_work() -> None:
+    from sysid_datasets import path
+
+    from sysid.data.io import read_logs
+    from sysid.estimation.identify import Request, identify
+
+    shares: list[float] = []
+    named = ("arx", "armax", "oe")
+    request = Request(structures=named, orders="na=1:2 nb=1:2 nc=1 nf=1 nk=1", jobs=1)
+    identify(read_logs([path("rotation")]), [], request, lambda share, what: shares.append(share))
+    assert shares == sorted(shares)
+    assert (shares[-1], len(shares) > 6) == (1.0, True)
+    assert max(b - a for a, b in pairwise(shares)) < 0.3
