@@ -11,7 +11,7 @@ import typer
 
 from sysid.errors import SysidError
 
-from . import compare, demo, diagnose, excite, fit, inspect, models, structures
+from . import compare, demo, diagnose, excite, fit, inspect, models, show, structures
 from .command_help import Command, Group
 from .cosim import node
 from .exporting import export, verify
@@ -32,7 +32,14 @@ app = typer.Typer(
 )
 _COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
     "Data": (demo.demo, inspect.inspect, excite.excite),
-    "Models": (fit.fit, compare.compare, models.models, diagnose.diagnose, structures.structures),
+    "Models": (
+        fit.fit,
+        compare.compare,
+        show.show,
+        diagnose.diagnose,
+        models.models,
+        structures.structures,
+    ),
     "Deploy": (export.export, verify.verify),
     "Missions": (simulate.simulate, plan.plan, tune.tune, localize.localize, node.node),
     "Vehicle and bench": (fit_vehicle.fit_vehicle, vehicle.vehicle, soil.soil),

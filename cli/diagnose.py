@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 from sysid.errors import UsageError
 from sysid.workspace.logs import as_fitted, judged_on
-from sysid.workspace.store import StoredModel, Workspace
+from sysid.workspace.store import AUGMENTED, StoredModel, Workspace
 
 from . import fit_options, reading, render, targets
 from .diagnose_files import keep_models, write_results
-from .diagnose_report import show
+from .diagnose_report import show, show_all
 from .field_options import with_options
 from .mission_options import Driven, DriveOptions
 from .options import command, group, option
-from .read_as import decided, show_decisions
+from .read_as import decided
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
@@ -45,6 +45,7 @@ def diagnose(
     steps: "Preparation" = group(reading.Preparing),
     read: "ReadOptions" = group(reading.Reading),
     workspace: Path = reading.WORKSPACE,
+    full: bool = reading.FULL,
     json: bool = reading.JSON,
 ) -> None:
     """Find what a model lacks on a log, and validate it.
@@ -68,11 +69,14 @@ def diagnose(
     offsets = result.before.operating_point.decision
     read_as = decided((*data.records, *(holdout or ())), offsets)
     document = write_results(folder, result, before, after, read_as)
+    if after != before:
+        place.remember(AUGMENTED, after)
     if json:
         render.document(document)
     else:
-        show_decisions(read_as)
-        show(result, before, after, folder, validation or ())
+        show(result, before, after, folder, read_as)
+        if full:
+            show_all(result, before, after, folder)
 
 
 @dataclass(frozen=True, eq=False)

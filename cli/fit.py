@@ -12,7 +12,8 @@ from .fit_report import show
 from .live.follow import Followed, check_alone, follow, stopping
 from .live.options import Following
 from .options import command, group, option
-from .read_as import decided, show_decisions
+from .read_as import decided
+from .show import show_model
 
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
@@ -54,6 +55,7 @@ def fit(
     read: "ReadOptions" = group(reading.Reading),
     how: Following = group(Following),
     workspace: Path = reading.WORKSPACE,
+    full: bool = reading.FULL,
     json: bool = reading.JSON,
 ) -> None:
     """Fit models to a log, validate them and store them.
@@ -99,8 +101,9 @@ def fit(
     if json:
         _document(stored, identification, followed, read_as)
     else:
-        show_decisions(read_as)
-        show(stored, identification, plot, notes)
+        show(stored, identification, read_as, {"Picture": plot}, notes)
+        if full:
+            show_model(stored[0])
 
 
 def _stored(

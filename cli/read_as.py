@@ -33,18 +33,24 @@ def decided(records: "Iterable[Record | SensorLog]", *more: "Decision") -> list[
     ]
 
 
-def show_decisions(decisions: Sequence[dict[str, str]]) -> None:
-    """Print decisions in a few lines: those on the first log, on others where they differ."""
+def decisions_in_words(decisions: Sequence[dict[str, str]]) -> str:
+    """Decisions in a sentence: those on the first log, on others where they differ."""
     parts: list[str] = []
     for d in decisions:
         text = f"{d['what']} {d['value']} ({d['change']})"
         if text not in parts:
             first = d["log"] == decisions[0]["log"]
             parts.append(text if first else f"in {d['log']} {text}")
-    if parts:
-        text = f"Read as: {'; '.join(parts)}"
-        width = min(WIDTH, render.columns(sys.stdout) or WIDTH)
-        for line in textwrap.wrap(
-            text, width, subsequent_indent="  ", max_lines=LINES, break_on_hyphens=False
-        ):
-            render.note(line)
+    return f"Read as: {'; '.join(parts)}" if parts else ""
+
+
+def show_decisions(decisions: Sequence[dict[str, str]]) -> None:
+    """Print decisions in a few lines."""
+    for line in textwrap.wrap(
+        decisions_in_words(decisions),
+        min(WIDTH, render.columns(sys.stdout) or WIDTH),
+        subsequent_indent="  ",
+        max_lines=LINES,
+        break_on_hyphens=False,
+    ):
+        render.note(line)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
 
 LOGS = argument("LOG...", "CSV, Parquet, JSON, MATLAB or bag; several are several experiments.")
+FULL = flag("Print everything, not only what fits a screen.")
 JSON = flag("Print one JSON document.")
 WORKSPACE = option("DIR", "Workspace folder [.sysid].", "-w", "--workspace", default=Path(".sysid"))
 

@@ -181,25 +181,35 @@ def number(value: float | None, digits: int = 5) -> str:
 
 
 def parameters(model: "Model") -> None:
-    """Print the parameters of a model, with standard errors or why there are none."""
+    """Print the parameters of a model, with 95 % intervals or why there are none.
+
+    A question mark stands where the interval holds zero.
+    """
+    from sysid.estimation.assessment.delta_method import NORMAL
+
     rows = []
     for p in model.parameter_table():
         sure = p.visited and not (p.fixed or p.at_bound) and p.value and math.isfinite(p.std_error)
-        share = f"{100.0 * p.std_error / abs(p.value):.2g} %" if sure else ""
+        share = f"{100.0 * NORMAL * p.std_error / abs(p.value):.2g} %" if sure else ""
         value = number(p.value if p.visited else None, 6)
-        rows.append([p.name, value, standard_error(p), share, p.unit])
-    table(["parameter", "value", "± std. error", "relative", "unit"], rows)
+        rows.append([p.name, value, interval(p), share, p.unit])
+    table(["parameter", "value", "± 95 %", "relative", "unit"], rows)
 
 
-def standard_error(p: "ParameterEstimate") -> str:
-    """A parameter's standard error, or in words why it has none."""
+def interval(p: "ParameterEstimate") -> str:
+    """Half of a parameter's 95 % interval, marked where it holds zero, or why there is none."""
     if not p.visited:
         return "not excited"
     if p.fixed:
         return "fixed"
     if p.at_bound:
         return "at its bound"
-    return number(p.std_error, 3) if math.isfinite(p.std_error) else "not determined"
+    if not math.isfinite(p.std_error):
+        return "not determined"
+    from sysid.estimation.assessment.delta_method import NORMAL
+
+    reach = NORMAL * p.std_error
+    return f"{number(reach, 3)}{'' if abs(p.value) > reach else ' ?'}"
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from ..options import command, option
 
 @command
 def export(
-    model: str | None = reading.model("Which model [best of the last comparison or fit]."),
+    model: str | None = reading.model("Which model [of the last diagnosis, comparison or fit]."),
     output: Path | None = targets.target("DIR|FILE.zip", "Output path [WORKSPACE/plant]."),
     formats: str | None = option(
         "NAME[,NAME]",

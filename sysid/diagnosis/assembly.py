@@ -288,11 +288,6 @@ class _Assembly:
         session, selection, pose = self.session, self.selection, self.pose
         base, records = session.base, session.base.parts.estimation
         said = list(findings.absorbed(base, selection))
-        if session.given is not None:
-            said.append(
-                "The original model has absorbed part of what is missing. The effects are added to "
-                "the baseline instead, whose held-out error is then smaller."
-            )
         if base.in_loop:
             said.append(
                 "The log was recorded in closed loop: the command responds to disturbances, which "

@@ -12,6 +12,7 @@ from sysid.diagnosis.validation.excess_error import ExcessError
 from sysid.diagnosis.validation.localise import Region
 from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.robot.calibration.geometry import GeometryEstimate
 from sysid.structures.model import Model
 
@@ -71,7 +72,7 @@ class Value:
 
     @property
     def words(self) -> str:
-        """What is known beside the value: an error, an interval, or why there is none."""
+        """What is known beside the value: a 95 % interval or half of it, or why there is none."""
         if not self.visited:
             return "not seen in this log"
         if self.interval is not None:
@@ -83,7 +84,15 @@ class Value:
             return f"{low:.4g} to {high:.4g}"
         if self.bounded:
             return "on the bound of the search"
-        return "" if self.std_error is None else f"± {self.std_error:.2g}"
+        return "" if self.std_error is None else f"± {NORMAL * self.std_error:.2g}"
+
+    @property
+    def ends(self) -> tuple[float | None, float | None] | None:
+        """The 95 % interval; an end that the log leaves open is None, as is all where unknown."""
+        if self.interval is not None or self.std_error is None or self.bounded:
+            return self.interval
+        reach = NORMAL * self.std_error
+        return self.value - reach, self.value + reach
 
     @property
     def shown(self) -> str:

@@ -93,11 +93,11 @@ WRONG: dict[str, tuple[str, int, str]] = {
     "structures unknown": ("structures magic", 2, "no structure 'magic'"),
     "structures two": ("structures arx oe", 2, "unexpected extra argument"),
     "models unknown action": ("models burn", 2, "'burn' is not one of"),
-    "models show what": ("models show", 2, "needs the ID"),
+    "models remove what": ("models remove", 2, "needs the ID"),
     "models list what": ("models list oe", 2, "takes no ID"),
-    "models show unknown": ("models show bj", 2, "no model 'bj'"),
+    "show unknown": ("show bj", 2, "no model 'bj'"),
     "models remove unknown": ("models remove bj", 2, "no model 'bj'"),
-    "models outside": ("models show ../../etc/passwd", 2, "no model"),
+    "models outside": ("show ../../etc/passwd", 2, "no model"),
     "models workspace file": ("models --workspace log.csv", 2, "is a file"),
     "models damaged": ("models --workspace damaged", 1, "arx-000000.json is damaged"),
     "root workspace file": ("--workspace log.csv models", 2, "is a file"),
@@ -268,7 +268,7 @@ def test_a_command_that_hears_no_interrupt_ends_all_the_same_and_no_library_warn
 
 
 def test_a_closed_pipe_is_quiet(here: Path) -> None:
-    command = [sys.executable, "-m", "sysid_cli.start", "models", "show", "oe", "--json"]
+    command = [sys.executable, "-m", "sysid_cli.start", "show", "oe", "--json"]
     reader, writer = os.pipe()
     os.close(reader)
     with os.fdopen(writer, "w") as gone:

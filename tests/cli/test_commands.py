@@ -319,10 +319,25 @@ def test_compare_refuses_criteria_across_data(tmp_path: Path, capsys: Capture) -
     assert judged["data"] == "one.csv"
 
 
+def test_criteria_are_the_same_in_fit_and_compare(tmp_path: Path, capsys: Capture) -> None:
+    """Over the samples that all of them predict: an ARX with more lags predicts fewer."""
+    log = robot_log(tmp_path / "log.csv")
+    orders = ("--structure", "arx,oe", "--orders", "arx: na=5 nb=1; oe: nb=1 nf=1")
+    fitted = run(capsys, "fit", log, *orders, "--json").document["models"]
+    ranked = run(capsys, "compare", "--criterion", "aic", "--json").document["ranking"]
+    by_model = {line["model"]: line["aic"] for line in ranked}
+    for m in fitted:
+        assert m["criteria"]["aic"] == pytest.approx(by_model[m["model"]], rel=1e-9)
+
+
 def test_compare_needs_the_same_held_out_data(tmp_path: Path, capsys: Capture) -> None:
     log, val = robot_log(tmp_path / "log.csv"), robot_log(tmp_path / "val.csv", seed=2)
     run(capsys, "fit", log, *ARX)
     run(capsys, "fit", log, *OE, "--val", val)
+    found = run(capsys, "compare", "--json").document
+    assert {line["figures"]["data"] for line in found["ranking"]} == {"val.csv"}
+    assert found["notes"] == []
+    val.unlink()
     found = run(capsys, "compare", "--json").document
     assert {line["figures"]["data"] for line in found["ranking"]} == {"log.csv"}
     assert any("--val" in note for note in found["notes"])
@@ -360,10 +375,13 @@ def test_pictures_are_drawn(tmp_path: Path, capsys: Capture) -> None:
 def test_what_a_person_sees(tmp_path: Path, capsys: Capture) -> None:
     log = robot_log(tmp_path / "log.csv")
     shown = run(capsys, "fit", log, *ARX, "--split", 0.7)
-    assert shown.code == 0
-    for word in ("a1[omega_l,omega_l]", "free run", "1 step", "first 70 %", "last 30 %", "Next:"):
+    for word in ("* arx", "fit %, free run", "last 30 %", "gain [(rad/s)/µs]", "Next:"):
         assert word in shown.out, word
-    assert "estimated from the first" in shown.out, "no fit without its initial-state policy"
+    full = run(capsys, "fit", log, *ARX, "--split", 0.7, "--full")
+    for word in ("a1[omega_l,omega_l]", "free run", "1 step", "first 70 %", "last 30 %", "Next:"):
+        assert word in full.out, word
+    assert "estimated from the first" in full.out, "no fit without its initial-state policy"
+    assert full.out.endswith(run(capsys, "show").out)
 
 
 needs_data = pytest.mark.skipif(

@@ -98,11 +98,11 @@ def test_models(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     oe, arx = listed  # type: ignore[misc]
     assert (oe["structure"], arx["model"]) == ("oe", other)
     assert oe["fit_percent"] == {"omega_l": 98.5, "omega_r": 98.25}
-    shown = answer(capsys, "models", "show", "oe")
+    shown = answer(capsys, "show", "oe")
     assert shown["parameters"][0]["name"] == "b1[omega_l,pwm_l]"  # type: ignore[index]
     best = Workspace(Path(".sysid")).chosen(None).id
-    assert answer(capsys, "models", "show", "best")["model"] == best
-    code, out, _ = ask(capsys, ["models", "show", "oe"])
+    assert answer(capsys, "show", "best")["model"] == best
+    code, out, _ = ask(capsys, ["show", "oe"])
     assert code == 0
     assert "b1[omega_l,pwm_l]" in out  # brackets are no markup
     assert answer(capsys, "models", "remove", "arx") == {"removed": other}

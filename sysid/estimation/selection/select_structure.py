@@ -19,7 +19,7 @@ from sysid.estimation.selection.orders import (
     ranked,
     search_orders,
 )
-from sysid.estimation.selection.ranking import Entry, ranked_entries, reason
+from sysid.estimation.selection.ranking import Entry, common_criteria, ranked_entries, reason
 from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import HoldOut, hold_out, longest_of, tie_margin
 from sysid.fitting.options import FitOptions
@@ -84,6 +84,11 @@ class StructureSelection:
     entries: tuple[Entry, ...]
     reason: str
     failed: Mapping[str, str]
+
+    def with_criteria(self, records: Sequence[Record]) -> list[tuple[Entry, dict[str, float]]]:
+        """Every entry with its information criteria over the samples that all of them predict."""
+        criteria = common_criteria([e.model for e in self.entries], records)
+        return list(zip(self.entries, criteria, strict=True))
 
 
 Grid = Sequence[Mapping[str, Any]]
