@@ -28,28 +28,27 @@ if TYPE_CHECKING:
 @command
 def diagnose(
     logs: list[Path] = reading.LOGS,
-    model: str | None = option(
-        "ID", "Model to diagnose as it is [a baseline, which has absorbed nothing yet]."
+    model: str | None = reading.model(
+        "Model to diagnose as it is [a baseline, which has absorbed nothing yet]."
     ),
-    validation: list[Path] | None = fit_options.judging_option(
-        "LOG", "Validation log; without it the logs are split. Again for more.", "--val"
+    validation: list[Path] | None = fit_options.validation(
+        "Validation log; repeatable [the logs are split]."
     ),
     bench: Path | None = option(
         "FILE",
         "Written by `sysid bench power -o FILE`: effects of battery and bridge are sought "
         "near its values.",
+        advanced=True,
     ),
     drive: Driven = group(DriveOptions),
-    output: Path | None = targets.target(
-        "DIR", "Output folder [WORKSPACE/diagnosis].", "-o", "--out"
-    ),
+    output: Path | None = targets.target("DIR", "Output folder [WORKSPACE/diagnosis]."),
     steps: "Preparation" = group(reading.Preparing),
     read: "ReadOptions" = group(reading.Reading),
     workspace: Path = reading.WORKSPACE,
     full: bool = reading.FULL,
     json: bool = reading.JSON,
 ) -> None:
-    """Localise the errors of a model on a log, select the missing effects, add and validate them.
+    """Find what a model lacks on a log, and validate it.
 
     Both models are kept in the workspace. diagnosis.json, a page (index.html) and schedules of the
     next experiments (next_*.csv) are written to a folder.

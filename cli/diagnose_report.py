@@ -26,7 +26,7 @@ def show(
     from sysid.report import diagnosis_words as words
 
     answer = Answer(ending=2)
-    answer.say(decisions_in_words(read_as), "dim", 2)
+    answer.note(decisions_in_words(read_as), 2)
     for line in result.reading[:1]:
         answer.say(line, "dim", 1)
     if result.geometry is not None:

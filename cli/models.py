@@ -23,8 +23,13 @@ class Action(StrEnum):
 
 @command
 def models(
-    action: Action = argument(None, "What to do.", default=Action.LIST),
-    id: str | None = argument("[ID]", "Id of the model to remove, or its beginning.", default=None),
+    action: Action = argument("[list|remove]", "What to do.", default=Action.LIST),
+    id: str | None = argument(
+        "[ID]",
+        "Id of the model to remove, or its beginning.",
+        default=None,
+        autocompletion=reading.stored_models,
+    ),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:

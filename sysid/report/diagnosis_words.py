@@ -9,7 +9,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.diagnosis.base_model import full_drive
-from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, NamedEffect, Trace, Value
+from sysid.diagnosis.diagnosis import OF_THE_LOG, Against, Diagnosis, NamedEffect, Trace, Value
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.diagnosis.validation.localise import Region, leading
@@ -198,9 +198,13 @@ def fits_sentence(result: Diagnosis) -> str:
 
 def base_sentence(result: Diagnosis, before: str) -> str:
     """What the effects were added to."""
-    if result.baseline_words:
-        return f"Base: a baseline of its own, not {before} (it had absorbed effects)"
-    return f"Base: {result.base_words}"
+    other = result.against
+    beside = f", not {other.name} (held-out error {_errors(other)})" if other else ""
+    return f"Base: {result.base_words}{beside}"
+
+
+def _errors(other: Against) -> str:
+    return ", ".join(f"{v:.3g} on {name}" for name, v in other.rmse.items())
 
 
 def worst_sentence(result: Diagnosis) -> str:
