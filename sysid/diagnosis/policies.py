@@ -173,6 +173,7 @@ class SearchBudget:
         polish: iterations of a model that is kept.
         coarse: gain of an iteration, as a share of the cost, at which candidates rest.
         leading: leading effects that are searched with most care where gradients say little.
+        pairs: effects that are tried in pairs where none is accepted alone.
         law: a law of an effect is fitted in full while its cost is within this multiple of that of
             its best law.
         promising: a candidate is fitted in full when its first iterations bring some track's cost
@@ -190,6 +191,7 @@ class SearchBudget:
     polish: int = 30
     coarse: float = 1e-4
     leading: int = 4
+    pairs: int = 3
     law: float = 1.5
     promising: float = 0.95
     phases: int = 24

@@ -258,9 +258,14 @@ class CandidateSearch:
         return [[k for k, w in enumerate(ways) if w == way] for way in groups]
 
     def scored(
-        self, rest: CandidateModel, model: CandidateModel, tried: int, samples: Array
+        self,
+        rest: CandidateModel,
+        model: CandidateModel,
+        tried: int,
+        samples: Array | None = None,
     ) -> ScoredCandidate:
         """A candidate against the model that it was tried on."""
+        samples = common_samples([model]) if samples is None else samples
         evidence = self.evidence(rest, model, tried, samples)
         return ScoredCandidate(model, evidence, self.likelihood(rest, model, samples))
 
