@@ -19,6 +19,7 @@ from sysid.diagnosis.diagnosis import (
     Trace,
 )
 from sysid.diagnosis.gap import ChannelGap, Gap, with_path
+from sysid.diagnosis.isolability import isolability_of
 from sysid.diagnosis.long_logs import InFull
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis
@@ -164,6 +165,7 @@ class _Assembly:
             traces=traces,
             geometry=pose.geometry if pose is not None else None,
             several=several_logs(session, selection),
+            isolability=isolability_of(base),
         )
         nothing = remaining.structure is None and not (selection.effects or self.shapes)
         if not nothing or not (poor or verdict == "unexplained"):
