@@ -29,7 +29,7 @@ demo: $(VENV)/.installed  ## The main job on bundled data: fit, compare, export,
 	@echo "== 1/5 fit: every linear structure, orders searched, judged on a second log"
 	$(SYSID) fit $(LOGS)/prbs.csv --val $(LOGS)/prbs_val.csv --workspace $(DEMO)/workspace --plot $(DEMO)/fit.svg
 	@echo "== 2/5 compare: rank them"
-	$(SYSID) compare --criteria aic --workspace $(DEMO)/workspace --plot $(DEMO)/ranking.svg
+	$(SYSID) compare --criterion aic --workspace $(DEMO)/workspace --plot $(DEMO)/ranking.svg
 	@echo "== 3/5 export: the best one as a plant package"
 	$(SYSID) export --workspace $(DEMO)/workspace
 	@echo "== 4/5 simulate: drive it around four obstacles to (6, 3)"

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 @command
 def inspect(
     logs: list[Path] = reading.LOGS,
-    order: int = option(
-        None, "Model order that the inputs should excite.", default=8, min=1, max=200
+    excitation: int = option(
+        "N", "Order of excitation the inputs should have.", default=8, min=1, max=200
     ),
     steps: "Preparation" = group(reading.Preparing),
     read: "ReadOptions" = group(reading.Reading),
     json: bool = reading.JSON,
 ) -> None:
-    """Show what is in a log, what is wrong with it and what to do about it.
+    """Show what is in a log, what is wrong with it, and what to do.
 
     For a bag without --map it lists the topics and proposes a mapping.
     """
@@ -41,7 +41,7 @@ def inspect(
         show_bag(logs[0], json)
         return
     records, reading_findings = read_prepared(logs, read, steps)
-    findings = inspect_records(LogFacts(records, reading_findings), order)
+    findings = inspect_records(LogFacts(records, reading_findings), excitation)
     verdict = worst(findings)
     (_document if json else _show)(records, findings, verdict.word)
     if verdict is Severity.FATAL:

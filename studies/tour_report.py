@@ -39,7 +39,7 @@ STEPS = (
     (
         "Compare",
         "The same models on equal terms: one-step errors on the samples that all of them predict.",
-        "sysid compare --criteria aic",
+        "sysid compare --criterion aic",
         "ranking.svg",
     ),
     (

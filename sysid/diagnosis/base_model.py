@@ -253,7 +253,7 @@ def given_base(
     first = _require_tracks(estimation)
     scales = full_drive(estimation)
     every = (*parts.estimation, *parts.holdout)
-    runs = {id(r): outputs(model, r, None, _start(model, r)) for r in every}
+    runs = {id(r): outputs(model, r, None, start_of(model, r)) for r in every}
     if not all(np.isfinite(v).all() for v in runs.values()):
         raise ModelError("the model is unstable on this log; run sysid compare")
     effects = _with_logs(_possible(effects, first), parts, level=False)
@@ -267,7 +267,7 @@ def given_base(
 
     def driven(r: Record) -> Record:
         run = runs.get(id(r))
-        run = outputs(model, r, None, _start(model, r)) if run is None else run
+        run = outputs(model, r, None, start_of(model, r)) if run is None else run
         return replace(r, u=given.drive(run))
 
     in_loop = parts.facts.at_own_rate.surely_closed_loop
@@ -325,7 +325,7 @@ def _with_logs(effects: Sequence[Effect], parts: Parts, level: bool) -> tuple[Ef
     return in_chain((*effects, *by_log))
 
 
-def _start(model: Model, record: Record) -> Start:
+def start_of(model: Model, record: Record) -> Start:
     """Where a given model begins to run on a record."""
     offsets = model.detrend.u_offset, model.detrend.y_offset
     return Start.ZERO if begins_at_rest(*offsets, record.y) else Start.ESTIMATED

@@ -66,7 +66,7 @@ def effective_samples(errors: Sequence[Array]) -> Array:
 def compare_errors(
     before: Errors,
     after: Errors,
-    parameters: int,
+    parameters: float,
     tried: int,
     touched: NDArray[np.bool_],
     samples: Array,

@@ -20,6 +20,9 @@ DELTA = 0.01
 """Step of the differences, in standard errors: small against every curvature that matters."""
 
 
+NORMAL = 1.96
+"""Standard errors on either side of a value that hold 95 % of a normal distribution."""
+
 Number = Annotated[float, Null()]
 """A number that may not be defined, which documents write as null."""
 
@@ -30,6 +33,16 @@ class Estimate:
 
     value: Number
     std_error: Number
+
+    @property
+    def reach(self) -> float:
+        """Half the width of the 95 % interval around the value."""
+        return NORMAL * float(self.std_error)
+
+    @property
+    def clear(self) -> bool:
+        """Whether the 95 % interval excludes zero; a value without an error is."""
+        return abs(float(self.value)) > self.reach or not self.std_error > 0.0
 
 
 def estimates(model: Model, numbers: Callable[[Array], Array]) -> Iterator[Estimate]:
