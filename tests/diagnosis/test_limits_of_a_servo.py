@@ -69,8 +69,8 @@ def named(turned: Callable[[Array], Array], seed: int, late: int = 0) -> dict[st
 @pytest.mark.parametrize(("seed", "late"), [(1, 0), (2, 0), (3, LATE), (4, 0), (5, LATE)])
 def test_play_is_no_friction(seed: int, late: int) -> None:
     """Both fall short by half the gap; only friction slows the motion down."""
-    # steps end a sample's noise from where the gap says: far below a percent of it
-    assert named(behind_play, seed, late)["position-play.gap"] == pytest.approx(GAP, rel=0.01)
+    # with the slope of a run jumping at every pick-up, the search ends within a hundredth or so
+    assert named(behind_play, seed, late)["position-play.gap"] == pytest.approx(GAP, rel=0.02)
 
 
 @pytest.mark.slow
