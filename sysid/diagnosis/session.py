@@ -19,6 +19,8 @@ from sysid.diagnosis.search.selection import (
     Selection,
     moved_to_base,
 )
+from sysid.diagnosis.shapes.fitted import FittedShape
+from sysid.diagnosis.shapes.grading import better_shape, shapes_around
 from sysid.diagnosis.validation.acceptance import final_evidence, uncertain_parameters, weakest
 from sysid.diagnosis.validation.exchange import with_exchanged_lags
 from sysid.diagnosis.validation.jitter import Jitter, detect_jitter, rows_without_jitter
@@ -43,18 +45,12 @@ from sysid.errors import DataError
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisSession:
-    """One diagnosis in progress.
-
-    Attributes:
-        given: the session of the model that was given, where that had absorbed so much that effects
-            are added to the baseline.
-    """
+    """One diagnosis in progress."""
 
     base: Base
     noise: NoiseFloor
     scales: Array
     seed: int
-    given: "DiagnosisSession | None" = None
     jitter: tuple[Jitter, ...] = ()
 
     @property
@@ -67,11 +63,6 @@ class DiagnosisSession:
         """Before anything is named."""
         candidate = self.base.model
         return Selection(candidate, candidate, (), (), ())
-
-    @property
-    def origin(self) -> "DiagnosisSession":
-        """The session of the original model."""
-        return self.given or self
 
     @cached_property
     def before(self) -> ResidualStructure | None:
@@ -202,7 +193,7 @@ class DiagnosisSession:
 
     def gap(self, selection: Selection) -> Gap:
         """The gap on held-out data before and after."""
-        before, after = self.origin.base.model, selection.final
+        before, after = self.base.model, selection.final
         return self.gap_of(before.errors.holdout, after.errors.holdout)
 
     def gap_of(self, before: Sequence[Array], after: Sequence[Array]) -> Gap:
@@ -221,9 +212,22 @@ class DiagnosisSession:
         }
         return replace(gap, channels=channels)
 
+    @property
+    def moves(self) -> bool:
+        """Whether an output may be of something that turns or moves."""
+        return any(may_move(c.name, c.unit) for c in self.base.parts.estimation[0].outputs)
+
+    def shapes(self, candidate: CandidateModel) -> tuple[FittedShape, ...]:
+        """Every shape without physics around a candidate model, most evidence first."""
+        return shapes_around(self.base.search, candidate, self.floor, self.moves)
+
     def confirmed(self, selection: Selection) -> tuple[Selection, tuple[RejectedEffect, ...]]:
         """The accepted effects of the final model, and the rejected ones, each with the reason."""
-        selection, rejected = self.measured(selection), []
+        rejected = []
+        while (instead := shape_instead(self, selection)) is not None:
+            rejected.append(instead)
+            selection = self.base.search.without_effect(selection, instead.id)
+        selection = self.measured(selection)
         while (least := self._objection(selection)) is not None:
             rejected.append(least)
             selection = self.measured(self.base.search.without_effect(selection, least.id))
@@ -297,6 +301,24 @@ class SelectionResult:
     selection: Selection
 
 
+def shape_instead(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
+    """An effect that a shape of another place, or of time, explains better; alone, or all together.
+
+    Of all together the weakest goes first: the others are asked again.
+    """
+    selected = selection.selected
+    tracks = [p.track for p in session.base.search.model.parameters]
+    weakest_first = tuple(sorted(selected, key=lambda n: -n.evidence.delta_bic))
+    single = [((n,), n.rest) for n in weakest_first]
+    together = [(weakest_first, selection.base)] if len(selected) > 1 else []
+    for names, without in (*together, *single):
+        shape = better_shape(session.shapes(without), selection, names, without, tracks)
+        if shape is not None:
+            sentence, _ = shape.says()
+            return RejectedEffect(names[0].id, f"a shape without physics explains more: {sentence}")
+    return None
+
+
 def behind_linear_motion(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
     """The weakest effect that explains less than linear motion does, where one is not linear."""
     if all(linear_motion(session.base, selection, n) for n in selection.selected):
@@ -322,7 +344,7 @@ def stand_in(session: DiagnosisSession, selection: Selection) -> RejectedEffect 
     the stiffness of a spring one of its effects: beside what swings long, the same is asked of all
     but what a sensor does.
     """
-    moves = any(may_move(c.name, c.unit) for c in session.base.parts.estimation[0].outputs)
+    moves = session.moves
     by_sensor = all(about(n.id).place is Place.READING for n in selection.selected)
     if moves and (by_sensor or least_damping(session.base) >= VERDICT.min_damping):
         return None

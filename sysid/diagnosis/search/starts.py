@@ -9,7 +9,7 @@ from sysid.data.filtering import lfilter
 from sysid.data.record import Array
 from sysid.diagnosis.over_angle import over_angle, strongest_lines
 from sysid.diagnosis.search.full_model import FullModel
-from sysid.diagnosis.search.parameter_table import ModelParameter
+from sysid.diagnosis.search.parameter_table import NO_LIMIT, ModelParameter
 from sysid.diagnosis.search.prepared import Data
 from sysid.effects.base import OF_SERVO, Effect, StartsFrom, Wave, is_of_servo
 from sysid.effects.catalogue import CHANGED, LEVEL
@@ -23,6 +23,9 @@ BELL_UP = 1.6
 
 REPEATED = 0.004
 """Share of the samples that must be exactly the largest reading, for a clip without noise."""
+
+SIZES = (0.6, 0.8, 1.0, 1.25, 1.6)
+"""An effect is screened at each of its starts and at these multiples of it."""
 
 MOVES = 8.0
 """Changes of the position over a sample on either side, in its noise, from which it moves."""
@@ -62,9 +65,12 @@ def _starts_of(model: FullModel, e: Effect, q: Array, errors: Array, data: Data)
         case StartsFrom.WAVES:
             return _from_waves(model, e, q, errors, data)
     rows = []
-    for values in model.starts(e):
+    for values, size in product(model.starts(e), SIZES):
         row = q.copy()
-        row[list(values)] = list(values.values())
+        for k, value in values.items():
+            p = model.parameters[k]
+            sized = p.null + size * (value - p.null) if abs(p.null) < NO_LIMIT else size * value
+            row[k] = value if p.of.choice else p.within(sized)
         rows.append(row)
     if is_of_servo(e):
         return [*rows, *_from_motion(model, e, q, data)]
