@@ -265,7 +265,7 @@ EFFECTS = (
         ),
         _dead_zone,
         inverse=_out_of_dead_zone,
-        ties=("coulomb-friction", "stiction"),
+        ties=("coulomb-friction", "stiction", "dead-time"),
         programmes=(STAIRCASE, RAMPS, COASTING),
         weakens=True,
         between_edges="the edge of the dead zone and the jump there; only their difference is "

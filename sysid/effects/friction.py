@@ -239,7 +239,7 @@ EFFECTS = (
         part=TorquePart.FRICTION,
         inverse=_against_coulomb,
         holds=lambda p: p["level"] / (1.0 - p["of_load"]),
-        ties=("stiction", "dead-zone", "position-play"),
+        ties=("stiction", "dead-zone", "dead-time", "position-play"),
         programmes=(STAIRCASE, COASTING, RAMPS),
         weakens=True,
         laws=(
@@ -275,7 +275,7 @@ EFFECTS = (
         part=TorquePart.FRICTION,
         inverse=_against_stiction,
         holds=lambda p: p["level"] + p["excess"],
-        ties=("coulomb-friction",),
+        ties=("coulomb-friction", "dead-time"),
         programmes=(RAMPS, STAIRCASE),
         weakens=True,
     ),

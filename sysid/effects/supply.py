@@ -42,6 +42,10 @@ USUAL_EMF = 0.85
 """Share of the back-emf in the viscous term of a motor with its gear, until a log determines it:
 one under commands of a single size cannot, as it then acts like another gain."""
 
+MOST_DEAD = 0.3
+"""Share of a period that the switches of a bridge wait at most, microseconds of tens. What takes
+more of the command is friction."""
+
 LEAST_EMF = 0.3
 """A smaller share of back-emf makes a current of the command alone: a limit of the current is then
 one of the command, and a dead time a dead zone."""
@@ -190,7 +194,7 @@ EFFECTS = (
         "No motion at small commands; braking is stronger than driving.",
         "A slow staircase through zero, and reversals from speed.",
         (
-            EffectParameter("share", "drive", 0.0, 0.0, 0.5, (0.04, 0.1, 0.04, 0.1)),
+            EffectParameter("share", "drive", 0.0, 0.0, MOST_DEAD, (0.04, 0.1, 0.04, 0.1)),
             EffectParameter("emf", "", 1.0, LEAST_EMF, 1.0, (0.9, 0.9, 0.9, 0.9)),
             EffectParameter("ripple", "", 0.0, 0.0, 0.3, (0.0, 0.0, 0.03, 0.03)),
         ),
