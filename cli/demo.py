@@ -13,13 +13,13 @@ from . import reading, render
 from .options import argument, command, flag
 
 COMMANDS = (
+    "sysid inspect prbs.csv",
     "sysid fit prbs.csv --val prbs_val.csv",
-    "sysid compare --criterion aic",
     "sysid export",
     "sysid simulate obstacles_6_3.yaml",
     "sysid diagnose multilevel.csv --val multilevel_val.csv",
 )
-"""The main job: a model, the best of them, its plant package, a drive with it, what it lacks."""
+"""The main job: a look at a log, models of it, the plant package, a drive, what is missing."""
 
 FOLDERS = {"devastator": "", "missions": "", "bench": "bench", "vehicles": "vehicles"}
 """Bundled kinds of files → the folder of the copy, where a name alone is quickest to type."""

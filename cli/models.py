@@ -33,7 +33,7 @@ def models(
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """List the models of the workspace, or remove one; `sysid show` shows one."""
+    """List the models of the workspace, or remove one."""
     if (id is None) != (action is Action.LIST):
         complaint = "takes no ID" if id else "needs the ID of a model"
         raise UsageError(f"sysid models {action.value} {complaint}; `sysid models` lists them")

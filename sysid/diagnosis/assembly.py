@@ -19,16 +19,18 @@ from sysid.diagnosis.diagnosis import (
     Trace,
 )
 from sysid.diagnosis.gap import ChannelGap, Gap, with_path
+from sysid.diagnosis.isolability import isolability_of
 from sysid.diagnosis.long_logs import InFull
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis
 from sysid.diagnosis.pose.ground_model import with_ground
+from sysid.diagnosis.rules.final_model import final_evidence, measured
+from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.search.detectable import detectable
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
 from sysid.diagnosis.session import DiagnosisSession, SelectionResult
 from sysid.diagnosis.several.constancy import several_logs
 from sysid.diagnosis.shapes.grading import FoundShape, curves_of, proven
-from sysid.diagnosis.validation.acceptance import final_evidence
 from sysid.diagnosis.validation.excess_error import ExcessError, excess_error
 from sysid.diagnosis.validation.explain import described, explain
 from sysid.diagnosis.validation.jitter import detect_jitter
@@ -85,7 +87,7 @@ def _confirmed(
 ) -> tuple[Selection, tuple[RejectedEffect, ...], InFull | None]:
     """The accepted effects, the rejected ones, and both models on all samples of long logs."""
     session = result.session
-    selection, rejected = session.confirmed(result.selection)
+    selection, rejected = confirmed(session, result.selection)
     if judged is None:
         return selection, rejected, None
     whole = judged(session, selection)
@@ -94,8 +96,8 @@ def _confirmed(
         least = min(rests, key=lambda id: rests[id].gap.after)
         if rests[least].gap.after > whole.gap.after:
             break
-        rejected += (RejectedEffect(least, ONLY_IN_PIECES),)
-        selection = session.measured(session.base.search.without_effect(selection, least))
+        rejected += (RejectedEffect(least, ONLY_IN_PIECES, "only-in-pieces"),)
+        selection = measured(session.base, session.base.search.without_effect(selection, least))
         whole = judged(session, selection)
     return selection, rejected, whole
 
@@ -164,6 +166,7 @@ class _Assembly:
             traces=traces,
             geometry=pose.geometry if pose is not None else None,
             several=several_logs(session, selection),
+            isolability=isolability_of(base),
         )
         nothing = remaining.structure is None and not (selection.effects or self.shapes)
         if not nothing or not (poor or verdict == "unexplained"):

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array, Record
@@ -16,6 +16,9 @@ from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
 from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.robot.calibration.geometry import GeometryEstimate
 from sysid.structures.model import Model
+
+if TYPE_CHECKING:
+    from sysid.diagnosis.isolability import Isolability
 
 OF_THE_LOG = {
     QUANTISATION.id: "its measurements are coarse",
@@ -181,10 +184,15 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class RejectedEffect:
-    """An effect that was selected first and rejected later, with the reason."""
+    """An effect that was selected first and rejected later, with the reason.
+
+    Attributes:
+        rule: the rule that spoke, by its name in the ledger.
+    """
 
     id: str
     reason: str
+    rule: str = ""
 
 
 @dataclass(frozen=True)
@@ -255,6 +263,7 @@ class Diagnosis:
         detectable: per effect the smallest size this log would have shown, None where it cannot.
         description: a sparse description of what no effect explains, empty without one.
         path: proof on a mission's path, JSON-able, empty without one.
+        isolability: which effects the log could show and tell apart.
         against: what another model of the same channels makes of the held-out data, if one was
             given to compare with.
         geometry: the vehicle's lengths, where nobody gave them and the pose contradicts those
@@ -289,6 +298,7 @@ class Diagnosis:
     path: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
     against: Against | None = None
+    isolability: "Isolability | None" = None
     changes: tuple[str, ...] = ()
     geometry: GeometryEstimate | None = None
     unfollowed: str = ""
@@ -318,6 +328,7 @@ class Diagnosis:
                 "changes": self.changes,
                 "base": self.base_words,
                 "against": self.against,
+                "isolability": self.isolability,
                 "geometry": self.geometry,
                 "effects": self.effects,
                 "shapes": self.shapes,

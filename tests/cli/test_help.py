@@ -110,6 +110,6 @@ def complete(line: str, folder: Path) -> list[str]:
 def test_the_shell_completes_commands_options_and_models(here: Path) -> None:
     assert complete("sysid fi", here) == ["fit", "fit-vehicle"]
     assert "--criterion" in complete("sysid fit --cr", here)
-    assert complete("sysid models ", here) == ["list", "show", "remove"]
+    assert complete("sysid models ", here) == ["list", "remove"]
     (model,) = complete("sysid export --model ", here)
     assert (here / ".sysid" / "models" / f"{model}.json").is_file()

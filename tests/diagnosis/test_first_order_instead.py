@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sysid.data.facts import LogFacts
 from sysid.data.record import Channel, Record
 from sysid.diagnosis import first_order
 from sysid.diagnosis.base_model import fit_baseline
@@ -73,7 +74,7 @@ def test_first_order_is_taken_where_it_explains_more(
 
     monkeypatch.setattr(first_order, "fit_baseline", fitted)
     monkeypatch.setattr(first_order, "replace", lambda session, base: other.session)
-    result: Any = or_on_first_order(found, [LOG], None, lambda text, share: None)
+    result: Any = or_on_first_order(found, LogFacts((LOG,)), None, lambda text, share: None)
     assert (result is other) is taken
     assert taken or result is found
 
