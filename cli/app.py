@@ -11,7 +11,7 @@ import typer
 
 from sysid.errors import SysidError
 
-from . import compare, diagnose, excite, fit, inspect, models, show, structures
+from . import compare, diagnose, excite, fit, inspect, models, plot, show, structures
 from .cosim import plant
 from .exporting import export, verify
 from .field_options import Command, every_command
@@ -36,6 +36,7 @@ for _command in (
     fit.fit,
     compare.compare,
     show.show,
+    plot.plot,
     models.models,
     export.export,
     verify.verify,
