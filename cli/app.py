@@ -11,7 +11,7 @@ import typer
 
 from sysid.errors import SysidError
 
-from . import compare, diagnose, excite, fit, inspect, models, plot, show, structures
+from . import compare, diagnose, excite, fit, inspect, models, plot, report, show, structures
 from .cosim import plant
 from .exporting import export, verify
 from .field_options import Command, every_command
@@ -37,6 +37,7 @@ for _command in (
     compare.compare,
     show.show,
     plot.plot,
+    report.report,
     models.models,
     export.export,
     verify.verify,

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Array, Record
 from sysid.errors import ModelError
 from sysid.estimation.assessment.figures import Start, figures, outputs, residual_tests
@@ -75,43 +76,46 @@ def _coherence(found: Spectra, record: Record) -> Panel:
 
 
 def residuals(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
-    """Correlations of the residuals with their past and with the inputs; band 99 %."""
-    panels = []
+    """Correlations of the residuals with their past and with the inputs; lines at 99 %."""
+    panels: list[Panel] = []
     for s in shown:
         fitted = {d.sha256 for d in s.model.provenance.data}
         seen = all(r.sha256 in fitted for r in records)
         report = residual_tests(s.model, records, fitted=seen)
-        head = f"{s.label}: " if len(shown) > 1 else ""
-        for tests, what in ((report.whiteness, "past residuals"), (report.independence, "inputs")):
-            for test, channel in zip(tests, s.model.outputs, strict=True):
-                if test.parts is None or not test.parts.values.size:
-                    continue
-                lags = np.array(test.parts.lags, dtype=np.float64)
-                count = len(test.parts.signals)
-                curves = tuple(
-                    Curve(
-                        n if count > 1 else "",
-                        lags + 0.3 * (k - 0.5 * (count - 1)),
-                        v,
-                        kind="stems",
-                        colour=k,
-                    )
-                    for k, (n, v) in enumerate(
-                        zip(test.parts.signals, test.parts.values, strict=True)
-                    )
+        panels += residual_panels(report, s.model, f"{s.label}: " if len(shown) > 1 else "")
+    return tuple(panels)
+
+
+def residual_panels(report: ResidualReport, model: Model, head: str = "") -> Panels:
+    """Those of one report.
+
+    Args:
+        head: what titles begin with.
+    """
+    panels = []
+    for tests, what in ((report.whiteness, "past residuals"), (report.independence, "inputs")):
+        for test, channel in zip(tests, model.outputs, strict=True):
+            if test.parts is None or not test.parts.values.size:
+                continue
+            lags = np.array(test.parts.lags, dtype=np.float64)
+            count = len(test.parts.signals)
+            beside = [0.3 * (k - 0.5 * (count - 1)) for k in range(count)]
+            curves = tuple(
+                Curve(n if count > 1 else "", lags + beside[k], v, kind="stems", colour=k)
+                for k, (n, v) in enumerate(zip(test.parts.signals, test.parts.values, strict=True))
+            )
+            verdict = "pass" if test.passed else "FAIL" if test.judged else "not judged"
+            panels.append(
+                Panel(
+                    f"residuals-{what.replace(' ', '-')}-{channel.name}",
+                    f"{head}{channel.name}, {what}: {verdict}",
+                    "lag [samples]",
+                    "correlation / its error",
+                    curves,
+                    rules=(0.0, -LIMIT_99, LIMIT_99),
+                    note=f"p = {test.p_value:.2g}; lines: 99 %",
                 )
-                verdict = "pass" if test.passed else "FAIL" if test.judged else "not judged"
-                panels.append(
-                    Panel(
-                        f"residuals-{what.replace(' ', '-')}-{channel.name}",
-                        f"{head}{channel.name}, {what}: {verdict}",
-                        "lag [samples]",
-                        "correlation / its error",
-                        curves,
-                        rules=(0.0, -LIMIT_99, LIMIT_99),
-                        note=f"p = {test.p_value:.2g}; lines: 99 %",
-                    )
-                )
+            )
     return tuple(panels)
 
 
@@ -271,11 +275,6 @@ def ranking(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
         for k, n in enumerate(names)
     )
     return (
-        Panel("ranking", "Fit in free run", "fit [%]", "", _lying(bars), names=rows),
+        Panel("ranking", "Fit in free run", "fit [%]", "", bars, names=rows),
         Panel("pareto", "Fit against size", "parameters", "fit [%]", pareto),
     )
-
-
-def _lying(curves: Sequence[Curve]) -> tuple[Curve, ...]:
-    """Dots over named rows: the value along, the row down."""
-    return tuple(Curve(c.label, c.y, c.x, kind=c.kind, colour=c.colour) for c in curves)

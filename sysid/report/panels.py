@@ -1,4 +1,4 @@
-"""Panels: lines with bands, dots and bars over one axis, drawn alone, side by side, or as a table.
+"""Panels: lines with bands and dots over one axis, drawn alone, side by side, or as a table.
 
 A panel holds numbers, not ink: the same one is drawn into a file, stands in a page, and is written
 as CSV.
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Kind = Literal["line", "steps", "dots", "stems", "bars", "marks"]
+Kind = Literal["line", "steps", "dots", "stems", "marks"]
 
 BINS = 700
 """A line of more points is drawn by its envelope over so many stretches."""
@@ -28,7 +28,7 @@ BINS = 700
 ABOVE = 2
 """Names that stand beside the title; more stand within the panel."""
 
-WIDTH, HEIGHT = 4.4, 2.5
+HEIGHT = 2.5
 """Of one panel [in]."""
 
 
@@ -59,7 +59,7 @@ class Panel:
         name: letters of a file and an anchor, such as ``step-omega_l``.
         limits: of the vertical axis; None where the curves set them.
         rules: horizontal lines, such as 0 or a limit.
-        names: of the places of bars, from 0.
+        names: of rows from 0: the curves then lie, x down and y across.
         equal: whether both axes have one scale (a complex plane).
         circle: whether the unit circle is drawn.
         note: a sentence below the panel.
@@ -112,17 +112,6 @@ Panels = tuple[Panel, ...]
 RAD = "frequency [rad/s]"
 
 
-def draw_alone(figure: "Figure", panel: Panel, height: float = HEIGHT) -> None:
-    """Draw one panel as a picture of a page, with fixed margins: finding them takes as long as all
-    the drawing."""
-    figure.set_size_inches(WIDTH, height)
-    figure.set_layout_engine("none")
-    bars = any(c.kind == "bars" for c in panel.curves)
-    left = 0.34 if bars and panel.names else 0.155
-    axes = figure.add_axes((left, 0.45 / height, 0.985 - left, 1.0 - 0.75 / height))
-    draw_panel(axes, panel)
-
-
 def draw_panel(axes: "Axes", panel: Panel) -> None:
     """Draw the curves, their names and the axes."""
     for curve in panel.curves:
@@ -159,7 +148,7 @@ def _frame(axes: "Axes", panel: Panel) -> None:
     if panel.names:
         axes.set_yticks(range(len(panel.names)), list(panel.names))
         axes.invert_yaxis()
-    if any(c.kind in ("dots", "marks", "bars") for c in panel.curves):
+    if any(c.kind in ("dots", "marks") for c in panel.curves):
         axes.margins(x=0.05)
 
 
@@ -182,38 +171,33 @@ def _colour(curve: Curve) -> str:
 
 def _draw(axes: "Axes", c: Curve, lying: bool) -> None:
     colour = _colour(c)
-    banded = c.low is not None and c.high is not None
-    if c.kind == "bars":
-        error = None
-        if c.low is not None and c.high is not None:
-            error = np.maximum(np.array([c.y - c.low, c.high - c.y]), 0.0)
-        draw: Any = axes.barh if lying else axes.bar
-        beside = {"xerr" if lying else "yerr": error}
-        draw(c.x, c.y, color=colour, alpha=0.85, ecolor=style.INK, **beside)
-        return
+    x, y = (c.y, c.x) if lying else (c.x, c.y)
     if c.kind in ("dots", "marks"):
         if c.low is not None and c.high is not None:
             error = np.maximum(np.array([c.y - c.low, c.high - c.y]), 0.0)
-            at = (c.y, c.x) if lying else (c.x, c.y)
             side = {"xerr" if lying else "yerr": error}
-            axes.errorbar(*at, fmt="o", markersize=3.5, color=colour, linewidth=1.0, **side)
+            axes.errorbar(x, y, fmt="o", markersize=3.5, color=colour, linewidth=1.0, **side)
             return
-        mark = "x" if c.kind == "marks" else "o"
-        size = 5.0 if c.kind == "marks" else 2.2
-        axes.plot(c.x, c.y, mark, color=colour, markersize=size, markeredgewidth=1.2)
+        mark, size = ("x", 5.0) if c.kind == "marks" else ("o", 2.2)
+        axes.plot(x, y, mark, color=colour, markersize=size, markeredgewidth=1.2)
         return
     if c.kind == "stems":
         x = np.repeat(c.x, 3)
         y = np.column_stack([0.0 * c.y, c.y, np.full(len(c.y), np.nan)]).ravel()
         axes.plot(x, y, color=colour, linewidth=1.3)
         return
-    if banded:
-        low, high = (np.where(np.isfinite(e), e, np.nan) for e in (c.low, c.high))  # type: ignore[arg-type]
+    if c.low is not None and c.high is not None:
+        low, high = (np.where(np.isfinite(e), e, np.nan) for e in (c.low, c.high))
         axes.fill_between(c.x, low, high, color=colour, alpha=0.2, linewidth=0)
-    x, y = (c.x, c.y) if len(c.x) <= 2 * BINS else envelope(c.x, c.y, BINS)
+    x, y = thinned(c)
     wide = 2.4 if c.colour < 0 else 1.3
     drawstyle = "steps-post" if c.kind == "steps" else "default"
     style.stroke(axes, x, y, colour, linewidth=wide, drawstyle=drawstyle)
+
+
+def thinned(c: Curve) -> tuple[Array, Array]:
+    """A curve's points, or those of its envelope where they are many."""
+    return (c.x, c.y) if len(c.x) <= 2 * BINS else envelope(c.x, c.y, BINS)
 
 
 def table(panels: Sequence[Panel]) -> str:
