@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from sysid.outside_text import visible
 
+from . import render
 from .field_options import with_options
 
 LINES = 24
@@ -44,8 +45,15 @@ class Answer:
         """Add a paragraph, broken between words, of at most so many lines; an empty one is none."""
         from rich.text import Text
 
+        if style == "dim" and render.quiet():
+            return
         for line in _wrapped(_shown(text), most):
             self._lines += [(stream or sys.stdout, s) for s in _drawn(Text(line, style=style))]
+
+    def note(self, text: str, most: int) -> None:
+        """Add a paragraph on how logs were read, which a quiet line leaves out."""
+        if not render.quiet():
+            self.say(text, "dim", most)
 
     def table(self, heads: Sequence[str], rows: Sequence[Sequence[object]], spare: int = 0) -> int:
         """Add columns without a frame; cells of what is a number stand on the right.

@@ -32,25 +32,25 @@ PAGE = 6
 @command
 def compare(
     models: list[str] | None = argument(
-        "[MODEL]...", "Model ids [all of the workspace].", default=None
+        "[MODEL]...",
+        "Model ids [all of the workspace].",
+        None,
+        autocompletion=reading.stored_models,
     ),
-    criterion: str = option(
-        "NAME",
-        f"Ranking criterion: {', '.join(BUILT_IN)}, or one of another package.",
-        "--criteria",
-        default="fit",
+    criterion: str = fit_options.criterion(
+        f"Ranks the models: {', '.join(BUILT_IN)}, or one of another package."
     ),
-    validation: list[Path] | None = option("LOG", "Validation log; repeatable.", "--val"),
+    validation: list[Path] | None = fit_options.validation("Validation log; repeatable."),
     folds: int | None = option(
         "K", "Also cross-validate with K folds: each model is refitted without one block.", min=2
     ),
     plot: Path | None = targets.picture("Draw the ranking: .svg or .png."),
     policy: "Policy" = group(fit_options.Judging),
-    read: "ReadOptions" = group(reading.Reading),
+    read: "ReadOptions" = group(reading.Reading, hidden=True),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Rank the models of the workspace by one criterion, on equal terms.
+    """Rank the models of the workspace by one criterion.
 
     Without --val they are ranked on what the newest of them was validated on, where they were not
     all validated alike.

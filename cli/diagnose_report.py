@@ -26,7 +26,7 @@ def show(
     from sysid.report import diagnosis_words as words
 
     answer = Answer(ending=2)
-    answer.say(decisions_in_words(read_as), "dim", 2)
+    answer.note(decisions_in_words(read_as), 2)
     for line in result.reading[:1]:
         answer.say(line, "dim", 1)
     if result.geometry is not None:
@@ -70,6 +70,8 @@ def show_all(result: "Diagnosis", before: str, after: str, folder: Path) -> None
     _added(result, before, after)
     _shrunk(result)
     render.cautions((*result.changes, *result.warnings))
+    if result.against is not None:
+        render.say(result.against.sentence(result.gap))
     _next(result, folder)
 
 
@@ -104,6 +106,7 @@ def _what(result: "Diagnosis") -> None:
         evidence_sentence,
         nothing_named,
         score_words,
+        shape_sentence,
         tie_sentence,
     )
 
@@ -120,6 +123,8 @@ def _what(result: "Diagnosis") -> None:
                 render.say(f"   {sentence}")
     if not result.effects:
         render.say(nothing_named(result))
+    for s in result.shapes:
+        render.say(f"Shape: {shape_sentence(s)}")
     if result.description:
         render.say(f"What remains: {result.description}")
     for d in result.rejected:
@@ -149,8 +154,7 @@ def _added(result: "Diagnosis", before: str, after: str) -> None:
     if not result.grown:
         render.say(f"Nothing; the model remains {before}: {result.base_words}.")
         return
-    stem = f"the baseline ({result.baseline_words})" if result.baseline_words else ""
-    render.say(f"{after} is {stem or f'{before} ({result.base_words})'} with:")
+    render.say(f"{after} is {before} ({result.base_words}) with:")
     rows: list[list[Any]] = [
         [
             e.id if k == 0 else "",

@@ -29,7 +29,7 @@ def show(
     best, id = identification.assessments[0], stored[0].id
     paths = {word: path for word, path in pictures.items() if path is not None}
     answer = Answer(ending=2 + len(paths))
-    answer.say(decisions_in_words(read_as), "dim", 2)
+    answer.note(decisions_in_words(read_as), 2)
     for note in reading[:2]:
         answer.say(note, "dim", 1)
     _ranking(answer, stored, identification)

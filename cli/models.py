@@ -23,12 +23,17 @@ class Action(StrEnum):
 
 @command
 def models(
-    action: Action = argument(None, "What to do.", default=Action.LIST),
-    id: str | None = argument("[ID]", "Id of the model to remove, or its beginning.", default=None),
+    action: Action = argument("[list|remove]", "What to do.", default=Action.LIST),
+    id: str | None = argument(
+        "[ID]",
+        "Id of the model to remove, or its beginning.",
+        default=None,
+        autocompletion=reading.stored_models,
+    ),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """List the models of the workspace, or remove one; `sysid show` shows one."""
+    """List the models of the workspace, or remove one."""
     if (id is None) != (action is Action.LIST):
         complaint = "takes no ID" if id else "needs the ID of a model"
         raise UsageError(f"sysid models {action.value} {complaint}; `sysid models` lists them")

@@ -1,5 +1,6 @@
 """What reading the logs of a command decided, each with the option that decides otherwise."""
 
+import sys
 import textwrap
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
@@ -47,9 +48,9 @@ def show_decisions(decisions: Sequence[dict[str, str]]) -> None:
     """Print decisions in a few lines."""
     for line in textwrap.wrap(
         decisions_in_words(decisions),
-        WIDTH,
+        min(WIDTH, render.columns(sys.stdout) or WIDTH),
         subsequent_indent="  ",
         max_lines=LINES,
         break_on_hyphens=False,
     ):
-        render.say(line, "dim")
+        render.note(line)

@@ -65,8 +65,10 @@ def command_of(model: "Model") -> str:
 
     options = model.provenance.options
     files = [str(f) for f in options.get("files") or [s.name for s in model.provenance.data]]
+    names, structure = shlex.join(files), model.structure.name
     if options.get("made_by") == "diagnose":
-        return shlex.join(["sysid", "diagnose", *files])
-    orders = orders_text(model.structure.order_values())
-    line = ["sysid", "fit", *files, "--structure", model.structure.name]
-    return shlex.join([*line, *(["--orders", orders] if orders else [])])
+        return f"sysid diagnose {names}"
+    orders = shlex.quote(orders_text(model.structure.order_values()))
+    if orders == "''":
+        return f"sysid fit {names} --structure {structure}"
+    return f"sysid fit {names} --structure {structure} --orders {orders}"

@@ -24,11 +24,12 @@ def show(
         "[MODEL]",
         "Id of the model, or its beginning [best: that of the last diagnosis, comparison or fit].",
         default=None,
+        autocompletion=reading.stored_models,
     ),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Show one model: equations, parameters, figures on data, residual tests, warnings."""
+    """Show one model: equations, parameters, figures and warnings."""
     stored = Workspace(workspace).chosen(None if model == BEST else model)
     if json:
         render.document(_document(stored))

@@ -9,8 +9,9 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.diagnosis.base_model import full_drive
-from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, NamedEffect, Trace, Value
+from sysid.diagnosis.diagnosis import OF_THE_LOG, Against, Diagnosis, NamedEffect, Trace, Value
 from sysid.diagnosis.policies import RULE
+from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.diagnosis.validation.localise import Region, leading
 from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.diagnosis.verdict import ASTRAY
@@ -59,6 +60,9 @@ def headline(result: Diagnosis) -> str:
     seen = "".join(f"; {OF_THE_LOG[e.id]}" for e in result.effects if e.id in OF_THE_LOG)
     if result.verdict == "effects-found" and missing:
         return f"Missing: {missing}{seen}"
+    if result.verdict == "shape-found":
+        places = ", ".join(dict.fromkeys(s.place for s in result.shapes))
+        return f"Shape known, physics open: {places}{seen}"
     if result.verdict != "unexplained" and result.undecided:
         return result.undecided.partition(":")[0] + seen
     if result.verdict != "unexplained":
@@ -194,9 +198,13 @@ def fits_sentence(result: Diagnosis) -> str:
 
 def base_sentence(result: Diagnosis, before: str) -> str:
     """What the effects were added to."""
-    if result.baseline_words:
-        return f"Base: a baseline of its own, not {before} (it had absorbed effects)"
-    return f"Base: {result.base_words}"
+    other = result.against
+    beside = f", not {other.name} (held-out error {_errors(other)})" if other else ""
+    return f"Base: {result.base_words}{beside}"
+
+
+def _errors(other: Against) -> str:
+    return ", ".join(f"{v:.3g} on {name}" for name, v in other.rmse.items())
 
 
 def worst_sentence(result: Diagnosis) -> str:
@@ -326,7 +334,7 @@ def nothing_named(result: Diagnosis) -> str:
         return "No effect is reported."
     if result.unfollowed:
         return "No effect is reported: the model must follow the log first."
-    if result.verdict == "unexplained":
+    if result.verdict in ("unexplained", "shape-found"):
         return "No effect of the catalogue explains it."
     if result.undecided:
         return "No effect is significant; the errors remain unexplained."
@@ -414,6 +422,13 @@ def free_run_figures(traces: Sequence[Trace], *, after: bool) -> Figures:
         fit_percent={n: _fit(traces, i, after=after) for i, n in enumerate(names)},
         rmse=dict(zip(names, rms.tolist(), strict=True)),
     )
+
+
+def shape_sentence(shape: FoundShape) -> str:
+    """A shape with its place and its share of the excess error."""
+    said = f"{shape.sentence[:1].upper()}{shape.sentence[1:]}"
+    share = f"{percent(100.0 * shape.share)} of the excess error of {shape.output}"
+    return f"{said}: {share} (place: {shape.place})."
 
 
 def p_words(p: float) -> str:

@@ -86,7 +86,7 @@ def test_four_commands_in_a_row_in_an_empty_folder(tmp_path: Path, capsys: Captu
     (tmp_path / "mission.yaml").write_text("goal: [1, 0]\n")
     best = run(capsys, "fit", "data.csv", "--json").document
     assert_fit_document(best, ["omega_l", "omega_r"], judged=False)
-    ranking = run(capsys, "compare", "--criteria", "aic", "--json").document
+    ranking = run(capsys, "compare", "--criterion", "aic", "--json").document
     exported = run(capsys, "export", "--json").document
     driven = run(capsys, "simulate", "mission.yaml", "--json").document
 
@@ -309,7 +309,7 @@ def test_compare_refuses_criteria_across_data(tmp_path: Path, capsys: Capture) -
     old = run(capsys, "fit", one, *ARX, "--json").document["model"]
     for words in (ARX, OE):
         run(capsys, "fit", two, *words)
-    found = run(capsys, "compare", "--criteria", "bic", "--json").document
+    found = run(capsys, "compare", "--criterion", "bic", "--json").document
     assert [line["structure"] for line in found["ranking"]] == ["oe", "arx"]
     assert [e["model"] for e in found["excluded"]] == [old]
     assert "other data" in found["excluded"][0]["reason"]
@@ -324,7 +324,7 @@ def test_criteria_are_the_same_in_fit_and_compare(tmp_path: Path, capsys: Captur
     log = robot_log(tmp_path / "log.csv")
     orders = ("--structure", "arx,oe", "--orders", "arx: na=5 nb=1; oe: nb=1 nf=1")
     fitted = run(capsys, "fit", log, *orders, "--json").document["models"]
-    ranked = run(capsys, "compare", "--criteria", "aic", "--json").document["ranking"]
+    ranked = run(capsys, "compare", "--criterion", "aic", "--json").document["ranking"]
     by_model = {line["model"]: line["aic"] for line in ranked}
     for m in fitted:
         assert m["criteria"]["aic"] == pytest.approx(by_model[m["model"]], rel=1e-9)
@@ -347,12 +347,12 @@ def test_compare_goes_on_without_the_log(tmp_path: Path, capsys: Capture) -> Non
     log = robot_log(tmp_path / "log.csv")
     for words in (ARX, OE):
         run(capsys, "fit", log, *words)
-    fresh = run(capsys, "compare", "--criteria", "aic", "--json").document
+    fresh = run(capsys, "compare", "--criterion", "aic", "--json").document
     assert not any("gone or have changed" in note for note in fresh["notes"])
     robot_log(log, seed=8)
-    changed = run(capsys, "compare", "--criteria", "aic", "--json").document
+    changed = run(capsys, "compare", "--criterion", "aic", "--json").document
     log.unlink()
-    gone = run(capsys, "compare", "--criteria", "aic", "--json").document
+    gone = run(capsys, "compare", "--criterion", "aic", "--json").document
     for found in (changed, gone):
         assert [r["model"] for r in found["ranking"]] == [r["model"] for r in fresh["ranking"]]
         assert any("gone or have changed" in note for note in found["notes"])

@@ -352,7 +352,7 @@ def refused(told: Run, code: int, *words: str) -> None:
     ("line", "code", "words"),
     [
         ("log.csv --model oe-000000", 2, ("no model 'oe-000000'",)),
-        ("missing.csv", 2, ("file not found: missing.csv",)),
+        ("missing.csv", 2, ("missing.csv: file not found",)),
         ("silent.csv", 1, ("output",)),
         ("log.csv --val log.csv", 2, ("must differ from the estimation log", "omit --val")),
         ("log.csv --plant plant", 2, ("--plant", "--mission")),

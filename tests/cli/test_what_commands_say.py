@@ -148,7 +148,7 @@ def test_export_and_simulate_in_a_row(here: Path, capsys: pytest.CaptureFixture[
 def test_export_to_a_zip_of_a_chosen_model(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arx = Workspace(Path(".sysid")).save(robot_model("arx"), {}).id
     assert answer(capsys, "export", "--model", "arx", "-o", "p.zip")["model"] == arx
-    result = answer(capsys, "simulate", "mission.yaml", "--plant", "p.zip", "--log", "a/b.csv")
+    result = answer(capsys, "simulate", "mission.yaml", "--plant", "p.zip", "-o", "a/b.csv")
     assert result["outcome"] == "arrived"
     assert Path("a/b.csv").exists()
     code, out, _ = ask(capsys, ["export", "-o", "folder"])

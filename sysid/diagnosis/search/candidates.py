@@ -181,6 +181,10 @@ class CandidateSearch:
             return []
         starts, tried = self._screened(model, np.array(batch), owners)
         q, cost = self._search(model, starts, tried, BUDGET.more_steps)
+        laws = self._by_law(starts, tried)
+        tried = [tried[rows[0]] for rows in laws]
+        q = np.array([self._joined(q[r], cost[r], e) for r, e in zip(laws, tried, strict=True)])
+        cost = self.data.squared_error(self.model.run(q, self.data))
         kept = self._shortlist(model, tried, cost, now, most)
         if not kept:
             return []
@@ -222,13 +226,15 @@ class CandidateSearch:
             of_law = np.min(np.sum(np.log(cost[rows] + 1e-300), axis=1))
             if e.id not in wanted or of_law > least[e.id] + self.model.tracks * np.log(BUDGET.law):
                 continue
-            joined = self._joined(batch[rows], cost[rows], e)
-            some = [joined, *([exchanged(self.model, joined, lags)] if lags else [])]
-            if e.starts_from is not StartsFrom.SIGNS:
-                some.append(self._along(model, joined, screen.moved[rows], cost[rows]))
-            reached = self.data.squared_error(self.model.run(np.array(some), self.data))
-            starts.append(some[int(np.argmin(reached.sum(axis=1)))])
-            tried.append(e)
+            ranked = (cost, screen.at_start) if e.starts_from is not StartsFrom.SIGNS else (cost,)
+            some = [self._joined(batch[rows], by[rows], e) for by in ranked]
+            if len(ranked) > 1:
+                some.append(self._along(model, some[1], screen.moved[rows], ranked[1][rows]))
+                run = self.data.squared_error(self.model.run(np.array(some), self.data))
+                some = [some[k] for k in np.argsort(run.sum(axis=1))[:2]]
+            some += [exchanged(self.model, row, lags) for row in some[:1]] if lags else []
+            starts += some
+            tried += [e] * len(some)
         return np.array(starts), tried
 
     def _along(self, model: CandidateModel, q: Array, moved: Array, cost: Array) -> Array:
@@ -252,9 +258,14 @@ class CandidateSearch:
         return [[k for k, w in enumerate(ways) if w == way] for way in groups]
 
     def scored(
-        self, rest: CandidateModel, model: CandidateModel, tried: int, samples: Array
+        self,
+        rest: CandidateModel,
+        model: CandidateModel,
+        tried: int,
+        samples: Array | None = None,
     ) -> ScoredCandidate:
         """A candidate against the model that it was tried on."""
+        samples = common_samples([model]) if samples is None else samples
         evidence = self.evidence(rest, model, tried, samples)
         return ScoredCandidate(model, evidence, self.likelihood(rest, model, samples))
 

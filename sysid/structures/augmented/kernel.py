@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
-from sysid.effects.base import Context, Effect, Place
+from sysid.effects.base import Context, Effect, Place, TorquePart
 from sysid.runners.native import library
 from sysid.runners.trace.program import Program, assigned
 from sysid.runners.trace.traced import TRACE, Traced, cells_of
@@ -35,6 +35,7 @@ OF_CONTEXT = {
     "counted": "counted",
     "holds": "holds",
     "gain": "gain",
+    "driven": "driven",
 }
 """Fields of ``Context`` with an entry a track, and their names in C."""
 
@@ -142,7 +143,8 @@ def source(effects: Sequence[Effect], order: int, tracks: int, dt: float) -> str
         written = _Written(e, k, tracks, dt)
         functions.append(written.text)
         entries = (
-            e.place.name, row, len(e.parameters), constant, state, e.states * tracks,
+            e.place.name, int(e.part is TorquePart.DRIVE), row, len(e.parameters), constant, state,
+            e.states * tracks,
             *written.functions,
         )  # fmt: skip
         table.append(f"    {{{', '.join(map(str, entries))}}},")
