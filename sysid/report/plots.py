@@ -65,6 +65,22 @@ def write_picture(path: Path, picture: Picture) -> None:
     write_atomic(path, _render(picture_format(path), picture.draw))
 
 
+def figure_of(picture: Picture) -> "Figure":
+    """A picture as a figure that a script or a notebook goes on with."""
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        look: Any = style.RC
+        matplotlib.rcParams.update(look)
+        figure = Figure(layout="constrained")
+        FigureCanvasAgg(figure)
+        picture.draw(figure)
+    return figure
+
+
 def inline_svg(
     name: str, label: str, draw: Callable[..., None], *shown: Any, **options: Any
 ) -> str:
