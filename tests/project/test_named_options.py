@@ -51,7 +51,7 @@ SHOWN_BY = {
     "cli/live": ("fit",),
     "cli/targets.py": ("fit", "compare", "simulate", "plan"),
     "cli/structures.py": ("fit",),
-    "cli/diagnose_report.py": ("compare",),
+    "cli/report.py": ("fit",),  # the line that makes a model again
 }
 """Module or folder of the command line → the commands whose messages it writes."""
 
