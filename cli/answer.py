@@ -45,6 +45,8 @@ class Answer:
         """Add a paragraph, broken between words, of at most so many lines; an empty one is none."""
         from rich.text import Text
 
+        if style == "dim" and render.quiet():
+            return
         for line in _wrapped(_shown(text), most):
             self._lines += [(stream or sys.stdout, s) for s in _drawn(Text(line, style=style))]
 

@@ -54,7 +54,7 @@ def test_it_is_the_diagnosis_of_the_engine() -> None:
 
 @pytest.mark.slow
 def test_a_log_alone_is_divided_and_a_given_model_is_doubted() -> None:
-    model = sysid.fit("oe", motor(1), "nb=1 nf=1 nk=1")
+    model = sysid.fit(motor(1), "oe", "nb=1 nf=1 nk=1")
     result = sysid.diagnose([motor(1)], model=model)
     assert result.before is model
     assert result.effects
