@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
-from sysid.export.c.fields import Field, places
 from sysid.export.c.parameters import (
     STRUCT,
     Tunable,
@@ -19,6 +18,7 @@ from sysid.export.c.parameters import (
 )
 from sysid.export.c.program import Derived, Program, assigned
 from sysid.export.c.traced import Traced, cells_of
+from sysid.export.c.writing import Field, places
 from sysid.structures import special_runs
 from sysid.structures.model import Model
 from sysid.structures.special_runs import CStep

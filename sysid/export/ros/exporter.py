@@ -6,13 +6,12 @@ from typing import ClassVar
 
 from sysid.errors import ModelError
 from sysid.export.base import Exporter, Source
-from sysid.export.c.fields import Field
 from sysid.export.c.loop.recorded_run import CLOSED, not_again, record_run
 from sysid.export.c.loop.sources import law_sources, robot_lines
 from sysid.export.c.precision import DOUBLE
 from sysid.export.c.source import plant_sources
 from sysid.export.c.step import c_step
-from sysid.export.c.writing import number
+from sysid.export.c.writing import Field, number
 from sysid.export.templates import fill
 from sysid.robot.mission.loop import Loop
 
