@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.testbench.motor.experiments import CONSTANTS, Kind, KnownValue, SteadyTest
 
 Values = Mapping[str, float]
@@ -112,7 +113,7 @@ def _torque_constant(tests: Sequence[SteadyTest], values: Values, gear: float) -
         current, load, speed = rows.T
         if np.ptp(load) > 0.0 and np.ptp(speed) > 0.0:
             terms = np.column_stack([load, np.ones(len(load)), speed])
-            slope = float(_least_squares(terms, current)[0])
+            slope = float(scaled_lstsq(terms, current)[0])
             how = "external load: slope of the current over the load"
             ways.append(Route("Kc", 1.0 / slope if slope > 0.0 else np.nan, how))
     return ways
@@ -191,13 +192,7 @@ def _friction(tests: Sequence[SteadyTest], values: Values, gear: float) -> list[
 
 def _line(x: Array, y: Array) -> Array:
     """Slope and intercept."""
-    return _least_squares(np.column_stack([x, np.ones(len(x))]), y)
-
-
-def _least_squares(terms: Array, y: Array) -> Array:
-    size = np.linalg.norm(terms, axis=0)
-    size[size == 0.0] = 1.0
-    return np.asarray(np.linalg.lstsq(terms / size, y, rcond=None)[0] / size)
+    return scaled_lstsq(np.column_stack([x, np.ones(len(x))]), y)
 
 
 _STEP = 1e-5
