@@ -17,7 +17,10 @@ Written by `python docs/generate_effects.py` from the catalogue itself: do not e
 
 What `sysid diagnose` can select and add. Each track obeys τ ω̇ = T − ω with T = K d; d is the
 command in units of full drive, so that torques count in units of the speed they hold. An effect
-changes one place of that chain and does nothing at its null value. Units: `drive` is a share of
+changes one place of that chain and does nothing at its null value. The order is: command, torque
+of the drive (supply, bridge, winding), loads from outside (weights, slopes, the other track),
+friction, speed, measurement; a weight does not fade with the winding, and friction holds what is
+lighter than itself ([0034](decisions/0034-friction-comes-last.md)). Units: `drive` is a share of
 full drive, `speed` the unit of the output, `1` a pure number. *Ties*: effects that many logs
 cannot distinguish from it. *Undone*: a mission can compensate it (`control.compensate`, see
 [control.md](control.md#compensating-identified-effects)).

@@ -338,7 +338,7 @@ def diagnose(
     from sysid.effects.measured import read_measured
 
     if mission is not None and not Path(mission).is_file():
-        raise UsageError(f"mission file not found: {mission}; give its path")
+        raise UsageError(f"{mission}: file not found")
     return search(
         _several(records),
         None if validation is None else _several(validation),

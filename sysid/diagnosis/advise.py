@@ -83,19 +83,13 @@ def _apart(
     rows: Sequence[Row],
     floor: Array,
 ) -> float:
-    """Smallest RMS difference of any two models on a schedule, in noise standard deviations.
-
-    The schedule is filled up with rest to the length of the log, for which the full model is
-    already compiled.
-    """
+    """Smallest RMS difference of any two models on a schedule, in noise standard deviations."""
     record = search.estimation[0]
-    u = sampled(rows, record, search.scales)[: len(search.data.drive)]
-    whole = np.concatenate([u, np.zeros((len(search.data.drive) - len(u), record.nu))])
-    drive = replace(
-        record, u=whole, y=np.zeros((len(whole), record.ny)), pose=None, references=None, sha256=""
-    )
+    u = sampled(rows, record, search.scales)
+    y = np.zeros((len(u), record.ny))
+    drive = replace(record, u=u, y=y, pose=None, references=None, sha256="")
     data = prepare([drive], search.scales, search.delay)
-    runs = search.model.run(np.array([n.q for n in models]), data)[:, : len(u)]
+    runs = search.model.run(np.array([n.q for n in models]), data)
     sizes = np.maximum(floor, 1e-9 * np.max(np.abs(runs), initial=1e-9))
     return min(
         float(np.sqrt(np.nanmean(((a - b) / sizes) ** 2)))

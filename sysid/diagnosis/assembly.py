@@ -19,15 +19,18 @@ from sysid.diagnosis.diagnosis import (
     Trace,
 )
 from sysid.diagnosis.gap import ChannelGap, Gap, with_path
+from sysid.diagnosis.isolability import isolability_of
 from sysid.diagnosis.long_logs import InFull
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis
 from sysid.diagnosis.pose.ground_model import with_ground
+from sysid.diagnosis.rules.final_model import final_evidence, measured
+from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.search.detectable import detectable
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
 from sysid.diagnosis.session import DiagnosisSession, SelectionResult
 from sysid.diagnosis.several.constancy import several_logs
-from sysid.diagnosis.validation.acceptance import final_evidence
+from sysid.diagnosis.shapes.grading import FoundShape, curves_of, proven
 from sysid.diagnosis.validation.excess_error import ExcessError, excess_error
 from sysid.diagnosis.validation.explain import described, explain
 from sysid.diagnosis.validation.jitter import detect_jitter
@@ -84,7 +87,7 @@ def _confirmed(
 ) -> tuple[Selection, tuple[RejectedEffect, ...], InFull | None]:
     """The accepted effects, the rejected ones, and both models on all samples of long logs."""
     session = result.session
-    selection, rejected = session.confirmed(result.selection)
+    selection, rejected = confirmed(session, result.selection)
     if judged is None:
         return selection, rejected, None
     whole = judged(session, selection)
@@ -93,8 +96,8 @@ def _confirmed(
         least = min(rests, key=lambda id: rests[id].gap.after)
         if rests[least].gap.after > whole.gap.after:
             break
-        rejected += (RejectedEffect(least, ONLY_IN_PIECES),)
-        selection = session.measured(session.base.search.without_effect(selection, least))
+        rejected += (RejectedEffect(least, ONLY_IN_PIECES, "only-in-pieces"),)
+        selection = measured(session.base, session.base.search.without_effect(selection, least))
         whole = judged(session, selection)
     return selection, rejected, whole
 
@@ -126,27 +129,31 @@ class _Assembly:
         ids = [e.id for e in effects]
         poor, linear = self.poor(), session.linear_words(selection)
         off = (pose is not None and pose.residuals.structured) or poor.startswith(ASTRAY)
-        verdict = verdict_of(ids, remaining, off or bool(linear))
+        verdict = verdict_of(ids, remaining, off or bool(linear), self.shapes)
         gap = remaining.gap if pose is None else with_path(remaining.gap, pose.whole)
-        told = story(
-            verdict, ids, replace(remaining, gap=gap) if on_ground else remaining, base.on_rate
-        )
+        left = replace(remaining, gap=gap) if on_ground else remaining
+        told = story(verdict, ids, left, base.on_rate, self.shapes)
         traces, unseen = self.traces(), self.unseen(ids)
-        silent = verdict != "unexplained" and set(ids) <= set(OF_THE_LOG) and not poor
+        silent = (
+            verdict not in ("unexplained", "shape-found")
+            and set(ids) <= set(OF_THE_LOG)
+            and not poor
+        )
         old, new = self.models()
-        tests = (("before", session.origin.before), ("after", remaining.structure))
+        tests = (("before", session.before), ("after", remaining.structure))
         diagnosis = Diagnosis(
             verdict=verdict,
             story=poor or told,
             undecided=undecided(remaining) if silent and remaining.above_noise else "",
             unfollowed=poor,
-            base_words=session.origin.base.words,
-            baseline_words=base.words if session.given is not None else "",
+            base_words=base.words,
             effects=effects,
             excess_error=self.excess_error() if remaining.structured else None,
+            shapes=self.shapes,
+            curves=self.curves(),
             minor=tuple(dict.fromkeys(id for id, _ in selection.minor)),
             candidates=(*selection.candidates, *(pose.candidates if pose is not None else ())),
-            where=self.where(session.origin.base.model),
+            where=self.where(base.model),
             where_after=regions,
             gap=gap,
             detectable=unseen,
@@ -159,14 +166,26 @@ class _Assembly:
             traces=traces,
             geometry=pose.geometry if pose is not None else None,
             several=several_logs(session, selection),
+            isolability=isolability_of(base),
         )
-        nothing = remaining.structure is None and not selection.effects
+        nothing = remaining.structure is None and not (selection.effects or self.shapes)
         if not nothing or not (poor or verdict == "unexplained"):
             return diagnosis
         # so few samples show no more than that the log is too short
         sentence = too_short(remaining)
         plain = replace(diagnosis, minor=(), candidates=(), where=(), where_after=())
         return replace(plain, description="", story=sentence, unfollowed=sentence, undecided="")
+
+    @cached_property
+    def shapes(self) -> tuple[FoundShape, ...]:
+        """Proven shapes of what the augmented model leaves."""
+        return proven(self.session.shapes(self.selection.final))
+
+    def curves(self) -> tuple[FoundShape, ...]:
+        """The curve at the place of each named effect, without its law."""
+        named = self.selection.effects
+        each = (curves_of(self.session.shapes(n.rest), n) for n in named)
+        return tuple(curve for curves in each for curve in curves)
 
     @cached_property
     def regions(self) -> tuple[Region, ...]:
@@ -176,7 +195,7 @@ class _Assembly:
     @cached_property
     def remaining(self) -> Remaining:
         """What remains in its errors."""
-        after = self.session.origin.before
+        after = self.session.before
         if self.selection.selected:
             after = self.session.residual_structure(self.selection, after=True)
         names = self.session.base.parts.holdout[0].output_names
@@ -242,11 +261,7 @@ class _Assembly:
 
     def traces(self) -> tuple[Trace, ...]:
         """Records with the runs of the original and the augmented model."""
-        traces, given = findings.traces(self.session.base, self.selection), self.session.given
-        if given is None:
-            return traces
-        original = findings.traces(given.base, given.nothing)
-        return tuple(replace(t, before=o.before) for t, o in zip(traces, original, strict=True))
+        return findings.traces(self.session.base, self.selection)
 
     def unseen(self, named: Sequence[str]) -> dict[str, float | None]:
         """Sizes that effects which were not found would have needed."""
@@ -288,10 +303,10 @@ class _Assembly:
         session, selection, pose = self.session, self.selection, self.pose
         base, records = session.base, session.base.parts.estimation
         said = list(findings.absorbed(base, selection))
-        if session.given is not None:
+        if self.model is not None and self.model.fitted_to(records):
             said.append(
-                "The original model has absorbed part of what is missing. The effects are added to "
-                "the baseline instead, whose held-out error is then smaller."
+                "The given model was fitted to this log and may have absorbed what is missing from "
+                "it. Without `model` effects are added to a baseline that has not."
             )
         if base.in_loop:
             said.append(

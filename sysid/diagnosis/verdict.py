@@ -10,6 +10,7 @@ from sysid.data.record import Array, Record
 from sysid.diagnosis.diagnosis import OF_THE_LOG
 from sysid.diagnosis.gap import Gap
 from sysid.diagnosis.policies import VERDICT
+from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.diagnosis.validation.model_error import ResidualStructure, structured
 
 LONG_ENOUGH = 800
@@ -65,23 +66,38 @@ class Remaining:
         )
 
 
-def verdict_of(ids: Sequence[str], remaining: Remaining, missing: bool) -> str:
-    """``effects-found``, ``no-missing-effect`` or ``unexplained``.
+def verdict_of(
+    ids: Sequence[str], remaining: Remaining, missing: bool, shapes: Sequence[FoundShape] = ()
+) -> str:
+    """``effects-found``, ``shape-found``, ``no-missing-effect`` or ``unexplained``.
 
     Args:
         missing: whether something else shows that something is missing.
+        shapes: proven shapes of what remains.
     """
     # what is a matter of the log is no missing effect and explains no error
     if any(id not in OF_THE_LOG for id in ids):
         return "effects-found"
+    if shapes:
+        return "shape-found"
     return "unexplained" if missing or remaining.matters else "no-missing-effect"
 
 
-def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool = False) -> str:
+def story(
+    verdict: str,
+    ids: Sequence[str],
+    remaining: Remaining,
+    on_rate: bool = False,
+    shapes: Sequence[FoundShape] = (),
+) -> str:
     """Why this verdict, in a sentence or two."""
     missing = [id for id in ids if id not in OF_THE_LOG]
     if verdict == "effects-found" and missing:
-        return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}"
+        rest = f" What remains has a shape: {_shapes(shapes)}." if shapes else ""
+        return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}{rest}"
+    if verdict == "shape-found":
+        known = f"Shape known, physics open: {_shapes(shapes)}."
+        return f"{known} No effect of the catalogue explains it."
     if verdict == "unexplained" and remaining.structure is None:
         return too_short(remaining)
     if verdict == "unexplained":
@@ -97,6 +113,19 @@ def story(verdict: str, ids: Sequence[str], remaining: Remaining, on_rate: bool 
             f"{remaining.share} of the errors beyond the noise."
         )
     return "Nothing is missing that this log could show: the errors look like noise."
+
+
+def _shapes(shapes: Sequence[FoundShape]) -> str:
+    """Shapes in words, each with its share of the excess error; alike ones once."""
+    said = []
+    for id in dict.fromkeys(s.id for s in shapes):
+        first, *others = (s for s in shapes if s.id == id)
+        alike = f", and likewise {', '.join(s.output for s in others)}" if others else ""
+        said.append(
+            f"{first.sentence} ({100.0 * first.share:.0f} % of the excess error of "
+            f"{first.output}{alike})"
+        )
+    return "; ".join(said)
 
 
 def _what_remains(remaining: Remaining) -> str:

@@ -324,6 +324,7 @@ EFFECTS = (
         (EffectParameter("rate", "drive/s", 1e12, 0.05, 100.0, (0.4, 1.0, 3.0, 8.0), kinks=True),),
         _rate_limit,
         states=1,
+        ties=("servo-speed-limit",),
         programmes=(TOP, REVERSALS),
     ),
     Effect(

@@ -24,6 +24,23 @@ class Place(Enum):
     SAMPLES = "samples"
 
 
+class TorquePart(Enum):
+    """Which part of the torque an effect changes; they act in this order.
+
+    A weight does not fade with the winding, and dry friction answers to all that pulls: with the
+    weight behind it a shaft that friction holds would creep for ever.
+    """
+
+    DRIVE = "what supply, bridge and motor make of the command"
+    LOAD = "what acts on the shaft from outside: weights, slopes, the other track"
+    FRICTION = "what resists the motion of the shaft"
+
+
+FRICTION_BEFORE_LOADS, ORDER = 1, 2
+"""Orders of the chain: that of older files, which name none, where weights and the fading of a warm
+motor act behind friction; and that of ``TorquePart``."""
+
+
 class StartsFrom(Enum):
     """What the search for an effect starts from; all but the first are read off the data."""
 
@@ -55,6 +72,8 @@ class Context:
         b: speed reached per unit of torque within the step.
         torque: torque of the step, in units of steady speed (T = K d).
         torque_other: that of the other track (zero where there is none).
+        driven: what the drive makes of the torque, before loads and friction; what loads take is
+            the difference to the signal that reaches the friction.
         drive: command as it was given, before any effect.
         turned: angle of the wheel, integrated from its speed [rad].
         counted: angle integrated from the measurements before this one [rad].
@@ -76,6 +95,7 @@ class Context:
     holds: Signal
     gain: Signal = 1.0
     log: Signal = 0.0
+    driven: Signal = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,6 +122,7 @@ class EffectParameter:
         edge: +1 or −1 for an edge on the axis of the command, upward or downward: between two
             neighbouring commands of a log its position is not determined.
         as_command: whether it is also shown as the command that just overcomes it.
+        as_rate: whether an error of a servo, it is also shown as the speed that this error holds.
         measured_as: key of a mission's ``vehicle.supply`` under which a bench measures it.
     """
 
@@ -120,6 +141,7 @@ class EffectParameter:
     at_limit: bool = False
     edge: int = 0
     as_command: bool = False
+    as_rate: bool = False
     measured_as: str = ""
 
     @property
@@ -160,7 +182,7 @@ Step = Callable[[Any, Signal, State, Mapping[str, Signal], Context], tuple[Signa
 Inverse = Callable[[Any, Signal, Mapping[str, Signal], Context], Signal]
 """(xp, signal that is wanted behind the effect, parameters, context) → signal in front of it.
 
-Of the context it may look at ``t``, ``w``, ``torque`` and ``torque_other``.
+Of the context it may look at ``t``, ``w``, ``torque``, ``torque_other`` and ``driven``.
 """
 
 Constants = Callable[[Any, Mapping[str, Signal], float, Signal], dict[str, Signal]]
@@ -233,6 +255,7 @@ class Effect:
         step: the one implementation, over numpy and jax.numpy alike.
         constants: (xp, parameters, dt, kept) → further parameters that the step reads beside the
             parameters and that do not change from step to step.
+        part: of an effect on the torque, which part of it: the order in which they act.
         states: how many states it carries.
         on_past: (xp, signal, past, parameters, context) → the effect on a whole record at once,
             for one whose states are simply its own last inputs, newest first, or follow from the
@@ -292,6 +315,7 @@ class Effect:
     parameters: tuple[EffectParameter, ...]
     step: Step
     constants: Constants | None = None
+    part: TorquePart = TorquePart.LOAD
     states: int = 0
     on_past: Callable[[Any, Signal, Past, Mapping[str, Signal], Context], Signal] | None = None
     on_record: OnRecord | None = None

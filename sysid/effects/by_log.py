@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State, TorquePart
 
 P = Mapping[str, Signal]
 
@@ -48,6 +48,7 @@ GAIN_BY_LOG = Effect(
         for k in range(1, MOST_LOGS)
     ),
     _gain,
+    part=TorquePart.DRIVE,
 )
 """The first log's gain is the model's own."""
 

@@ -111,17 +111,50 @@ def _mode(xp: Any, rate: Signal, wheel: Signal, body: Signal, damper: Signal) ->
     )
 
 
+ROUNDING = 1e-9
+"""Share of what friction takes below which a speed is zero."""
+
+
 def _inertia(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    """The coupled motion; dry friction of a track takes of the other one's push what it can hold.
+
+    The chain has stepped each track by itself. Where it stood, or its friction stopped it, the push
+    is added to the torque that friction had to hold: at most ``holds``, it stays and the other one
+    moves as if alone; beyond, it slides. A track that the push takes through zero feels friction
+    from the other side for the rest of the sample.
+    """
     if w.shape[-1] != 2:
         return w, s
-    deviation = c.w - (w - c.w_free) / c.b
-    # a track that sticks neither feels the other one nor moves it
-    stands = (w == 0.0) & (c.w == 0.0) & (xp.abs(c.torque) < c.holds)
-    stands = stands[..., :1] | stands[..., 1:]
+    (body,) = s
+    soft, hold = p["soft"] > 0.5, c.b * c.holds
+    stopped = xp.minimum(xp.abs(w), xp.abs(c.w)) < ROUNDING * hold
+    acting = (w - c.w_free) / c.b
+    change, _ = _pushed(xp, c.w - xp.where(stopped, c.torque, acting), body, p, c)
+    free = c.w_free + c.b * c.torque + change
+    stays = stopped & (xp.abs(free) <= hold)
+    stands = stays[..., :1] | stays[..., 1:]
+    acting = xp.where(stopped, c.torque - c.holds * xp.sign(free), acting)
+    change, carried = _pushed(xp, c.w - acting, body, p, c)
+    moved = c.w_free + c.b * acting + change
+    turned = (moved * c.w < 0.0) & (w * c.w > 0.0)
+    rest = moved / xp.where(turned, moved - c.w, 1.0)  # share of the sample behind zero
+    slowed = xp.maximum(xp.abs(moved) - 2.0 * rest * hold, 0.0) * xp.sign(moved)
+    moved = xp.where(turned, slowed, moved)
+    moved = xp.where(stands, xp.where(stays, 0.0, w), moved)
+    moved = xp.where((p["share"] == 0.0) & ~soft, w, moved)
+    return moved, (xp.where(stands | ~soft, moved, acting + carried),)
+
+
+def _pushed(xp: Any, deviation: Signal, body: Signal, p: P, c: Context) -> tuple[Signal, Signal]:
+    """What coupling changes in a sample, and the body's own deviation after it.
+
+    Args:
+        deviation: from the speeds that the torques hold.
+        body: its speeds at the tracks.
+    """
     # both less one is the other: turning the tracks round would cost most of a compiled step
     other = deviation[..., :1] + deviation[..., 1:] - deviation
     rigid = (p["own"] - (1.0 - c.b)) * deviation + p["other"] * other
-    (body,) = s
     behind = deviation + body - c.w
     mean, mean_behind = _of_both(deviation), _of_both(behind)
     turns, led = deviation - mean, behind - mean_behind
@@ -129,10 +162,7 @@ def _inertia(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, St
     track = track + p["turning_of_track"] * turns + p["turning_of_body"] * led
     carried = p["straight_body_of_track"] * mean + p["straight_body_of_body"] * mean_behind
     carried = carried + p["turning_body_of_track"] * turns + p["turning_body_of_body"] * led
-    soft = p["soft"] > 0.5
-    coupled = xp.where(soft, track - p["alone"] * deviation, rigid)
-    moved = w + xp.where(stands | ((p["share"] == 0.0) & ~soft), 0.0, coupled)
-    return moved, (xp.where(stands | ~soft, moved, c.w - deviation + carried),)
+    return xp.where(p["soft"] > 0.5, track - p["alone"] * deviation, rigid), carried
 
 
 EFFECTS = (

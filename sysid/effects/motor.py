@@ -6,7 +6,16 @@ Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Law,
+    Place,
+    Signal,
+    State,
+    TorquePart,
+)
 from sysid.effects.programmes import COASTING, HOT, LEVELS, REPEAT
 from sysid.effects.supply import USUAL_EMF
 
@@ -90,6 +99,7 @@ EFFECTS = (
         ),
         _thermal,
         lambda xp, p, dt, kept: {"warming": 1.0 - xp.exp(-dt / p["time"])},
+        part=TorquePart.DRIVE,
         states=1,
         at_rest=lambda w, d: (0.0 * w,),
         programmes=(HOT, REPEAT),

@@ -7,7 +7,17 @@ the share of the viscous term that is the back-emf. At stall it is K d.
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Law, Past, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Law,
+    Past,
+    Place,
+    Signal,
+    State,
+    TorquePart,
+)
 from sysid.effects.programmes import (
     COASTING,
     HOT,
@@ -160,6 +170,7 @@ EFFECTS = (
         ),
         _sag,
         _amid,
+        part=TorquePart.DRIVE,
         laws=(
             Law(("sag",), choices={"current": 0.0}),
             Law(("sag",), choices={"current": 1.0}, sentence=_BY_CURRENT),
@@ -185,6 +196,7 @@ EFFECTS = (
         ),
         _dead_time,
         _amid,
+        part=TorquePart.DRIVE,
         inverse=_through_dead_time,
         ties=("dead-zone", "coulomb-friction", "stiction"),
         programmes=(STAIRCASE, REVERSALS, COASTING),
@@ -208,6 +220,7 @@ EFFECTS = (
         ),
         _limit,
         _amid,
+        part=TorquePart.DRIVE,
         ties=("input-saturation",),
         programmes=(TOP, REVERSALS),
     ),

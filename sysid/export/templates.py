@@ -9,7 +9,8 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
-from sysid.export.c.writing import comment, listed, members, number, wrapped
+from sysid.export.c.fields import members
+from sysid.runners.trace.writing import comment, listed, number, wrapped
 from sysid.version import __version__
 
 if TYPE_CHECKING:

@@ -8,9 +8,12 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.diagnosis.diagnosis import Diagnosis, Experiment
 from sysid.diagnosis.several.results import sentences, table_of_logs
+from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.report import diagnosis_bars, diagnosis_drawing, diagnosis_picture, style
 from sysid.report import diagnosis_words as words
+from sysid.report.isolability_drawing import draw_isolability
 from sysid.report.plots import inline_svg, share_letters
+from sysid.report.shape_drawing import draw_curve
 
 _TEMPLATE = "diagnosis.html.j2"
 
@@ -58,7 +61,13 @@ def diagnosis_page(diagnosis: Diagnosis, before: str, after: str) -> str:
 def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
     """Every picture by name; those whose data are missing are left out."""
     shown = words.leading_regions(diagnosis, 10)
-    drawn: dict[str, Any] = {"channels": [], "regions": "", "candidates": "", "gap": ""}
+    drawn: dict[str, Any] = {
+        "channels": [],
+        "regions": "",
+        "candidates": "",
+        "gap": "",
+        "isolability": "",
+    }
     if shown:
         drawn["regions"] = inline_svg(
             "regions", "Shares of the excess error by regime", diagnosis_drawing.draw_regions, shown
@@ -77,6 +86,15 @@ def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
         drawn["candidates"] = inline_svg(
             "candidates", "Candidates by score", diagnosis_bars.draw_candidates, *facts
         )
+    if diagnosis.isolability is not None:
+        drawn["isolability"] = inline_svg(
+            "isolability",
+            "Angles between the signatures of effects",
+            draw_isolability,
+            diagnosis.isolability,
+        )
+    found = enumerate((*diagnosis.shapes, *diagnosis.curves))
+    drawn["shapes"] = [(s, _shape(k, s)) for k, s in found]
     drawn["paths"] = [_path(k, *entry) for k, entry in enumerate(words.path_lines(diagnosis.path))]
     if words.held_out(diagnosis):
         outputs = words.held_out(diagnosis)[0].record.outputs
@@ -124,6 +142,13 @@ def _channel(diagnosis: Diagnosis, i: int) -> dict[str, Any]:
             changed=changed,
         ),
     }
+
+
+def _shape(k: int, shape: FoundShape) -> str:
+    """The curve of a shape; empty where its sentence says all."""
+    if shape.curve is None:
+        return ""
+    return inline_svg(f"shape{k}", f"{shape.id} of {shape.output}", draw_curve, shape.curve)
 
 
 def _path(k: int, record: str, lines: tuple[tuple[str, Array], ...]) -> dict[str, Any]:

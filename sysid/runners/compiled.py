@@ -2,12 +2,8 @@
 
 import os
 from functools import cache
-from math import factorial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
-
-import numpy as np
 
 KEPT_FROM = 0.1
 """Compilations that took longer than this are kept on disk [s]."""
@@ -40,44 +36,6 @@ def compiled(function: Any) -> Any:
     quarter sooner. Versions of JAX without these switches compile as they like.
     """
     return jax_module().jit(function, compiler_options=_options())
-
-
-def vectorised(jnp: Any) -> Any:
-    """``jax.numpy`` with sines that run on several numbers at once, and a plain ``where``.
-
-    XLA calls the C library for each sine of a double, which costs as much as ten other steps of an
-    effect. With n = round(x/π), sin x = (−1)ⁿ sin(x − nπ), where a polynomial serves. And each
-    ``where`` of JAX is a compiled function of its own, which takes longer to trace and to lower.
-    """
-    lax = jax_module().lax
-
-    def where(condition: Any, yes: Any, no: Any) -> Any:
-        yes, no = jnp.asarray(yes), jnp.asarray(no)
-        kind = jnp.promote_types(yes.dtype, no.dtype)
-        shape = jnp.broadcast_shapes(condition.shape, yes.shape, no.shape)
-        chosen = (jnp.broadcast_to(x.astype(kind), shape) for x in (yes, no))
-        return lax.select(jnp.broadcast_to(condition, shape), *chosen)
-
-    def sin(x: Any) -> Any:
-        n = jnp.round(x / np.pi)
-        y = (x - n * _PI[0]) - n * _PI[1]
-        square = y * y
-        result = jnp.zeros_like(y)
-        for c in reversed(_SINE):
-            result = result * square + c
-        return result * y * (1.0 - 2.0 * jnp.abs(n - 2.0 * jnp.round(0.5 * n)))
-
-    def cos(x: Any) -> Any:
-        return sin(x + 0.5 * np.pi)
-
-    return SimpleNamespace(**{**vars(jnp), "sin": sin, "cos": cos, "where": where})
-
-
-_SINE = tuple((-1.0) ** k / factorial(2 * k + 1) for k in range(11))
-"""Taylor's polynomial: its remainder within ±π/2 is below the last digit of a double."""
-
-_PI = (3.141592651605606, 1.984187159361081e-09)
-"""π in two parts, of which the first leaves n π exact for the n that occur."""
 
 
 @cache

@@ -1,6 +1,6 @@
 """Model: a structure with parameters, their covariance, and provenance."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -226,6 +226,11 @@ class Model:
         """
         if unlike := difference(record, self, "the model", unstated_fits=True):
             raise ModelError(unlike)
+
+    def fitted_to(self, records: Sequence[Record]) -> bool:
+        """Whether one of these logs is among those it was fitted to."""
+        known = {s.sha256 for s in self.provenance.data}
+        return any(r.sha256 in known for r in records)
 
     def fits_clock(self, record: Record) -> bool:
         """Whether a record has the model's sample time."""

@@ -27,7 +27,7 @@ def steady(e: Effect, motion: np.ndarray, torque: np.ndarray) -> Context:
     return Context(
         dt=0.05, t=np.float64(4.0), w=motion, w_free=KEPT * motion, b=np.full(2, 1.0 - KEPT),
         torque=torque, torque_other=torque[::-1], drive=torque, turned=motion, counted=motion,
-        holds=np.zeros(2),
+        holds=np.zeros(2), driven=torque,
     )  # fmt: skip
 
 

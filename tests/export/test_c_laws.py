@@ -9,10 +9,10 @@ import pytest
 from plant_models import robot_model
 
 from sysid.export.c.loop.block import Law, recorded
-from sysid.export.c.traced import TRACE
 from sysid.export.package import Form, package_files
 from sysid.robot.mission.spec import load_mission
 from sysid.runners.loops import repeated
+from sysid.runners.trace.traced import TRACE
 
 
 def law(start: Any, step: Any, **parameters: float) -> Law:

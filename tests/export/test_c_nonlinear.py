@@ -15,14 +15,14 @@ from sysid.data.record import Array
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import ModelError
 from sysid.export.c.parameters import theta_numbers
-from sysid.export.c.program import Program
 from sysid.export.c.source import c_sources
 from sysid.export.c.step import c_step, tunable_parameters
-from sysid.export.c.traced import TRACE, Traced
 from sysid.export.package import package_files
 from sysid.plant.package import CARD
 from sysid.plant.selftest import make_selftest
 from sysid.runners.compiled import jax_module
+from sysid.runners.trace.program import Program
+from sysid.runners.trace.traced import TRACE, Traced
 from sysid.structures.augmented.given_base import GivenBase
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.blocks.hammerstein_wiener import HammersteinWiener

@@ -77,5 +77,5 @@ def test_what_proves_nothing_is_refused(judge: sysid.Record, words: str) -> None
 def test_too_short_a_log_and_a_missing_mission_are_refused(tmp_path: Path) -> None:
     with pytest.raises(sysid.DataError, match="40 samples are too few"):
         sysid.diagnose(motor(1, 40))
-    with pytest.raises(sysid.UsageError, match="mission file not found"):
+    with pytest.raises(sysid.UsageError, match="file not found"):
         sysid.diagnose(motor(1), mission=tmp_path / "none.yaml")

@@ -18,6 +18,7 @@ KEPT = {
     "to_body": "the same: 2.3",
     "point_velocity": "the same: 2.7",
     "point_acceleration": "the same: 2.9",
+    "format_help": "called by typer for --help",
 }
 """Known and without a user, with the reason why they stay. Tests alone are no user."""
 

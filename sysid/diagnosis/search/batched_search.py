@@ -14,6 +14,9 @@ from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import OVERFLOW, Data
 from sysid.fitting.batched import Damping, descend_together
 
+RUN_AWAY = 1e100
+"""A slope of this size belongs to a run without end; its square is still a number."""
+
 FLAT = 1e-6
 """An item rests when a step gains less than this share of its cost, unless told otherwise."""
 
@@ -67,9 +70,10 @@ def search(
     """
     batch = [_batch_item(model, q, f) for q, f in zip(q0, free, strict=True)]
     fits = _Fits(model, data, batch, q0)
-    theta, cost = descend_together(
-        fits.run, fits.start, fits.free, fits.bounds, DAMPING, iterations, flat
-    )
+    with np.errstate(over="ignore", invalid="ignore"):  # runs from some starts have no end
+        theta, cost = descend_together(
+            fits.run, fits.start, fits.free, fits.bounds, DAMPING, iterations, flat
+        )
     return fits.rows(theta), fits.by_track(cost)
 
 
@@ -97,7 +101,8 @@ def slopes(model: FullModel, q: Array, free: Sequence[int], data: Data) -> Array
     steps = [_step(model, q, k) for k in free]
     rows[np.arange(1, len(rows)), list(free)] += steps
     first, *shifted = model.run(rows, data)
-    whole = np.array([(run - first) / h for run, h in zip(shifted, steps, strict=True)])
+    with np.errstate(over="ignore", invalid="ignore"):
+        whole = np.array([(run - first) / h for run, h in zip(shifted, steps, strict=True)])
     return np.moveaxis(np.nan_to_num(whole, posinf=0.0, neginf=0.0), 0, 2)
 
 
@@ -197,7 +202,7 @@ class _Trial:
             for i in tracks:
                 weight = fits.data.weight[:, i]
                 S = np.array([weight * change[k][column[s]][:, i] / step[s] for s in parameters])
-                S = np.where(np.isfinite(S), S, 0.0)
+                S = np.where(np.abs(S) < RUN_AWAY, S, 0.0)  # of a run without end, NaN included
                 A[at, :n, :n] += S @ S.T
                 g[at, :n] += S @ np.nan_to_num(weight * (fits.data.y - self.runs[k])[:, i])
         return A, g

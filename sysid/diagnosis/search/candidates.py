@@ -21,6 +21,7 @@ from sysid.diagnosis.search.lags import exchanged, lags_of
 from sysid.diagnosis.search.parameter_table import ModelParameter
 from sysid.diagnosis.search.prepared import Data, logs_of, prepare
 from sysid.diagnosis.search.refinement import between_levels, edges_of, refined
+from sysid.diagnosis.search.screen import screened
 from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
 from sysid.diagnosis.search.starts import free_indices, starts_of
 from sysid.effects.base import Effect, StartsFrom, Wave
@@ -58,8 +59,7 @@ class CandidateSearch:
         fitted, judged = weights if weights is not None else (None, None)
         self.logs = logs_of(self.estimation, self.holdout)
         self.data = prepare(known, scales, delay, fitted, logs=self.logs.estimation)
-        rows = len(self.data.drive)
-        self.holdout_data = prepare(known_holdout, scales, delay, judged, rows, self.logs.holdout)
+        self.holdout_data = prepare(known_holdout, scales, delay, judged, self.logs.holdout)
         owners = ("core", LEVEL.id) if level else ("core",)
         core = tuple(k for k, s in enumerate(model.parameters) if s.owner in owners)
         self.core = () if fixed_core else core
@@ -163,36 +163,28 @@ class CandidateSearch:
         """Every effect added to a candidate model, the most promising fitted in full, most likely
         first.
 
-        All starts take a few steps, the best start of each law of an effect some more, and only the
-        effects that then lead are fitted to the end, of which each keeps one law.
+        All starts are screened without a fit; of the effects that then lead, the best start of each
+        law takes some steps, and those that still lead are fitted to the end, of which each keeps
+        one law.
         """
         errors = np.nan_to_num(self.data.y - self.model.run(model.q, self.data)[0])
         now = np.sum((self.data.weight * errors) ** 2, axis=0)
         batch: list[Array] = []
         owners: list[Effect] = []
-        lags = lags_of(self.model, model)
         for e in effects:
             if e.id in (*model.effects, *model.excluded) or (self.level and e.level):
                 continue
-            for row in starts_of(self.model, e, model.q, errors, self.data, not self.core):
-                batch += [row, exchanged(self.model, row, lags)] if lags else [row]
-                owners += [e] * (1 + bool(lags))
+            rows = starts_of(self.model, e, model.q, errors, self.data, not self.core)
+            batch += rows
+            owners += [e] * len(rows)
         if not batch:
             return []
-        q, cost = self._search(model, np.array(batch), owners, BUDGET.first_steps)
-        core = [k for k, e in enumerate(owners) if e.starts_from is StartsFrom.SIGNS]
-        if core:  # a whole core is found anew, from starts far apart
-            q[core], cost[core] = self._search(
-                model, q[core], [owners[k] for k in core], BUDGET.full_steps
-            )
-        ways = [(e.id, self._law(e, row)) for e, row in zip(owners, batch, strict=True)]
-        # one effect after the other, the laws of each in its own order: the simplest first
-        ids = list(dict.fromkeys(e.id for e in owners))
-        groups = sorted(dict.fromkeys(ways), key=lambda w: (ids.index(w[0]), w[1]))
-        rows = [[k for k, w in enumerate(ways) if w == way] for way in groups]
-        tried = [owners[r[0]] for r in rows]
-        starts = [self._joined(q[r], cost[r], t) for r, t in zip(rows, tried, strict=True)]
-        q, cost = self._search(model, np.array(starts), tried, BUDGET.more_steps)
+        starts, tried = self._screened(model, np.array(batch), owners)
+        q, cost = self._search(model, starts, tried, BUDGET.more_steps)
+        laws = self._by_law(starts, tried)
+        tried = [tried[rows[0]] for rows in laws]
+        q = np.array([self._joined(q[r], cost[r], e) for r, e in zip(laws, tried, strict=True)])
+        cost = self.data.squared_error(self.model.run(q, self.data))
         kept = self._shortlist(model, tried, cost, now, most)
         if not kept:
             return []
@@ -205,10 +197,75 @@ class CandidateSearch:
         judged = [self.scored(model, n, len(effects), samples) for n in models]
         return sorted(_simplest(judged), key=lambda j: -j.score)
 
+    def _screened(
+        self, model: CandidateModel, batch: Array, owners: Sequence[Effect]
+    ) -> tuple[Array, list[Effect]]:
+        """The best start of each law of the effects that the screen puts first, and the same with
+        what the model estimates moved along.
+
+        A core that is found anew is no small change: such starts are searched instead.
+        """
+        screen = screened(self.model, model.q, model.free, batch, self.data)
+        cost = screen.cost
+        anew = [k for k, e in enumerate(owners) if e.starts_from is StartsFrom.SIGNS]
+        if anew:
+            batch[anew], cost[anew] = self._search(
+                model, batch[anew], [owners[k] for k in anew], BUDGET.full_steps
+            )
+        least: dict[str, float] = {}
+        for e, value in zip(owners, np.sum(np.log(cost + 1e-300), axis=1).tolist(), strict=True):
+            least[e.id] = min(value, least.get(e.id, np.inf))
+        leading = sorted(least, key=lambda id: least[id])[: BUDGET.screened]
+        wanted = {*leading, *(t for id in leading[:2] for t in about(id).ties)}
+        wanted |= {owners[k].id for k in anew}
+        lags = lags_of(self.model, model)
+        starts: list[Array] = []
+        tried: list[Effect] = []
+        for rows in self._by_law(batch, owners):
+            e = owners[rows[0]]
+            of_law = np.min(np.sum(np.log(cost[rows] + 1e-300), axis=1))
+            if e.id not in wanted or of_law > least[e.id] + self.model.tracks * np.log(BUDGET.law):
+                continue
+            ranked = (cost, screen.at_start) if e.starts_from is not StartsFrom.SIGNS else (cost,)
+            some = [self._joined(batch[rows], by[rows], e) for by in ranked]
+            if len(ranked) > 1:
+                some.append(self._along(model, some[1], screen.moved[rows], ranked[1][rows]))
+                run = self.data.squared_error(self.model.run(np.array(some), self.data))
+                some = [some[k] for k in np.argsort(run.sum(axis=1))[:2]]
+            some += [exchanged(self.model, row, lags) for row in some[:1]] if lags else []
+            starts += some
+            tried += [e] * len(some)
+        return np.array(starts), tried
+
+    def _along(self, model: CandidateModel, q: Array, moved: Array, cost: Array) -> Array:
+        """A start with what the model estimates moved as its screen says, track by track.
+
+        Args:
+            moved, cost: of the starts that ``q`` was put together from.
+        """
+        out = q.copy()
+        for at, change in zip(model.free, moved.T, strict=True):
+            p = self.model.parameters[at]
+            of_track = cost.sum(axis=1) if p.track < 0 else cost[:, p.track]
+            out[at] = p.within(q[at] + change[int(np.argmin(of_track))])
+        return out
+
+    def _by_law(self, batch: Array, owners: Sequence[Effect]) -> list[list[int]]:
+        """Items by effect and law: one effect after the other, of each the simplest law first."""
+        ways = [(e.id, self._law(e, row)) for e, row in zip(owners, batch, strict=True)]
+        ids = list(dict.fromkeys(e.id for e in owners))
+        groups = sorted(dict.fromkeys(ways), key=lambda w: (ids.index(w[0]), w[1]))
+        return [[k for k, w in enumerate(ways) if w == way] for way in groups]
+
     def scored(
-        self, rest: CandidateModel, model: CandidateModel, tried: int, samples: Array
+        self,
+        rest: CandidateModel,
+        model: CandidateModel,
+        tried: int,
+        samples: Array | None = None,
     ) -> ScoredCandidate:
         """A candidate against the model that it was tried on."""
+        samples = common_samples([model]) if samples is None else samples
         evidence = self.evidence(rest, model, tried, samples)
         return ScoredCandidate(model, evidence, self.likelihood(rest, model, samples))
 
@@ -272,7 +329,7 @@ class CandidateSearch:
             (k, j)
             for k, a in enumerate(chosen)
             for j, b in enumerate(chosen)
-            if b.id in a.ties or a.id in b.ties
+            if (b.id in a.ties or a.id in b.ties) and cost[j].sum() < cost[k].sum()
         ]
         if not pairs:
             return q

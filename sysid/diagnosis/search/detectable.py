@@ -129,12 +129,12 @@ def _unexplained(
     coefficients: Array | None = None
     for holdout in (False, True):
         data = search.holdout_data if holdout else search.data
-        total = sum(data.lengths)
-        weight = np.sqrt(data.weight[:total]) * noise.weight
+        weight = np.sqrt(data.weight) * noise.weight
         J = np.concatenate(search.slopes(model, holdout)) * weight[:, :, None]
         J = J.reshape(J.shape[0] * J.shape[1], J.shape[2])
         base = search.model.run(model.q, data)[0]
-        change = (search.model.run(batch, data) - base)[:, :total] * weight
+        with np.errstate(over="ignore", invalid="ignore"):
+            change = (search.model.run(batch, data) - base) * weight
         flat = np.nan_to_num(change.reshape(len(batch), -1), posinf=0.0, neginf=0.0)
         flat = np.clip(flat, -RUN_AWAY, RUN_AWAY)
         if coefficients is None:

@@ -13,6 +13,7 @@ from sysid.diagnosis.search.moves import (
     beside_either,
     on_more_tracks,
     swapped,
+    together,
 )
 from sysid.diagnosis.search.redundancy import is_redundant
 from sysid.diagnosis.search.selection import (
@@ -58,10 +59,12 @@ class ForwardSelection(CandidateSearch):
         passed = [j for j in self.passing(judged) if j.evidence.ratio < (needed or self.needed)]
         others = [j for j in passed[1:] if j.id not in passed[0].model.excluded]
         beam = passed[:1] + others[: BUDGET.beam - 1]
-        if not beam:
-            return Selection(base, base, (), self._minor(judged), first)
+        pair = None if beam else together(self, base, judged, effects, needed or self.needed)
         minor = self._minor(judged)
-        best, grown_minor = self._grown(base, beam[0].model, effects, say, required)
+        if not beam and pair is None:
+            return Selection(base, base, (), minor, first)
+        start = beam[0].model if beam else pair or base
+        best, grown_minor = self._grown(base, start, effects, say, required)
         minor = grown_minor if grown_minor is not None else minor
         for rival in beam[1:]:
             # the likeliest first effect may be a stand-in: try the next one where much remains

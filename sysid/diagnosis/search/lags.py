@@ -41,6 +41,8 @@ def exchanged(model: FullModel, q: Array, lags: Sequence[int]) -> Array:
     for k in lags:
         parameter = model.parameters[k]
         pole = model.index["core", "f1", parameter.track]
+        if not (q[k] > 0.0 and -1.0 < q[pole] < 0.0):
+            continue
         out[k] = np.clip(-model.dt / np.log(-q[pole]), parameter.lower, parameter.upper)
         out[pole] = -np.exp(-model.dt / q[k])
     return out

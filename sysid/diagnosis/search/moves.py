@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.diagnosis.policies import VERDICT
+from sysid.diagnosis.policies import BUDGET, RULE, VERDICT
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
 from sysid.diagnosis.search.evidence import alike
 from sysid.diagnosis.search.selection import CandidateModel, ScoredCandidate
@@ -18,6 +18,33 @@ from sysid.effects.catalogue import CHANGED, about
 
 CLEARLY = 10.0
 """Beside the other lag an effect has to explain more by this much, in units of BIC."""
+
+
+def together(
+    search: CandidateSearch,
+    base: CandidateModel,
+    judged: Sequence[ScoredCandidate],
+    effects: Sequence[Effect],
+    needed: float,
+) -> CandidateModel | None:
+    """Two effects that only help together: the best pair of which neither is accepted alone.
+
+    On four logs of a servo with an arm the weight alone left .93 of the held-out error, friction
+    alone .999, both .26.
+
+    Args:
+        judged: effects alone, of which those that gain far beyond chance are tried with a second.
+    """
+    found: list[ScoredCandidate] = []
+    strong = [j for j in judged if j.evidence.delta_bic < RULE.certain_bic]
+    for first in strong[: BUDGET.pairs]:
+        for second in search.candidates(first.model, effects, BUDGET.pairs):
+            model = second.model
+            touched = first.model.touched | model.touched
+            pair = search.scored(base, replace(model, touched=touched), len(effects) ** 2)
+            if pair.evidence.accepted and pair.evidence.ratio < needed and search.admissible(model):
+                found.append(pair)
+    return max(found, key=lambda j: j.score).model if found else None
 
 
 def beside_either(

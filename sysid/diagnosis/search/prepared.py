@@ -1,9 +1,8 @@
-"""Records as the full model takes them: stacked, aligned and padded; and the log of each."""
+"""Records as the full model takes them: stacked and aligned; and the log of each."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +10,7 @@ from numpy.typing import NDArray
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.structures.augmented.chain import drive_before
-
-LENGTHS = (512, 1024, 1536, 2048, 3072, 4096, 5120, 6144, 8192)
-"""Records are padded to one of these (then to multiples of the last), so that one compilation
-serves many logs."""
+from sysid.structures.augmented.kernel import Signals
 
 OVERFLOW = 1e300
 """A cost beyond this is infinite: sums of several would overflow."""
@@ -22,7 +18,7 @@ OVERFLOW = 1e300
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """Records prepared for the full model: stacked, each from its own start, then padded.
+    """Records prepared for the full model: stacked, each from its own start.
 
     Attributes:
         drive, y: commands in units of full drive and measurements, (M, tracks).
@@ -51,12 +47,12 @@ class Data:
     noise: Array
 
     @cached_property
-    def arrays(self) -> dict[str, Any]:
-        """What the compiled functions take, handed over once."""
-        from sysid.runners.compiled import jax_module
-
-        names = ("drive", "y", "moving", "counted", "t", "reset", "first", "log")
-        return {name: jax_module().device_put(getattr(self, name)) for name in names}
+    def signals(self) -> Signals:
+        """What a kernel takes."""
+        names = ("drive", "y", "moving", "counted", "t", "log", "reset")
+        arrays = (np.ascontiguousarray(getattr(self, n), dtype=np.float64) for n in names)
+        drive, y, moving, counted, *rest = arrays
+        return Signals(drive, y, moving, counted, *(a.ravel() for a in rest))
 
     def squared_error(self, runs: Array) -> Array:
         """Weighted squared error of runs (…, M, tracks), (…, tracks); infinite on overflow."""
@@ -66,22 +62,11 @@ class Data:
 
     def weighted(self, weights: Sequence[Array]) -> "Data":
         """The same records with other weights, (N, tracks) each."""
-        weight = np.zeros_like(self.weight)
-        weight[: sum(self.lengths)] = np.concatenate(weights)
-        return replace(self, weight=weight)
+        return replace(self, weight=np.concatenate(weights))
 
     def split(self, whole: Array) -> tuple[Array, ...]:
         """Rows of each record of an array (M, …)."""
-        ends = np.cumsum(self.lengths)
-        return tuple(np.split(whole[: ends[-1]], ends[:-1]))
-
-
-def padded_length(samples: int) -> int:
-    """The length to which so many samples are padded."""
-    for length in LENGTHS:
-        if samples <= length:
-            return length
-    return -(-samples // LENGTHS[-1]) * LENGTHS[-1]
+        return tuple(np.split(whole, np.cumsum(self.lengths)[:-1]))
 
 
 def prepare(
@@ -89,7 +74,6 @@ def prepare(
     scales: Array,
     delay: int,
     weights: Sequence[Array] | None = None,
-    least: int = 0,
     logs: Sequence[int] | None = None,
 ) -> Data:
     """Stack records.
@@ -97,7 +81,6 @@ def prepare(
     Args:
         delay: whole samples of dead time.
         weights: weight of each sample of each record, (N, tracks).
-        least: rows at least, so that two parts of the data share one compilation.
         logs: which of several logs each record belongs to; all to the first when None.
     """
     facts = LogFacts.of(data)
@@ -105,7 +88,6 @@ def prepare(
     lengths = tuple(map(len, records))
     starts = np.cumsum([0, *lengths[:-1]])
     total = sum(lengths)
-    pad = max(padded_length(total), least) - total
     drive: list[Array] = []
     moving: list[Array] = []
     for r in records:
@@ -117,12 +99,11 @@ def prepare(
     counted = [(np.cumsum(r.y, axis=0) - r.y) * r.dt for r in records]
     t = [r.dt * np.arange(len(r), dtype=np.float64)[:, None] for r in records]
     of = [0] * len(records) if logs is None else logs
-    reset = np.zeros(total + pad)
+    reset = np.zeros(total)
     reset[starts] = 1.0
 
     def stacked(parts: Iterable[Array]) -> Array:
-        whole = np.concatenate(list(parts))
-        return np.concatenate([whole, np.zeros((pad, *whole.shape[1:]))])
+        return np.concatenate(list(parts))
 
     return Data(
         stacked(drive),
@@ -131,7 +112,7 @@ def prepare(
         stacked(s[1:] + c for s, c in zip(since, counted, strict=True)),
         stacked(s[0] + clock for s, clock in zip(since, t, strict=True)),
         reset,
-        np.append(np.repeat(starts, lengths), np.full(pad, total - 1)).astype(np.int64),
+        np.repeat(starts, lengths).astype(np.int64),
         stacked([np.ones(r.y.shape) for r in records] if weights is None else weights),
         stacked(np.full((n, 1), float(k)) for n, k in zip(lengths, of, strict=True)),
         lengths,

@@ -16,10 +16,15 @@ from sysid.data.record import Array
 from sysid.diagnosis.search.batched_search import FLAT, best_tracks, search
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import Data
+from sysid.diagnosis.search.screen import screened
 
 PROFILES, PROFILE_POINTS, PROFILE_STEPS = (3.0, 1.3), 9, 8
 """A parameter on which runs depend by jumps is first held from 1/f to f times its value while all
 others are searched, """
+
+PROFILED = 4
+"""Points of a profile that are searched: those that leave least when the others follow to first
+order."""
 
 GRIDS, GRID_POINTS = (1.2, 1.05), 21
 """and then tried on ever finer grids."""
@@ -88,6 +93,8 @@ def _profiled(
     for spread in PROFILES if widely else PROFILES[1:]:
         rows = _spread_out(model, shaped, [jumps] * len(shaped), spread, PROFILE_POINTS)
         rows = rows.reshape(-1, len(q))
+        at_start = screened(model, q, smooth, rows, data).at_start
+        rows = rows[np.argsort(at_start.sum(axis=1))[:PROFILED]]
         refit, cost = search(model, rows, [smooth] * len(rows), data, PROFILE_STEPS, flat)
         q = best_tracks(model, refit, cost)
         shaped = q[None]

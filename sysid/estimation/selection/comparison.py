@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from sysid.criteria import table
-from sysid.criteria.information import information_criteria, on_common_samples
 from sysid.data.documents import plain
 from sysid.data.record import Record, names_of
 from sysid.errors import ModelError, SysidError
 from sysid.estimation.assessment.figures import residual_tests
 from sysid.estimation.assessment.findings import Policy, figures_on
-from sysid.estimation.robust_fit import judged_errors
+from sysid.estimation.selection.ranking import common_criteria
 from sysid.estimation.soundness import doubts_about, leader, relative_gap
 from sysid.fitting.holdout import CLOSE
 from sysid.structures.model import Model
@@ -164,6 +163,21 @@ def compare(
     return Ranking(criterion, tuple(lines), excluded, tuple(notes), data, best)
 
 
+def common_validation(
+    contenders: Sequence[Contender],
+) -> tuple[tuple[Record, ...], str] | None:
+    """What the newest model was validated on, for all of them, and what to call it.
+
+    None where all were validated alike or none was, and where the log has gone or is one that a
+    model was fitted to: figures of the fit then stand.
+    """
+    data = {tuple((r.sha256, r.t0, len(r)) for r in c.validation or ()) for c in contenders}
+    newest = next((c.validation for c in reversed(contenders) if c.validation), None)
+    if newest is None or len(data) == 1 or _seen_before(contenders, newest):
+        return None
+    return newest, names_of(newest)
+
+
 def _seen_before(contenders: Sequence[Contender], judged: Sequence[Record]) -> list[str]:
     """A note where models are judged on what some of them were fitted to: those look too good."""
     seen = [c.id for c in contenders if not _unseen(c.model, judged)]
@@ -306,12 +320,8 @@ def _criteria(contenders: Sequence[Contender], notes: list[str]) -> dict[str, di
         )
     if not same or first.records is None:
         return {c.id: dict(c.model.criteria) for c in contenders}
-    errors = [judged_errors(c.model, first.records) for c in contenders]
-    common = on_common_samples(errors)
-    return {
-        c.id: information_criteria(e, c.model.n_estimated)
-        for c, e in zip(contenders, common, strict=True)
-    }
+    common = common_criteria([c.model for c in contenders], first.records)
+    return {c.id: made for c, made in zip(contenders, common, strict=True)}
 
 
 def _value(criterion: str, criteria: Mapping[str, float], figures: Mapping[str, Any]) -> float:

@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from sysid.export.base import Exporter, Source
+from sysid.export.c.fields import numbers
 from sysid.export.c.loop.block import Block
 from sysid.export.c.loop.sources import loop_sources
 from sysid.export.c.precision import DOUBLE, in_single, single
 from sysid.export.c.report import LoopFacts, report
 from sysid.export.c.source import plant_sources
 from sysid.export.c.step import c_step
-from sysid.export.c.writing import numbers
 from sysid.export.templates import fill
 from sysid.robot.mission.loop import Loop
 from sysid.version import __version__

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array, Channel
+from sysid.export.c.fields import Field, places
 from sysid.export.c.names import distinct
-from sysid.export.c.program import Program, constant
-from sysid.export.c.traced import WRITTEN_OUT, Traced
-from sysid.export.c.writing import Field, places
 from sysid.fitting.problem import Parameter
+from sysid.runners.trace.program import Program, constant
+from sysid.runners.trace.traced import WRITTEN_OUT, Traced
 from sysid.structures import special_runs
 from sysid.structures.augmented.given_base import GivenBase
 from sysid.structures.augmented.structure import Augmented

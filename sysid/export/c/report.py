@@ -5,10 +5,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass
 
 from sysid.data.record import Channel
+from sysid.export.c.fields import Field, numbers
 from sysid.export.c.loop.block import Block
 from sysid.export.c.precision import Precision
 from sysid.export.c.step import PlantStep
-from sysid.export.c.writing import Field, numbers
 from sysid.export.templates import fill
 from sysid.structures.model import Model
 

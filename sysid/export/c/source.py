@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 
+from sysid.export.c.fields import places
 from sysid.export.c.step import PlantStep, c_step
-from sysid.export.c.writing import places
 from sysid.export.templates import fill
 from sysid.plant.selftest import TOLERANCE, SelfTest
 from sysid.structures.model import Model

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
+from sysid.export.c.fields import Field, places
 from sysid.export.c.parameters import (
     STRUCT,
     Tunable,
@@ -16,9 +17,8 @@ from sysid.export.c.parameters import (
     theta_numbers,
     traced_step,
 )
-from sysid.export.c.program import Derived, Program, assigned
-from sysid.export.c.traced import Traced, cells_of
-from sysid.export.c.writing import Field, places
+from sysid.runners.trace.program import Derived, Program, assigned
+from sysid.runners.trace.traced import Traced, cells_of
 from sysid.structures import special_runs
 from sysid.structures.model import Model
 from sysid.structures.special_runs import CStep

@@ -6,14 +6,15 @@ from typing import ClassVar
 
 from sysid.errors import ModelError
 from sysid.export.base import Exporter, Source
+from sysid.export.c.fields import Field
 from sysid.export.c.loop.recorded_run import CLOSED, not_again, record_run
 from sysid.export.c.loop.sources import law_sources, robot_lines
 from sysid.export.c.precision import DOUBLE
 from sysid.export.c.source import plant_sources
 from sysid.export.c.step import c_step
-from sysid.export.c.writing import Field, number
 from sysid.export.templates import fill
 from sysid.robot.mission.loop import Loop
+from sysid.runners.trace.writing import number
 
 _USAGE = """As two nodes of ROS 1, in a catkin package: link the folder `ros/` into the sources
 of a catkin workspace and build; `ros/README.md` has the details.

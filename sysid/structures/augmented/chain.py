@@ -1,13 +1,13 @@
 """The chain command → torque → speed → reading that effects act on, written once over xp."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.effects.base import Context, Effect, Past, Place, Signal, State
+from sysid.effects.base import Context, Effect, Past, Place, Signal, State, TorquePart
 
 Parameters = Mapping[str, Mapping[str, Signal]]
 """Effect id → parameter name → one value a track."""
@@ -155,12 +155,15 @@ def step_with(
             holds,
             core.gain,
             sample.log,
+            signal,
         )
         for effect in effects:
             if effect.place is place:
                 signal, memory[effect.id] = effect.step(
                     xp, signal, memory[effect.id], parameters[effect.id], context
                 )
+                if place is Place.TORQUE and effect.part is TorquePart.DRIVE:
+                    context = replace(context, driven=signal)
         return signal
 
     reading = through(Place.READING, w, core.gain * sample.drive)

@@ -54,7 +54,7 @@ def test_files_of_soil_and_vehicle_and_a_picture(capsys: Capture, tmp_path: Path
     ("arguments", "sentence"),
     [
         (("dry-sandy",), "did you mean dry-sand?"),
-        (("nothing.yaml",), "file not found: nothing.yaml"),
+        (("nothing.yaml",), "nothing.yaml: file not found"),
         (("ice", "--slope", "95"), "the slope is 95°"),
         (("ice", "--slip", "2"), "the slip is 2"),
         (("ice", "--slip", "much"), "--slip cannot read 'much'"),

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
+from sysid.export.c.fields import Field
 from sysid.export.c.loop.trees import Path, identifier, leaves, mapped, size
-from sysid.export.c.program import Cell, Program, as_number
 from sysid.export.c.step import UNWRITABLE
-from sysid.export.c.traced import TRACE, Traced, cells_of
-from sysid.export.c.writing import Field
+from sysid.runners.trace.program import Cell, Program, as_number
+from sysid.runners.trace.traced import TRACE, Traced, cells_of
 
 
 @dataclass(frozen=True)

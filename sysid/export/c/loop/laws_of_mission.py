@@ -9,7 +9,6 @@ from sysid.export.c.loop.block import Law
 from sysid.export.c.loop.laws import documented, numbers, with_numbers
 from sysid.export.c.loop.members import described
 from sysid.export.c.loop.trees import Path, identifier
-from sysid.export.c.traced import TRACE
 from sysid.robot.mission.contracts import (
     Body,
     Command,
@@ -22,6 +21,7 @@ from sysid.robot.mission.contracts import (
 )
 from sysid.robot.mission.loop import Loop, on_ground
 from sysid.robot.mission.tracks.compensation import Compensation
+from sysid.runners.trace.traced import TRACE
 from sysid.vehicle.kinematics import Geometry
 
 Numbers = Mapping[Path, Any]

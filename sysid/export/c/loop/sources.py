@@ -12,11 +12,11 @@ from sysid.export.c.loop.block import Block, Law, recorded
 from sysid.export.c.loop.laws_of_mission import laws
 from sysid.export.c.loop.recorded_run import CLOSED, RecordedRun, not_again, record_run
 from sysid.export.c.precision import Precision
-from sysid.export.c.writing import number
 from sysid.export.templates import fill
 from sysid.robot.mission.contracts import TurnsTracks
 from sysid.robot.mission.loop import Loop
 from sysid.robot.mission.tracks.robot_plant import RobotPlant
+from sysid.runners.trace.writing import number
 
 MOST_ROWS = 400
 """Steps of each function that the self-test knows: a mission of 40 s at the thesis's period."""

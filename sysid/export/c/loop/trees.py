@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from sysid.export.c import names
-from sysid.export.c.traced import cells_of
+from sysid.runners.trace.traced import cells_of
 
 Path = tuple[str, ...]
 """Names from the whole to a value."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sysid.errors import ModelError
-from sysid.export.c.operations import (
+from sysid.runners.trace.operations import (
     ADD,
     MAXIMUM,
     MINIMUM,
@@ -23,8 +23,8 @@ from sysid.export.c.operations import (
     Operation,
     cell,
 )
-from sysid.export.c.operations import total as taken_together
-from sysid.export.c.program import Cell, Cells, Program
+from sysid.runners.trace.operations import total as taken_together
+from sysid.runners.trace.program import Cell, Cells, Program
 
 WRITTEN_OUT = 24
 """Entries up to which an operation on an array is written out; beyond, it becomes a loop.

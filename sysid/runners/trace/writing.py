@@ -1,7 +1,6 @@
-"""Pieces of C99 source: literals, tables, comments, members of structs."""
+"""Pieces of C99 source: literals, tables, comments."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -60,47 +59,3 @@ def comment(text: str) -> str:
     """Text that cannot end a comment or continue a line."""
     plain = "".join(c if c.isprintable() and c not in "\\?" else "_" for c in text)
     return plain.replace("*/", "*_").replace("/*", "_*")
-
-
-@dataclass(frozen=True)
-class Field:
-    """One member of a struct.
-
-    Attributes:
-        name: as C.
-        unit: SI, empty for none.
-        size: entries of an array; 0 for a single number.
-        values: of a parameter, as it was exported, one for each entry.
-    """
-
-    name: str
-    unit: str = ""
-    words: str = ""
-    size: int = 0
-    values: tuple[float, ...] = ()
-
-
-def members(fields: Sequence[Field]) -> Iterator[str]:
-    """Lines that declare them."""
-    if not fields:
-        yield "    char none; /* nothing */"
-    for f in fields:
-        size = f"[{f.size}]" if f.size else ""
-        unit = f"[{f.unit}] " if f.unit else ""
-        words = f"{unit}{f.words}".strip()
-        said = f" /* {comment(words)} */" if words else ""
-        yield f"    double {f.name}{size};{said}"
-
-
-def places(fields: Sequence[Field]) -> Iterator[tuple[str, float]]:
-    """Every number of a struct of parameters by its place in C, and its value."""
-    for f in fields:
-        if not f.size:
-            yield f.name, f.values[0]
-        for k in range(f.size):
-            yield f"{f.name}[{k}]", f.values[k]
-
-
-def numbers(fields: Sequence[Field]) -> int:
-    """How many numbers they hold."""
-    return sum(max(f.size, 1) for f in fields)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.export.c.program import Cell, constant
+from sysid.runners.trace.program import Cell, constant
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.export.c.loops import Access, Loop, loop_lines, names_read, row_major
-from sysid.export.c.writing import factor, integers, number, table, wrapped
+from sysid.runners.trace.loops import Access, Loop, loop_lines, names_read, row_major
+from sysid.runners.trace.writing import factor, integers, number, table, wrapped
 
 Cells = Any
 """A NumPy array of cells."""

@@ -1,0 +1,1 @@
+"""What explains errors without physics: curves, steps and drifts, waves, linear motion."""

@@ -1,0 +1,116 @@
+"""Shapes of the command: a free curve, and play (Prandtl–Ishlinskii)."""
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.diagnosis.shapes.reading import (
+    GRID,
+    NORMAL,
+    amount,
+    axis,
+    half_band,
+    in_log,
+    static_gain,
+)
+from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms
+from sysid.diagnosis.shapes.smoother import Fit, bend, spline
+from sysid.diagnosis.shapes.track import Track
+
+PIECES = 16
+WIDTHS = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.25, 0.35)
+"""Half widths of a play, in units of the command's range."""
+
+LEVELS = 4
+"""A command of fewer levels has no curve: any is another gain."""
+
+
+def command_curve(track: Track) -> Terms | None:
+    """f(d) with f(0) = 0, added to K d."""
+    low, high = float(track.drive.min()), float(track.drive.max())
+    if len(np.unique(np.round(track.drive / max(high - low, 1e-12), 2))) < LEVELS:
+        return None
+    basis = spline(low, high, PIECES)
+    zero = basis(np.array([0.0])) if low <= 0.0 <= high else basis(track.drive).mean(axis=0)
+    columns = track.through(track.gain * (basis(track.drive) - zero))
+
+    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
+        x = np.linspace(low, high, GRID)
+        B = track.gain * (basis(x) - zero)
+        gain = static_gain(track, fit)
+        y = gain * x + B @ fit.coefficients
+        half = half_band(B, fit.covariance, noise)
+        return _curve_words(track, x, y), _curve(track, x, y, half)
+
+    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]))
+
+
+def _curve_words(track: Track, x: Array, y: Array) -> str:
+    slope = np.gradient(y, x)
+    steepest = slope[int(np.argmax(np.abs(slope)))]
+    ratio = float(np.min(slope * np.sign(steepest)) / max(abs(steepest), 1e-300))
+    at = float(x[int(np.argmin(slope * np.sign(steepest)))])
+    sign = "−" if at < 0.0 else ""
+    return (
+        f"the torque is a curve of the command {track.command.name}: its slope is between "
+        f"{max(100.0 * ratio, 0.0):.0f} and 100 % of the steepest, least near "
+        f"{sign}{_command(track, at)}"
+    )
+
+
+def _curve(track: Track, x: Array, y: Array, half: Array) -> Curve:
+    factor, _ = track.output.to_file
+    labels = axis(track.command), axis(track.output, "steady")
+    x, y, half = in_log(track, x), factor * y, factor * np.abs(half)
+    return Curve(*labels, x, y, y - half, y + half)
+
+
+def _command(track: Track, drive: float, digits: int = 3) -> str:
+    return amount(track.command, drive * track.scale, digits)
+
+
+def play(track: Track) -> Terms | None:
+    """K (P_w d − d): the command behind a play of half width w, scanned.
+
+    P_w d(t) = max(d − w, min(d + w, P_w d(t − 1))).
+    """
+    size = float(np.ptp(track.drive))
+    if size <= 0.0:
+        return None
+    widths = size * np.array(WIDTHS)
+    behind = played(track.drive, widths, track.starts)
+    columns = track.through(track.gain * (behind - track.drive[:, None])).T[:, :, None]
+
+    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
+        words = (
+            f"the command {track.command.name} acts behind a play or hysteresis about "
+            f"{_command(track, 2.0 * widths[k], 2)} wide"
+        )
+        loop = np.concatenate([np.linspace(-1, 1, GRID), np.linspace(1, -1, GRID)])
+        x = track.drive.min() + 0.5 * size * (1.0 + loop)
+        both = np.concatenate([x, x])
+        path = played(both, widths[[k]], (0, len(both)))[len(x) :, 0]
+        y = static_gain(track, fit) * (x + fit.coefficients[0] * (path - x))
+        half = NORMAL * noise * np.sqrt(fit.covariance[0, 0]) * np.abs(track.gain * (path - x))
+        return words, _curve(track, x, y, half)
+
+    return Terms(columns, says, widths)
+
+
+def played(d: Array, widths: Array, starts: tuple[int, ...]) -> Array:
+    """A signal (N,) behind plays of half widths (k,), from the middle of each, (N, k)."""
+    out = np.empty((len(d), len(widths)))
+    first = set(starts)
+    state = np.zeros(len(widths))
+    low, high = d[:, None] - widths, d[:, None] + widths
+    for n in range(len(d)):
+        if n in first:
+            state = np.full(len(widths), d[n])
+        state = np.minimum(np.maximum(state, low[n]), high[n])
+        out[n] = state
+    return out
+
+
+SHAPES = (
+    Shape("command-curve", ShapePlace.COMMAND, command_curve),
+    Shape("command-play", ShapePlace.COMMAND, play),
+)

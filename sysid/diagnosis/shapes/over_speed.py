@@ -1,0 +1,189 @@
+"""Shapes of the torque and the reading: resistance over speed, springs, a curve of the reading."""
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.diagnosis.shapes.over_command import played
+from sysid.diagnosis.shapes.reading import (
+    GRID,
+    NORMAL,
+    amount,
+    axis,
+    half_band,
+    in_log,
+    own_feedback,
+    static_gain,
+)
+from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms
+from sysid.diagnosis.shapes.smoother import Fit, bend, spline
+from sysid.diagnosis.shapes.track import Track
+
+PIECES = 10
+STANDS = 0.02
+"""Speeds below this share of the fast ones are standstill: there friction holds any torque."""
+
+LEAKS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0)
+"""Seconds over which a spring's angle is forgotten, tried in turn; the last stands for never."""
+
+TURNS = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+"""Angles [rad] over which a hysteresis of the angle builds up, tried in turn."""
+
+
+def odd_resistance(track: Track) -> Terms | None:
+    """sign(ω) f(|ω|), with what holds the track at standstill."""
+    return _resistance(track, odd=True)
+
+
+def resistance(track: Track) -> Terms | None:
+    """The same with a curve of its own for each direction."""
+    fast = STANDS * track.full_speed
+    forward, backward = (np.mean(s * track.measured > fast) for s in (1.0, -1.0))
+    if min(forward, backward) < 0.1:
+        return None
+    return _resistance(track, odd=False)
+
+
+def _resistance(track: Track, odd: bool) -> Terms:
+    # whether a track stands is measured: how fast it runs is simulated
+    top, w = track.full_speed, track.speed
+    stands = np.abs(track.measured) < STANDS * top
+    sign = np.tanh(track.measured / (STANDS * top))
+    basis = spline(0.0, top, PIECES)
+    at_zero = basis(np.zeros(1))
+
+    def library(w: Array, sign: Array) -> Array:
+        curve = basis(np.abs(w)) - at_zero
+        if odd:
+            return np.column_stack([sign, sign[:, None] * curve])
+        sides = [(sign > 0.0) * 1.0, (sign <= 0.0) * 1.0]
+        return np.column_stack(
+            [sign * s for s in sides] + [(sign * s)[:, None] * curve for s in sides]
+        )
+
+    held = np.where(stands, -track.gain * track.drive, 0.0)
+    columns = track.through(np.column_stack([held, -library(w, sign)]))
+    jumps, size = 2 if odd else 3, PIECES + 3
+    S = np.zeros((columns.shape[1],) * 2)
+    for side in range(1 if odd else 2):
+        rows = slice(jumps + side * size, jumps + (side + 1) * size)
+        S[rows, rows] = bend(size)
+
+    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
+        x = np.linspace(0.0 if odd or track.measured.min() > -STANDS * top else -top, top, GRID)
+        B = library(x, np.where(x >= 0.0, 1.0, -1.0))
+        b, C = fit.coefficients[1:], fit.covariance[1:, 1:]
+        y = x * (1.0 - own_feedback(track, fit)) + B @ b
+        half = half_band(B, C, noise)
+        factor, _ = track.output.to_file
+        words = (
+            f"a resistance follows the speed {track.output.name} in a curve"
+            f"{'' if odd else ' of its own for each direction'}; near standstill it is "
+            f"{amount(track.output, float(b[0]))} of lost {track.output.name}"
+        )
+        x, y, half = factor * x, factor * y, factor * half
+        label = axis(track.output, "resistance, lost")
+        return words, Curve(axis(track.output), label, x, y, y - half, y + half)
+
+    return Terms(columns[None], says, np.zeros(1), S)
+
+
+def spring(track: Track) -> Terms | None:
+    """−k θ with θ = ∫ω that is forgotten over a scanned time: what has been turned pulls back."""
+    angles = []
+    for leak in LEAKS:
+        kept = np.exp(-track.dt / leak) if leak < LEAKS[-1] else 1.0
+        angles.append(
+            track.filtered(np.array([0.0, track.dt]), np.array([1.0, -kept]), track.speed)
+        )
+    torque = -np.column_stack(angles)
+    columns = track.through(torque).T[:, :, None]
+
+    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
+        stiff, error = fit.coefficients[0], noise * np.sqrt(fit.covariance[0, 0])
+        words = f"what has been turned pulls back like a spring ({track.output.name})"
+        if stiff < 0.0:
+            words = f"what has been turned pushes on ({track.output.name} builds up)"
+        if LEAKS[k] < LEAKS[-1]:
+            words += f", forgotten within about {LEAKS[k]:.2g} s"
+        top = float(np.quantile(np.abs(torque[:, k]), 0.98))
+        x = np.linspace(-top, top, 3)
+        y, half = stiff * x, NORMAL * error * np.abs(x)
+        return words, Curve(
+            f"∫ {track.output.name} dt", "pull [as lost output]", x, y, y - half, y + half
+        )
+
+    return Terms(columns, says, np.array(LEAKS))
+
+
+def hysteresis(track: Track) -> Terms | None:
+    """The elastic part of ∫ω behind a play: friction that builds up over an angle, scanned."""
+    angle = track.filtered(np.array([0.0, track.dt]), np.array([1.0, -1.0]), track.speed)[:, 0]
+    widths = np.array(TURNS)
+    stops = (angle[:, None] - played(angle, widths, track.starts)) / widths
+    columns = track.through(-stops).T[:, :, None]
+
+    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
+        words = (
+            f"a resistance of {amount(track.output, fit.coefficients[0])} of lost "
+            f"{track.output.name} builds up over {2 * widths[k]:.2g} rad after each reversal"
+        )
+        return words, None
+
+    return Terms(columns, says, widths)
+
+
+def lag_by_command(track: Track) -> Terms | None:
+    """(ω − K d)·h(|d|): the time constant is a curve of the command's size."""
+    size = np.abs(track.drive)
+    top = float(np.quantile(size, 0.99))
+    if top <= 0.0 or float(np.quantile(size, 0.1)) > 0.9 * top:
+        return None
+    basis = spline(0.0, top, 4)
+    moved = (track.speed - track.gain * track.drive)[:, None]
+    columns = track.through(basis(size) * moved)
+
+    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
+        x = np.linspace(0.0, top, GRID)
+        B = basis(x) - basis(size).mean(axis=0)
+        y = 100.0 * (B @ fit.coefficients)
+        half = 100.0 * half_band(B, fit.covariance, noise)
+        label = axis(track.command, "size of")
+        words = f"the time constant changes with the size of {track.command.name}"
+        x = in_log(track, x)
+        return words, Curve(label, "time constant [% from its mean]", x, y, y - half, y + half)
+
+    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]))
+
+
+def reading_curve(track: Track) -> Terms | None:
+    """f(ω̂) added to the reading, of the simulated speed."""
+    low, high = float(track.run.min()), float(track.run.max())
+    if not high > low:
+        return None
+    basis = spline(low, high, PIECES)
+    zero = basis(np.zeros(1)) if low <= 0.0 <= high else basis(track.run).mean(axis=0)
+    columns = basis(track.run) - zero
+
+    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
+        x = np.linspace(low, high, GRID)
+        B = basis(x) - zero
+        gain = static_gain(track, fit) / track.gain if track.gain else 1.0
+        y = gain * x + B @ fit.coefficients
+        half = half_band(B, fit.covariance, noise)
+        factor, _ = track.output.to_file
+        words = f"the reading {track.output.name} is a curve of what is measured"
+        x, y, half = factor * x, factor * y, factor * half
+        true, read = axis(track.output, "simulated"), axis(track.output, "read")
+        return words, Curve(true, read, x, y, y - half, y + half)
+
+    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]))
+
+
+SHAPES = (
+    Shape("resistance-odd", ShapePlace.TORQUE, odd_resistance, of_motion=True, of_speed=True),
+    Shape("resistance", ShapePlace.TORQUE, resistance, of_motion=True, of_speed=True),
+    Shape("spring", ShapePlace.TORQUE, spring, of_motion=True, of_speed=True),
+    Shape("angle-hysteresis", ShapePlace.TORQUE, hysteresis, of_motion=True, of_speed=True),
+    Shape("lag-by-command", ShapePlace.SPEED, lag_by_command, of_speed=True),
+    Shape("reading-curve", ShapePlace.READING, reading_curve),
+)

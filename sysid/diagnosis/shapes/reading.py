@@ -1,0 +1,58 @@
+"""What coefficients say of a track: gain, time constant, bands, sizes in the log's own units."""
+
+import numpy as np
+
+from sysid.data.record import Array, Channel
+from sysid.diagnosis.shapes.smoother import Fit
+from sysid.diagnosis.shapes.track import Track
+
+GRID = 80
+"""Points of a curve."""
+
+NORMAL = 1.96
+"""Standard deviations of a 95 % band."""
+
+
+def own_feedback(track: Track, fit: Fit) -> float:
+    """What the fit adds to the speed's own part of the torque."""
+    n = 0 if track.fixed else len(track.f)
+    return float(np.sum(fit.own[n : 2 * n]))
+
+
+def static_gain(track: Track, fit: Fit) -> float:
+    """The static gain K of the base as the fit has it beside the terms."""
+    n = 0 if track.fixed else len(track.f)
+    return float((track.gain + np.sum(fit.own[:n])) / max(1.0 - own_feedback(track, fit), 1e-6))
+
+
+def time_constant(track: Track, feedback: float) -> float:
+    """The time constant [s] of a first-order core with a feedback of the speed; 0 where none is."""
+    if len(track.f) != 1:
+        return 0.0
+    p = -float(track.f[0])
+    p += (1.0 - p) * feedback
+    return -track.dt / float(np.log(p)) if 0.0 < p < 1.0 else 0.0
+
+
+def half_band(B: Array, covariance: Array, noise: float) -> Array:
+    """Half of the 95 % band of B b, (n,)."""
+    return np.asarray(NORMAL * noise * np.sqrt(np.maximum(np.sum((B @ covariance) * B, axis=1), 0)))
+
+
+def amount(channel: Channel, value: float, digits: int = 3) -> str:
+    """The size of a value in the unit of the file."""
+    factor, unit = channel.to_file
+    return f"{abs(value) * factor:.{digits}g} {unit}".strip()
+
+
+def axis(channel: Channel, before: str = "", after: str = "") -> str:
+    """The label of an axis: what it is, and the unit of the file."""
+    _, unit = channel.to_file
+    words = f"{before} {channel.name}".strip()
+    inside = f"{unit} {after}".strip()
+    return f"{words} [{inside}]" if inside else words
+
+
+def in_log(track: Track, drive: Array) -> Array:
+    """Commands in the unit of the file."""
+    return np.asarray(drive * track.scale * track.command.to_file[0])

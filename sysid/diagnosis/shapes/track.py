@@ -1,0 +1,202 @@
+"""One track's signals as the shapes take them: stacked over all records, with both parts' weights.
+
+A term δT in the torque of the base moves its free run by G(q) δT, with G the base's core of static
+gain one: for a first-order core τ ω̇ = T − ω that is (1 − p) q⁻¹/(1 − p q⁻¹). The speed in a term is
+a simulated one, first the base's, then that of the last fit (pseudo-linear regression; Ljung 1999,
+10.64): with measured speeds any slow disturbance would be predicted from itself.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.filtering import lfilter
+from sysid.data.record import Array, Channel
+from sysid.diagnosis.search.candidates import CandidateSearch
+from sysid.diagnosis.search.selection import CandidateModel
+
+BLOCKS_OF_TIME, LEAST_BLOCK = 60, 8
+"""Blocks of a log that terms of time are judged on, every third one; samples of each at least."""
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Signals of one track, (N,) over all records, one after the other.
+
+    Attributes:
+        starts: first row of each record, and N.
+        drive, other_drive: commands in units of full drive; the other one None without a track.
+        measured, other_speed: measurements, gaps bridged.
+        run, error: free run of the candidate model, and measured minus simulated.
+        speed: the speed that terms depend on.
+        t: time since the start of each log [s].
+        angle: integrated from the measurements [rad].
+        fitted, judged: rows that count in the estimation and in the held-out part.
+        fitted_in_time, judged_in_time: the same for terms of time, which another log says nothing
+            of: blocks of the estimation logs.
+        gain, f, b: the core, B = b_1 q⁻¹ + …, F = 1 + f_1 q⁻¹ + …
+        level: whether the base holds a constant load.
+        scale: full drive in the record's unit.
+        fixed: whether the base is given and stays as it is.
+    """
+
+    starts: tuple[int, ...]
+    dt: float
+    drive: Array
+    other_drive: Array | None
+    measured: Array
+    other_speed: Array | None
+    run: Array
+    speed: Array
+    error: Array
+    t: Array
+    angle: Array
+    fitted: Mask
+    judged: Mask
+    fitted_in_time: Mask
+    judged_in_time: Mask
+    gain: float
+    f: Array
+    b: Array
+    level: bool
+    fixed: bool
+    command: Channel
+    output: Channel
+    scale: float
+
+    def filtered(self, b: Array, a: Array, columns: Array) -> Array:
+        """Columns (N,) or (N, k) through B/A, each record from rest, (N, k)."""
+        x = columns.reshape(len(columns), -1)
+        parts = np.split(x, self.starts[1:-1])
+        return np.concatenate([lfilter(b, a, part, axis=0) for part in parts])
+
+    def through(self, torque: Array) -> Array:
+        """What terms of the torque, (N,) or (N, k), do to the free run, (N, k)."""
+        return self.filtered(np.append(0.0, self.b), np.append(1.0, self.f), torque)
+
+    def past(self, signal: Array, k: int) -> Array:
+        """A signal k samples earlier, held at each record's start, (N,)."""
+        rows = np.arange(len(signal))
+        return np.asarray(signal[np.maximum(rows - k, self.first)])
+
+    @cached_property
+    def first(self) -> NDArray[np.int64]:
+        """First row of each row's record, (N,)."""
+        return np.repeat(self.starts[:-1], np.diff(self.starts)).astype(np.int64)
+
+    @cached_property
+    def pole(self) -> float:
+        """The core's slowest pole, by size."""
+        return float(np.clip(np.max(np.abs(np.roots(np.append(1.0, self.f)))), 0.0, 0.9999))
+
+    @cached_property
+    def own(self) -> Array:
+        """What changes of the core's own numbers do, (N, k): nothing for a given base."""
+        if self.fixed:
+            return np.empty((len(self.drive), 0))
+        lags = range(len(self.f))
+        inputs = [self.past(self.drive, k) for k in lags]
+        outputs = [self.past(self.speed, k) for k in lags]
+        columns = [*inputs, *outputs, *([np.ones_like(self.drive)] if self.level else [])]
+        return self.through(np.column_stack(columns))
+
+    @cached_property
+    def full_speed(self) -> float:
+        """Size of the fast measurements."""
+        return float(max(np.quantile(np.abs(self.measured), 0.98), 1e-12))
+
+    @property
+    def seconds(self) -> float:
+        """The length of the longest log [s]."""
+        return float(np.max(self.t)) + self.dt
+
+
+def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track, ...]:
+    """Every track of a diagnosis around a candidate model; the given base has no free core."""
+    blocks = search.holdout is search.estimation or search.holdout == search.estimation
+    data = (search.data,) if blocks else (search.data, search.holdout_data)
+    runs = [np.concatenate(search.simulated(candidate))]
+    if not blocks:
+        runs.append(np.concatenate(search.simulated(candidate, holdout=True)))
+    counts = [sum(d.lengths) for d in data]
+    whole = [d.y[:n] for d, n in zip(data, counts, strict=True)]
+    lengths = [n for d in data for n in d.lengths]
+    y, run = np.concatenate(whole), np.concatenate(runs)
+    drive = np.concatenate([d.drive[:n] for d, n in zip(data, counts, strict=True)])
+    t = np.concatenate([d.t[:n, 0] for d, n in zip(data, counts, strict=True)])
+    angle = np.concatenate([d.counted[:n] for d, n in zip(data, counts, strict=True)])
+    fitted, judged, in_time = _parts(search, blocks, counts)
+    model, first, tracks = search.model, search.estimation[0], []
+    for i in range(model.tracks):
+        gain, f, tail = model.core(candidate.q, i)
+        b = np.append(1.0 + np.sum(f) - np.sum(tail), tail)
+        j = 1 - i if model.tracks == 2 else None
+        there = fitted[:, i] | judged[:, i]
+        starts = tuple(np.cumsum([0, *lengths]).tolist())
+        speed = _bridged(y[:, i], there, starts)
+        tracks.append(
+            Track(
+                starts,
+                model.dt,
+                drive[:, i],
+                None if j is None else drive[:, j],
+                speed,
+                None if j is None else _bridged(y[:, j], fitted[:, j] | judged[:, j], starts),
+                run[:, i],
+                run[:, i],
+                np.where(there, y[:, i] - run[:, i], np.nan),
+                t,
+                angle[:, i],
+                fitted[:, i],
+                judged[:, i],
+                there & in_time[0],
+                there & in_time[1],
+                gain,
+                f,
+                b,
+                search.level,
+                not search.core,
+                first.inputs[i],
+                first.outputs[i],
+                float(search.scales[i]),
+            )
+        )
+    return tuple(tracks)
+
+
+def _parts(
+    search: CandidateSearch, blocks: bool, counts: Sequence[int]
+) -> tuple[Mask, Mask, tuple[Mask, Mask]]:
+    """Rows of both parts, (N, tracks), and of both parts in time, (N,)."""
+    fitted = search.data.weight[: counts[0]] > 0.0
+    judged = search.holdout_data.weight[: counts[-1]] > 0.0
+    if not blocks:
+        nothing = np.zeros_like(fitted), np.zeros_like(judged)
+        fitted = np.concatenate([fitted, nothing[1]])
+        judged = np.concatenate([nothing[0], judged])
+    # a change within a long block could be anywhere in it: time is judged on short ones
+    held = np.zeros(len(fitted), dtype=bool)
+    low = 0
+    for n in search.data.lengths:
+        block = np.arange(n) // max(n // BLOCKS_OF_TIME, LEAST_BLOCK)
+        held[low : low + n] = block % 3 == 1
+        low += n
+    own = np.arange(len(fitted)) < counts[0]
+    return fitted, judged, (own & ~held, own & held)
+
+
+def _bridged(y: Array, there: Mask, starts: Sequence[int]) -> Array:
+    """Measurements with straight lines where none counts, record by record."""
+    bridged = y.copy()
+    for low, high in pairwise(starts):
+        rows = np.arange(low, high)
+        known = rows[there[low:high]]
+        if 0 < len(known) < len(rows):
+            bridged[low:high] = np.interp(rows, known, y[known])
+    return bridged
