@@ -56,19 +56,25 @@ def page() -> str:
         parts.append(f"## {stage.capitalize()}: {where}\n")
         parts.append(table(HEADER, [_row(e) for e in of_stage]))
         parts.append("To show it:\n")
-        parts.append("\n".join(f"- `{e.id}`: {e.experiment}" for e in of_stage) + "\n")
+        parts.append("\n".join(f"- `{e.id}`: {e.texts.experiment}" for e in of_stage) + "\n")
     return "\n".join([*parts, SAMPLES, OWN])
 
 
 def _row(e: Effect) -> list[str]:
     parameters = ", ".join(f"`{p.name}` [{p.unit or '1'}]" for p in e.parameters)
-    ties = ", ".join(f"`{id}`" for id in e.ties)
+    ties = ", ".join(f"`{id}`" for id in e.hints.ties)
     undone = "yes" if e.inverse else ""
     return [
         f"`{e.id}`",
-        e.equation,
+        e.texts.equation,
         parameters,
-        " ".join([e.sentence, *(law.sentence for law in e.laws if law.sentence), e.looks_like]),
+        " ".join(
+            [
+                e.texts.sentence,
+                *(law.sentence for law in e.laws if law.sentence),
+                e.texts.looks_like,
+            ]
+        ),
         ties,
         undone,
     ]

@@ -228,7 +228,8 @@ def page(runs: list[dict[str, Any]]) -> str:
             (right, wrong), (then, false) = marks(r["names"], r), marks(r["without"][name], r)
             lost, gained = lost + max(right - then, 0), gained + max(then - right, 0)
             came, went = came + max(false - wrong, 0), went + max(wrong - false, 0)
-        rows.append([name, len(asked), len(changed), lost, gained, came, went])
+        counts = (len(asked), len(changed), lost, gained, came, went)
+        rows.append([name, *map(str, counts)])
     heads = [
         "left out",
         "acted in",

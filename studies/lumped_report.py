@@ -21,7 +21,7 @@ from studies.runner import REPORTS
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import SysidError
 from sysid.estimation.selection.comparison import Ranking
-from sysid.export.c.counting import operations
+from sysid.export.c.report import operations
 from sysid.export.c.step import c_step
 from sysid.report.markdown import table
 from sysid.structures.model import Model

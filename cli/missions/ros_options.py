@@ -8,7 +8,7 @@ from sysid.errors import UsageError
 from ..options import changed, in_panel
 
 if TYPE_CHECKING:
-    from sysid.cosim.level import Level
+    from sysid.cosim.connection import Level
 
 _node = in_panel("As a node of ROS 1", advanced=True)
 
@@ -59,7 +59,7 @@ class Topic:
     @property
     def cut(self) -> "Level":
         """Where the loops run."""
-        from sysid.cosim.level import Level
+        from sysid.cosim.connection import Level
 
         return Level(self.topic_level or LEVELS[0])
 

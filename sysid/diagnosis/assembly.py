@@ -269,7 +269,9 @@ class _Assembly:
         single = base.parts.estimation[0].ny == 1
         offered = [e for e in base.search.model.effects if e.id not in NOT_NAMED]
         rest = [
-            e for e in offered if not (single and e.couples) and not (base.search.level and e.level)
+            e
+            for e in offered
+            if not (single and e.couples) and not (base.search.level and e.hints.level)
         ]
         ids = [e.id for e in (*rest, QUANTISATION, DROPOUTS) if e.id not in named]
         smallest = detectable(base.search, self.selection.final, ids)

@@ -310,13 +310,15 @@ def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
     ]
     if servo:
         effects = [
-            e for e in effects if is_of_servo(e) or e.level or not (e.of_motion or e.exchanges)
+            e
+            for e in effects
+            if is_of_servo(e) or e.hints.level or not (e.of_motion or e.hints.exchanges)
         ]
     if any(c.unit in POSITIONS for c in first.outputs):
         effects = [e for e in effects if not e.waves]
     if any(may_move(c.name, c.unit) for c in first.outputs):
         return tuple(effects)
-    return tuple(e for e in effects if e.level or not e.of_motion)
+    return tuple(e for e in effects if e.hints.level or not e.of_motion)
 
 
 def _is_servo(first: Record) -> bool:

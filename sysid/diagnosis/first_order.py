@@ -16,7 +16,7 @@ from sysid.errors import SysidError
 def possible(effects: Sequence[Effect], facts: LogFacts) -> tuple[Effect, ...]:
     """Effects without those that gather over a log, where a log changes at one time."""
     at_once = any(c.is_step for c in facts.changes)
-    return tuple(e for e in effects if not (at_once and e.gathers))
+    return tuple(e for e in effects if not (at_once and e.hints.gathers))
 
 
 def or_on_first_order(

@@ -103,7 +103,9 @@ def isolability_of(base: Base) -> Isolability:
     effects = [
         e
         for e in table.effects
-        if e.id not in NOT_NAMED and not (single and e.couples) and not (search.level and e.level)
+        if e.id not in NOT_NAMED
+        and not (single and e.couples)
+        and not (search.level and e.hints.level)
     ]
     for k, e in enumerate(effects):
         starts = starts_of(table, e, model.q, errors, data)
@@ -152,6 +154,6 @@ def _needed(e: Effect, tracks: int, samples: float) -> float:
 
 def opening(a: str, b: str) -> str:
     """Commands that tell two effects apart, in words: the first that shows one of them only."""
-    mine, others = (about(id).programmes for id in (a, b))
+    mine, others = (about(id).hints.programmes for id in (a, b))
     best = next((p for p in (*mine, *others) if p not in mine or p not in others), mine[0])
-    return best.words if not about(a).by_hand else about(a).by_hand
+    return best.words if not about(a).texts.by_hand else about(a).texts.by_hand

@@ -17,7 +17,16 @@ from sysid.effects import (
     transmission,
     vehicle,
 )
-from sysid.effects.base import FRICTION_BEFORE_LOADS, ORDER, Effect, Place, TorquePart, nothing
+from sysid.effects.base import (
+    FRICTION_BEFORE_LOADS,
+    ORDER,
+    Effect,
+    Hints,
+    Place,
+    Texts,
+    TorquePart,
+    nothing,
+)
 from sysid.effects.by_log import BY_LOG
 from sysid.effects.conformance import fault
 from sysid.effects.programmes import LEVELS, REPEAT
@@ -29,14 +38,18 @@ CHANGED = Effect(
     "changed-parameter",
     "any",
     Place.SAMPLES,
-    "K, τ → other values",
-    "The model is of another robot, or of this one in another state: its gain or time constant "
-    "differs on this log.",
-    "Every response is larger, smaller, faster or slower by one factor.",
-    "Steps of several sizes, on the log of the model and on this one.",
+    Texts(
+        "K, τ → other values",
+        "The model is of another robot, or of this one in another state: its gain or time constant "
+        "differs on this log.",
+        "Every response is larger, smaller, faster or slower by one factor.",
+        "Steps of several sizes, on the log of the model and on this one.",
+    ),
     (),
     nothing,
-    programmes=(LEVELS, REPEAT),
+    hints=Hints(
+        programmes=(LEVELS, REPEAT),
+    ),
 )
 """Competes with the effects when a model is given; it changes the model's own core."""
 
@@ -139,7 +152,7 @@ def ground_effects() -> tuple[Effect, ...]:
 
 
 def _rank(e: Effect, order: int) -> tuple[int, int]:
-    memory = 0 if e.on_past else 2 if e.states else 1
+    memory = 0 if e.memory.of_inputs else 2 if e.memory.states else 1
     within = -memory if e.place is Place.READING else memory
     if e.place is Place.TORQUE and order != FRICTION_BEFORE_LOADS:
         within = list(TorquePart).index(e.part)

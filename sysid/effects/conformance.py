@@ -67,9 +67,9 @@ def _instant(effect: Effect, rng: np.random.Generator) -> tuple[Signal, Context,
         **signals,
     )
     signal = rng.uniform(-1.0, 1.0, 2)
-    if effect.at_rest is not None:
-        return signal, context, effect.at_rest(signal, context.drive)
-    return signal, context, (signal,) * effect.states
+    if effect.memory.at_rest is not None:
+        return signal, context, effect.memory.at_rest(signal, context.drive)
+    return signal, context, (signal,) * effect.memory.states
 
 
 def _times(

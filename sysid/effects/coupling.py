@@ -6,7 +6,18 @@ Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Hints,
+    Law,
+    Memory,
+    Place,
+    Signal,
+    State,
+    Texts,
+)
 from sysid.effects.programmes import ONE_AND_OTHER, REVERSALS
 
 P = Mapping[str, Signal]
@@ -170,10 +181,13 @@ EFFECTS = (
         "cross-coupling",
         "motor",
         Place.TORQUE,
-        "T → T − g T_other, or T → T − v δ or T − v δ/(1 + |δ|/s) with δ = (ω − ω_other)/2",
-        "One side's torque loads the other through the body.",
-        "A side gives way a little whenever the other one pulls.",
-        "One side at a constant command while the other steps.",
+        Texts(
+            "T → T − g T_other, or T → T − v δ or T − v δ/(1 + |δ|/s) with δ = (ω − ω_other)/2",
+            "One side's torque loads the other through the body.",
+            "A side gives way a little whenever the other one pulls.",
+            "One side at a constant command while the other steps.",
+            opposite="One side's torque helps the other through the body.",
+        ),
         (
             EffectParameter("share", "", 0.0, -0.6, 0.6, (0.1, -0.1) + (0.0,) * 3),
             EffectParameter("turning", "", 0.0, 0.0, 30.0, (0.0, 0.0, 0.3, 1.0, 3.0)),
@@ -196,18 +210,21 @@ EFFECTS = (
         ),
         inverse=_against_coupling,
         couples=True,
-        opposite="One side's torque helps the other through the body.",
-        programmes=(ONE_AND_OTHER, REVERSALS),
+        hints=Hints(
+            programmes=(ONE_AND_OTHER, REVERSALS),
+        ),
     ),
     Effect(
         "inertial-coupling",
         "motor",
         Place.SPEED,
-        "τ ω̇ = T − ω − m ω̇_other, m = μ √(τ τ_other), or with a body at z that follows through a "
-        "damper: ι τ ω̇ = T − ω − D (ω − z)",
-        "The body's mass and yaw inertia tie both sides: one speeds up, the other feels it.",
-        "A side twitches whenever the other one speeds up or slows down, not while it pulls.",
-        "One side at a constant command while the other steps, then both together and opposed.",
+        Texts(
+            "τ ω̇ = T − ω − m ω̇_other, m = μ √(τ τ_other), or with a body at z that follows "
+            "through a damper: ι τ ω̇ = T − ω − D (ω − z)",
+            "The body's mass and yaw inertia tie both sides: one speeds up, the other feels it.",
+            "A side twitches whenever the other one speeds up or slows down, not while it pulls.",
+            "One side at a constant command while the other steps, then both together and opposed.",
+        ),
         (
             EffectParameter("share", "", 0.0, -0.9, 0.9, (0.25, -0.25, 0.3, -0.4)),
             EffectParameter("wheel", "", 0.3, 0.01, 0.99, (0.3,) * 4, at_limit=True),
@@ -216,7 +233,9 @@ EFFECTS = (
         ),
         _inertia,
         _together,
-        states=1,
+        memory=Memory(
+            1,
+        ),
         laws=(
             Law(("share",), choices={"soft": 0.0}),
             Law(
@@ -227,6 +246,8 @@ EFFECTS = (
         ),
         shared=True,
         couples=True,
-        programmes=(ONE_AND_OTHER, REVERSALS),
+        hints=Hints(
+            programmes=(ONE_AND_OTHER, REVERSALS),
+        ),
     ),
 )

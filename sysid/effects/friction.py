@@ -11,10 +11,12 @@ from sysid.effects.base import (
     Context,
     Effect,
     EffectParameter,
+    Hints,
     Law,
     Place,
     Signal,
     State,
+    Texts,
     TorquePart,
 )
 from sysid.effects.programmes import COASTING, LEVELS, RAMPS, RESTS, STAIRCASE
@@ -153,16 +155,20 @@ LOAD_BIAS = Effect(
     "load-bias",
     "motor",
     Place.TORQUE,
-    "T → T − b",
-    "A constant load pulls one way.",
-    "Without command it creeps, or equal commands of either sign reach different speeds.",
-    "Equal steps in both directions and rests.",
+    Texts(
+        "T → T − b",
+        "A constant load pulls one way.",
+        "Without command it creeps, or equal commands of either sign reach different speeds.",
+        "Equal steps in both directions and rests.",
+    ),
     (EffectParameter("load", "speed", 0.0, -0.8, 0.8, (0.05, -0.05)),),
     _bias,
     inverse=_against_bias,
-    ties=("sensor-bias",),
-    programmes=(RESTS, COASTING),
-    level=True,
+    hints=Hints(
+        ties=("sensor-bias",),
+        programmes=(RESTS, COASTING),
+        level=True,
+    ),
 )
 
 _LEVEL = EffectParameter(
@@ -174,26 +180,32 @@ EFFECTS = (
         "quadratic-drag",
         "motor",
         Place.TORQUE,
-        "T → T − q ω|ω|",
-        "Resistance grows with the square of speed.",
-        "High speeds fall short, and settle faster than low ones.",
-        "Steps at many levels.",
+        Texts(
+            "T → T − q ω|ω|",
+            "Resistance grows with the square of speed.",
+            "High speeds fall short, and settle faster than low ones.",
+            "Steps at many levels.",
+        ),
         (EffectParameter("drag", "1/speed", 0.0, 0.0, 2.0, (0.15, 0.5)),),
         _drag,
         part=TorquePart.FRICTION,
         inverse=_against_drag,
-        ties=("concave-gain",),
-        rare=True,
-        programmes=(LEVELS, COASTING),
+        hints=Hints(
+            ties=("concave-gain",),
+            rare=True,
+            programmes=(LEVELS, COASTING),
+        ),
     ),
     Effect(
         "viscous-asymmetry",
         "motor",
         Place.TORQUE,
-        "viscous term × ratio for ω < 0; or T × ratio and viscous term × (ε ratio² + 1 − ε)",
-        "Viscous resistance differs between the directions.",
-        "One direction is both slower and quicker to settle.",
-        "Steps of equal size in both directions.",
+        Texts(
+            "viscous term × ratio for ω < 0; or T × ratio and viscous term × (ε ratio² + 1 − ε)",
+            "Viscous resistance differs between the directions.",
+            "One direction is both slower and quicker to settle.",
+            "Steps of equal size in both directions.",
+        ),
         (
             EffectParameter("ratio", "", 1.0, 0.4, 2.5, (0.85, 1.2) * 2),
             EffectParameter("emf", "", USUAL_EMF, 0.0, 1.0, (USUAL_EMF,) * 4, at_limit=True),
@@ -202,8 +214,6 @@ EFFECTS = (
         _viscous,
         part=TorquePart.DRIVE,
         inverse=_against_viscous,
-        programmes=(LEVELS, COASTING),
-        reverses=True,
         laws=(
             Law(("ratio",), choices={"by_constant": 0.0}),
             Law(
@@ -213,18 +223,24 @@ EFFECTS = (
                 "with brushes off the neutral: the resistance is electric.",
             ),
         ),
+        hints=Hints(
+            programmes=(LEVELS, COASTING),
+            reverses=True,
+        ),
     ),
     LOAD_BIAS,
     Effect(
         "coulomb-friction",
         "motor",
         Place.TORQUE,
-        "T − L → T − L − (c + s |T + L − ω|) sign ω with the load L; sticks while |T − L| is no "
-        "larger. Of a servo with set point T and position y: T → T − c sign ẏ; sticks while "
-        "|T − y| ≤ c",
-        "Dry friction: a constant resistance while moving, standstill below it.",
-        "No motion at small commands, and early stops.",
-        "A slow staircase through zero, and coasting from speed.",
+        Texts(
+            "T − L → T − L − (c + s |T + L − ω|) sign ω with the load L; sticks while |T − L| is "
+            "no larger. Of a servo with set point T and position y: T → T − c sign ẏ; sticks while "
+            "|T − y| ≤ c",
+            "Dry friction: a constant resistance while moving, standstill below it.",
+            "No motion at small commands, and early stops.",
+            "A slow staircase through zero, and coasting from speed.",
+        ),
         (
             replace(_LEVEL, starts=(0.05, 0.15, 0.3, 0.03, 0.03, 0.03, 0.1, 0.3)),
             EffectParameter(
@@ -239,9 +255,6 @@ EFFECTS = (
         part=TorquePart.FRICTION,
         inverse=_against_coulomb,
         holds=lambda p: p["level"] / (1.0 - p["of_load"]),
-        ties=("stiction", "dead-zone", "position-play"),
-        programmes=(STAIRCASE, COASTING, RAMPS),
-        weakens=True,
         laws=(
             Law(("level",), choices={"by_load": 0.0, "of_servo": 0.0}),
             Law(
@@ -257,15 +270,22 @@ EFFECTS = (
                 "friction holds: there the servo stays.",
             ),
         ),
+        hints=Hints(
+            ties=("stiction", "dead-zone", "dead-time", "position-play"),
+            programmes=(STAIRCASE, COASTING, RAMPS),
+            weakens=True,
+        ),
     ),
     Effect(
         "stiction",
         "motor",
         Place.TORQUE,
-        "T → T − (c + c_s e^{−(ω/v)²}) sign ω",
-        "It takes more to break away than to keep moving.",
-        "It starts with a jump at a higher command than the one at which it stops.",
-        "Slow ramps up from rest and down to rest.",
+        Texts(
+            "T → T − (c + c_s e^{−(ω/v)²}) sign ω",
+            "It takes more to break away than to keep moving.",
+            "It starts with a jump at a higher command than the one at which it stops.",
+            "Slow ramps up from rest and down to rest.",
+        ),
         (
             _LEVEL,
             replace(_LEVEL, name="excess", starts=(0.08, 0.15), at_null=False),
@@ -275,8 +295,10 @@ EFFECTS = (
         part=TorquePart.FRICTION,
         inverse=_against_stiction,
         holds=lambda p: p["level"] + p["excess"],
-        ties=("coulomb-friction",),
-        programmes=(RAMPS, STAIRCASE),
-        weakens=True,
+        hints=Hints(
+            ties=("coulomb-friction", "dead-time"),
+            programmes=(RAMPS, STAIRCASE),
+            weakens=True,
+        ),
     ),
 )

@@ -11,9 +11,12 @@ from sysid.effects.base import (
     Context,
     Effect,
     EffectParameter,
+    Hints,
+    Memory,
     Place,
     Signal,
     State,
+    Texts,
     TorquePart,
 )
 from sysid.effects.programmes import RAMPS, REVERSALS, TOP
@@ -44,10 +47,13 @@ EFFECTS = (
         "servo-speed-limit",
         "motor",
         Place.TORQUE,
-        "T → y + clip(T − y, ±e)",
-        "The servo turns no faster than its motor at full voltage, which it has beyond some error.",
-        "Large steps are ramps of one slope; small steps are not affected.",
-        "Steps of very different size.",
+        Texts(
+            "T → y + clip(T − y, ±e)",
+            "The servo turns no faster than its motor at full voltage, which it has beyond some "
+            "error.",
+            "Large steps are ramps of one slope; small steps are not affected.",
+            "Steps of very different size.",
+        ),
         (
             EffectParameter(
                 "error", "speed", 1e6, 0.01, 3.0, (0.1, 0.3, 0.8), kinks=True, as_rate=True
@@ -56,27 +62,35 @@ EFFECTS = (
         ),
         _full_voltage,
         part=TorquePart.DRIVE,
-        ties=("rate-limit",),
-        programmes=(TOP, REVERSALS),
+        hints=Hints(
+            ties=("rate-limit",),
+            programmes=(TOP, REVERSALS),
+        ),
     ),
     Effect(
         "position-play",
         "motor",
         Place.READING,
-        "y → min(max(y_before, y − g/2), y + g/2)",
-        "Play between the servo and what is read: the servo's loop is exact, the arm behind it "
-        "moves only where a side of the gap pushes it.",
-        "Positions fall short by half the gap on either side; after a reversal the arm waits, then "
-        "starts at full speed.",
-        "Small steps back and forth, and slow ramps.",
+        Texts(
+            "y → min(max(y_before, y − g/2), y + g/2)",
+            "Play between the servo and what is read: the servo's loop is exact, the arm behind it "
+            "moves only where a side of the gap pushes it.",
+            "Positions fall short by half the gap on either side; after a reversal the arm waits, "
+            "then starts at full speed.",
+            "Small steps back and forth, and slow ramps.",
+        ),
         (
             EffectParameter("gap", "speed", 0.0, 0.0, 0.8, (0.03, 0.1, 0.3), kinks=True),
             EffectParameter(OF_SERVO, "", 0.0, 0.0, 1.0, (1.0,), choice=True),
         ),
         _play,
-        states=1,
-        ties=("coulomb-friction",),
-        programmes=(REVERSALS, RAMPS),
-        reverses=True,
+        memory=Memory(
+            1,
+        ),
+        hints=Hints(
+            ties=("coulomb-friction",),
+            programmes=(REVERSALS, RAMPS),
+            reverses=True,
+        ),
     ),
 )

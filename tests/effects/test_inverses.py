@@ -37,7 +37,7 @@ def test_all_of_those_can_be_compensated() -> None:
         e.id for e in INVERTIBLE
     }
     # who makes up for effects knows no states; the charge that a battery lacks is then none
-    assert [e.id for e in INVERTIBLE if e.states] == ["battery-discharge"]
+    assert [e.id for e in INVERTIBLE if e.memory.states] == ["battery-discharge"]
 
 
 @pytest.mark.parametrize("e", INVERTIBLE, ids=lambda e: e.id)

@@ -22,9 +22,9 @@ def beyond_sampling(model: FullModel, id: str, q: Array) -> NDArray[np.bool_]:
     Beside another delay or lag a part of a sample is what that one's law misses.
     """
     beyond = np.ones(model.tracks, dtype=bool)
-    if not about(id).beyond_sampling:
+    if not about(id).hints.beyond_sampling:
         return beyond
-    others = [e.id for e in model.effects if e.beyond_sampling and e.id != id]
+    others = [e.id for e in model.effects if e.hints.beyond_sampling and e.id != id]
     late = np.zeros(model.tracks, dtype=bool)
     for p, value in ((model.parameters[k], q[k]) for other in others for k in model.of(other)):
         if p.track >= 0:
@@ -53,7 +53,7 @@ def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bo
     own_parameters = [k for k in candidate.free if model.parameters[k].owner == id]
     gains = [k for k in candidate.free if model.parameters[k].name == "gain"]
     anew = id == CHANGED.id or any(
-        about(e).starts_from is StartsFrom.SIGNS for e in candidate.effects
+        about(e).hints.starts_from is StartsFrom.SIGNS for e in candidate.effects
     )
     if not anew:  # else the base says nothing of the core
         moved = np.abs(candidate.q[gains] / origin[gains])
@@ -85,7 +85,7 @@ def tied(best: CandidateModel, other: CandidateModel, logs: Logs | None = None) 
     to distinguish them, a long log that cannot would leave nothing.
     """
     a, b = best.effects[-1], other.effects[-1]
-    known = b in about(a).ties or a in about(b).ties
+    known = b in about(a).hints.ties or a in about(b).hints.ties
     if _close(best.errors, other.errors, known):
         if logs is None or len(set(logs.estimation)) < 2:
             return True

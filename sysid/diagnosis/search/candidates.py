@@ -172,7 +172,7 @@ class CandidateSearch:
         batch: list[Array] = []
         owners: list[Effect] = []
         for e in effects:
-            if e.id in (*model.effects, *model.excluded) or (self.level and e.level):
+            if e.id in (*model.effects, *model.excluded) or (self.level and e.hints.level):
                 continue
             rows = starts_of(self.model, e, model.q, errors, self.data, not self.core)
             batch += rows
@@ -207,7 +207,7 @@ class CandidateSearch:
         """
         screen = screened(self.model, model.q, model.free, batch, self.data)
         cost = screen.cost
-        anew = [k for k, e in enumerate(owners) if e.starts_from is StartsFrom.SIGNS]
+        anew = [k for k, e in enumerate(owners) if e.hints.starts_from is StartsFrom.SIGNS]
         if anew:
             batch[anew], cost[anew] = self._search(
                 model, batch[anew], [owners[k] for k in anew], BUDGET.full_steps
@@ -216,7 +216,7 @@ class CandidateSearch:
         for e, value in zip(owners, np.sum(np.log(cost + 1e-300), axis=1).tolist(), strict=True):
             least[e.id] = min(value, least.get(e.id, np.inf))
         leading = sorted(least, key=lambda id: least[id])[: BUDGET.screened]
-        wanted = {*leading, *(t for id in leading[:2] for t in about(id).ties)}
+        wanted = {*leading, *(t for id in leading[:2] for t in about(id).hints.ties)}
         wanted |= {owners[k].id for k in anew}
         lags = lags_of(self.model, model)
         starts: list[Array] = []
@@ -226,7 +226,9 @@ class CandidateSearch:
             of_law = np.min(np.sum(np.log(cost[rows] + 1e-300), axis=1))
             if e.id not in wanted or of_law > least[e.id] + self.model.tracks * np.log(BUDGET.law):
                 continue
-            ranked = (cost, screen.at_start) if e.starts_from is not StartsFrom.SIGNS else (cost,)
+            ranked = (
+                (cost, screen.at_start) if e.hints.starts_from is not StartsFrom.SIGNS else (cost,)
+            )
             some = [self._joined(batch[rows], by[rows], e) for by in ranked]
             if len(ranked) > 1:
                 some.append(self._along(model, some[1], screen.moved[rows], ranked[1][rows]))
@@ -281,7 +283,7 @@ class CandidateSearch:
         promising = [k for k in range(len(tried)) if np.any(cost[k] < BUDGET.promising * now)]
         order = sorted(promising, key=lambda k: float(np.sum(np.log(cost[k] + 1e-300))))
         leading = list(dict.fromkeys(tried[k].id for k in order))
-        alike = [t for id in leading[:2] for t in about(id).ties]
+        alike = [t for id in leading[:2] for t in about(id).hints.ties]
         if not model.effects:
             alike += [tried[k].id for k in promising if tried[k].id in self.stepwise]
         wanted = (*leading[:most], *alike)
@@ -329,7 +331,7 @@ class CandidateSearch:
             (k, j)
             for k, a in enumerate(chosen)
             for j, b in enumerate(chosen)
-            if (b.id in a.ties or a.id in b.ties) and cost[j].sum() < cost[k].sum()
+            if (b.id in a.hints.ties or a.id in b.hints.ties) and cost[j].sum() < cost[k].sum()
         ]
         if not pairs:
             return q

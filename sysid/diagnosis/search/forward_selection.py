@@ -141,7 +141,11 @@ class ForwardSelection(CandidateSearch):
             j
             for j in passed
             if alike(top.model.errors, j.model.errors)
-            or (j.id in about(top.id).ties and about(top.id).rare and self.tied(top.model, j.model))
+            or (
+                j.id in about(top.id).hints.ties
+                and about(top.id).hints.rare
+                and self.tied(top.model, j.model)
+            )
         ]
         lead = min(
             close,
@@ -149,7 +153,7 @@ class ForwardSelection(CandidateSearch):
                 about(j.id).couples,  # tracks of their own are simpler than ones that are tied
                 len(j.model.free),
                 about(j.id).shared,
-                about(j.id).rare,
+                about(j.id).hints.rare,
                 -j.score,
             ),
         )
@@ -216,7 +220,9 @@ class ForwardSelection(CandidateSearch):
                 first_candidate = next((j for j in first if j.id == id), None)
                 in_place = first_candidate or self._in_place(model, base, first, len(effects))
             else:
-                likely = {*about(id).ties, *(j.id for j in first[:4])} - {*model.effects} | {id}
+                likely = {*about(id).hints.ties, *(j.id for j in first[:4])} - {*model.effects} | {
+                    id
+                }
                 others = [e for e in effects if e.id in likely]
                 rest = self.without(model, id)
                 judged = self.candidates(rest, others, most=4)

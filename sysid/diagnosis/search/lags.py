@@ -20,9 +20,9 @@ def lags_of(model: FullModel, candidate: CandidateModel) -> tuple[int, ...]:
     return tuple(
         k
         for id in candidate.effects
-        if id != CHANGED.id and about(id).exchanges
+        if id != CHANGED.id and about(id).hints.exchanges
         for k in model.of(id)
-        if model.parameters[k].name == about(id).exchanges and _can(model, candidate, k)
+        if model.parameters[k].name == about(id).hints.exchanges and _can(model, candidate, k)
     )
 
 

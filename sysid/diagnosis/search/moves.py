@@ -75,16 +75,18 @@ def with_other_lag(search: CandidateSearch, candidate: CandidateModel) -> Candid
     None where the newest effect is no such lag.
     """
     newest = candidate.effects[-1] if candidate.effects else CHANGED.id
-    name = "" if newest == CHANGED.id else about(newest).exchanges
-    others = [id for id in candidate.excluded if name and id in about(newest).ties]
-    others = [id for id in others if about(id).exchanges]
+    name = "" if newest == CHANGED.id else about(newest).hints.exchanges
+    others = [id for id in candidate.excluded if name and id in about(newest).hints.ties]
+    others = [id for id in others if about(id).hints.exchanges]
     if not others:
         return None
     model = search.model
     other, q, moved = others[0], candidate.q.copy(), {}
     for k in model.of(newest):
         if model.parameters[k].name == name:
-            moved[k] = there = model.index[other, about(other).exchanges, model.parameters[k].track]
+            moved[k] = there = model.index[
+                other, about(other).hints.exchanges, model.parameters[k].track
+            ]
             q[there], q[k] = model.parameters[there].within(q[k]), 0.0
     free = tuple(sorted(moved.get(k, k) for k in candidate.free))
     effects = (*candidate.effects[:-1], other)
@@ -137,7 +139,7 @@ def swapped(
             e
             for e in effects
             if (e.id == id and e.laws)
-            or ((id in e.ties or e.id in about(id).ties) and e.id not in model.effects)
+            or ((id in e.hints.ties or e.id in about(id).hints.ties) and e.id not in model.effects)
         ]
         if not likely:
             continue

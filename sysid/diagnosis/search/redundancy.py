@@ -78,5 +78,5 @@ def explains_most_of_remainder(rest: CandidateModel, whole: CandidateModel, nois
 
 def _look_alike(a: Effect, b: Effect) -> bool:
     """Whether the catalogue lists two effects as a tie, or both bend the command by a curve."""
-    curves = all(e.place is Place.COMMAND and not e.states for e in (a, b))
-    return curves or a.id in b.ties or b.id in a.ties
+    curves = all(e.place is Place.COMMAND and not e.memory.states for e in (a, b))
+    return curves or a.id in b.hints.ties or b.id in a.hints.ties

@@ -58,7 +58,7 @@ def starts_of(
 
 
 def _starts_of(model: FullModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
-    match e.starts_from:
+    match e.hints.starts_from:
         case StartsFrom.SIGNS:
             return _signless(model, e, q, data)
         case StartsFrom.CLIP_LEVEL:

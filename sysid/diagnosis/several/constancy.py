@@ -184,7 +184,7 @@ def _difference(base: Base, selection: Selection, n: SelectedEffect) -> Differen
         f"{log} {', '.join(f'{m.value:.3g}' for m in values)}" for log, values in by_log.items()
     )
     what = "gain relative to the first log" if n.id == GAIN_BY_LOG.id else "load"
-    sentence = f"{about(n.id).sentence} The {what}, of {', '.join(names)}: {said}."
+    sentence = f"{about(n.id).texts.sentence} The {what}, of {', '.join(names)}: {said}."
     evidence = final_evidence(base, selection, n)
     return Difference(n.id, tuple(names), by_log, evidence.p_value, 1.0 / evidence.ratio, sentence)
 

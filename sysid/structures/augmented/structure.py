@@ -178,7 +178,7 @@ class Augmented(Structure):
 
     def n_states(self, theta: Array) -> int:
         """Core, effects, dead time, angles and clock, before them those of the given model."""
-        rows = self.order + sum(e.states for e in self.active) + self.delay - 1
+        rows = self.order + sum(e.memory.states for e in self.active) + self.delay - 1
         return self._given_states + self.ny * (rows + 2) + 1
 
     @property
@@ -269,13 +269,13 @@ class Augmented(Structure):
     ) -> tuple[ChainState, list[Array], Array, tuple[Array, Array]]:
         """Core and effects, delayed commands, clock, angles; undoes ``_flat``."""
         tracks, n = self.ny, self.order
-        count = n + sum(e.states for e in self.active) + self.delay - 1
+        count = n + sum(e.memory.states for e in self.active) + self.delay - 1
         rows = [x[..., k * tracks : (k + 1) * tracks] for k in range(count)]
         clock, angles = x[..., count * tracks], x[..., count * tracks + 1 :]
         effect_states, at = [], n
         for e in self.active:
-            effect_states.append(tuple(rows[at : at + e.states]))
-            at += e.states
+            effect_states.append(tuple(rows[at : at + e.memory.states]))
+            at += e.memory.states
         state = (xp.stack(rows[:n]), tuple(effect_states))
         return state, rows[at:], clock[..., None], (angles[..., :tracks], angles[..., tracks:])
 
@@ -331,7 +331,9 @@ class Augmented(Structure):
                 for name, value in _named(p.name, parameters[id][p.name], e, outputs)
                 if value != p.null
             )
-            lines.append(f"{id}: {e.equation}" + (f" with {values_text}" if values_text else ""))
+            lines.append(
+                f"{id}: {e.texts.equation}" + (f" with {values_text}" if values_text else "")
+            )
         return tuple(lines)
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
