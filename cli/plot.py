@@ -37,7 +37,7 @@ def plot(
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Plot models over each other, with 95 % bands, and over what was measured."""
+    """Plot models over each other and over measurements."""
     from sysid.data.files import write_atomic
     from sysid.report.model_panels import NEEDS_LOG, panels_of
     from sysid.report.panels import PanelPicture, Shown, table

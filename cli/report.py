@@ -26,7 +26,7 @@ def report(
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Write a page on a model: can it be trusted, for what, and what shows it."""
+    """Write a page on a model: can it be trusted, for what."""
     from sysid.data.files import write_atomic
     from sysid.data.inspection import inspect_records
     from sysid.estimation.assessment.figures import residual_tests

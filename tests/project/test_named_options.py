@@ -49,7 +49,7 @@ SHOWN_BY = {
     "cli/vehicles/fit_vehicle.py": ("fit-vehicle",),
     "cli/fit_options.py": ("fit",),
     "cli/live": ("fit",),
-    "cli/targets.py": ("fit", "compare", "simulate", "plan"),
+    "cli/targets.py": ("simulate", "plan"),
     "cli/structures.py": ("fit",),
     "cli/report.py": ("fit",),  # the line that makes a model again
 }
