@@ -24,12 +24,13 @@ from sysid.diagnosis.long_logs import InFull
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis
 from sysid.diagnosis.pose.ground_model import with_ground
+from sysid.diagnosis.rules.final_model import final_evidence, measured
+from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.search.detectable import detectable
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
 from sysid.diagnosis.session import DiagnosisSession, SelectionResult
 from sysid.diagnosis.several.constancy import several_logs
 from sysid.diagnosis.shapes.grading import FoundShape, curves_of, proven
-from sysid.diagnosis.validation.acceptance import final_evidence
 from sysid.diagnosis.validation.excess_error import ExcessError, excess_error
 from sysid.diagnosis.validation.explain import described, explain
 from sysid.diagnosis.validation.jitter import detect_jitter
@@ -86,7 +87,7 @@ def _confirmed(
 ) -> tuple[Selection, tuple[RejectedEffect, ...], InFull | None]:
     """The accepted effects, the rejected ones, and both models on all samples of long logs."""
     session = result.session
-    selection, rejected = session.confirmed(result.selection)
+    selection, rejected = confirmed(session, result.selection)
     if judged is None:
         return selection, rejected, None
     whole = judged(session, selection)
@@ -95,8 +96,8 @@ def _confirmed(
         least = min(rests, key=lambda id: rests[id].gap.after)
         if rests[least].gap.after > whole.gap.after:
             break
-        rejected += (RejectedEffect(least, ONLY_IN_PIECES),)
-        selection = session.measured(session.base.search.without_effect(selection, least))
+        rejected += (RejectedEffect(least, ONLY_IN_PIECES, "only-in-pieces"),)
+        selection = measured(session.base, session.base.search.without_effect(selection, least))
         whole = judged(session, selection)
     return selection, rejected, whole
 

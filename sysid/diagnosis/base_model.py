@@ -145,6 +145,13 @@ class Base:
     sampled: bool = False
     driven: Callable[[Record], Record] = lambda record: record
 
+    @property
+    def poles(self) -> Array:
+        """Discrete poles of all its cores."""
+        model = self.search.model
+        cores = (model.core(self.model.q, i) for i in range(model.tracks))
+        return np.concatenate([np.roots([1.0, *f]) for _, f, _ in cores])
+
     def with_sampling(self, like: CandidateModel) -> "Base":
         """The base with a sampling lag, fitted from the shares of a candidate."""
         search = self.search.holding(SAMPLING.id)

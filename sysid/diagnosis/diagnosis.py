@@ -184,10 +184,15 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class RejectedEffect:
-    """An effect that was selected first and rejected later, with the reason."""
+    """An effect that was selected first and rejected later, with the reason.
+
+    Attributes:
+        rule: the rule that spoke, by its name in the ledger.
+    """
 
     id: str
     reason: str
+    rule: str = ""
 
 
 @dataclass(frozen=True)

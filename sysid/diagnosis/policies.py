@@ -38,7 +38,8 @@ class AcceptanceRule:
         known_tie: the same for effects that the catalogue lists as ties.
         chance_tie: the same where the paired t is below ``t``: the difference may be chance.
         least_gain, most_gain: factors within which the gain of the base must stay; small commands
-            that hardly leave a dead zone make it far too small.
+            that hardly leave a dead zone make it far too small (a weight on the shaft leaves no
+            gain at all, and has no upper factor).
         as_good: fewer effects on a simpler base are preferred up to this ratio of held-out errors.
     """
 

@@ -63,11 +63,16 @@ def test_the_share_is_that_of_the_body(seed: int) -> None:
         runs = errors(np.concatenate([z + h, z - h]))
         return ((runs[: len(z)] - runs[len(z) :]) / (2.0 * np.diag(h))[:, None]).T
 
-    # a track that starts or stops within a sample is stepped to first order: a hundredth of 9 rad/s;
-    # it was two hundredths while friction took nothing of the push
+    # a track that starts or stops within a sample is stepped to first order: a hundredth of the
+    # speeds, two while friction took nothing of the push
     at_truth = errors(q[free])[0]
     assert np.sqrt(np.mean(at_truth**2)) < 0.08
-    found = least_squares(lambda z: errors(z)[0], q[free] * 1.1, slopes, x_scale=np.abs(q[free]))
+
+    def misses(z: Array) -> Array:
+        first: Array = errors(z)[0]
+        return first
+
+    found = least_squares(misses, q[free] * 1.1, slopes, x_scale=np.abs(q[free]))
     share = found.x[free.index(model.index["inertial-coupling", "share", -1])]
-    # at 0.1 s to a sample, three of which are a time constant of 0.23 s
-    assert share == pytest.approx(known["inertial-coupling", "share"][0], abs=0.004)
+    # at 0.1 s to a sample and 0.23 s of time constant, for the same reason
+    assert share == pytest.approx(known["inertial-coupling", "share"][0], abs=0.006)

@@ -10,7 +10,7 @@ from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.parameter_table import ModelParameter
 from sysid.diagnosis.search.prepared import Logs
 from sysid.diagnosis.search.selection import CandidateModel
-from sysid.effects.base import StartsFrom
+from sysid.effects.base import Place, StartsFrom
 from sysid.effects.catalogue import CHANGED, about
 from sysid.effects.sensor import MOST_SAMPLED
 from sysid.fitting.holdout import Errors
@@ -57,7 +57,9 @@ def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bo
     )
     if not anew:  # else the base says nothing of the core
         moved = np.abs(candidate.q[gains] / origin[gains])
-        if np.any((moved < RULE.least_gain) | (moved > RULE.most_gain)):
+        # a base that a weight holds answers with nearly none of the gain, or against it
+        held = any(about(e).place is Place.TORQUE and about(e).waves for e in candidate.effects)
+        if np.any(moved < RULE.least_gain) or (not held and np.any(moved > RULE.most_gain)):
             return False
     if not own_parameters:
         return True  # no number of its own is searched: it is read off the data, or the core's are

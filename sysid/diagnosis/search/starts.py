@@ -11,7 +11,8 @@ from sysid.diagnosis.over_angle import over_angle, strongest_lines
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.parameter_table import NO_LIMIT, ModelParameter
 from sysid.diagnosis.search.prepared import Data
-from sysid.effects.base import OF_SERVO, Effect, StartsFrom, Wave, is_of_servo
+from sysid.diagnosis.search.weight_starts import from_changes
+from sysid.effects.base import OF_SERVO, Effect, Place, StartsFrom, Wave, is_of_servo
 from sysid.effects.catalogue import CHANGED, LEVEL
 from sysid.structures.blocks.sign_recovery import LAGS, recovered
 
@@ -281,6 +282,12 @@ def _from_waves(model: FullModel, e: Effect, q: Array, errors: Array, data: Data
                     values |= {wave.of_wheel: of_wheel, **law.choices}
                     for name, value in values.items():
                         row[model.index[e.id, name, i]] = value
+            if e.place is Place.TORQUE:
+                regressed = from_changes(model, e, wave, q, data)
+                rows += [] if regressed is None else [regressed]
+                for i in range(model.tracks if regressed is not None else 0):
+                    for name, value in {wave.of_wheel: of_wheel, **law.choices}.items():
+                        rows[-1][model.index[e.id, name, i]] = value
             starts += rows
     return starts
 

@@ -7,9 +7,9 @@ import pytest
 
 from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.base_model import Base, divided, fit_baseline
+from sysid.diagnosis.rules.linear_motion import linear_rival, worse_than_rival
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
-from sysid.diagnosis.validation.linear_rival import linear_rival, worse_than_rival
 from sysid.effects.catalogue import catalogue
 from sysid.effects.conformance import superposes
 

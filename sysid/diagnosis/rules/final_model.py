@@ -15,9 +15,10 @@ from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN
+from sysid.diagnosis.search.intervals import SAME_RUN, UNCERTAIN, intervals_of
 from sysid.diagnosis.search.parameter_table import NO_LIMIT
 from sysid.diagnosis.search.selection import CandidateModel, Interval, SelectedEffect, Selection
+from sysid.diagnosis.validation.exchange import with_exchanged_lags
 from sysid.effects.catalogue import CHANGED
 from sysid.fitting.profile import NORMAL
 
@@ -151,3 +152,18 @@ def uncertain_parameters(base: Base, selection: Selection) -> tuple[int, ...]:
         far = [abs(final.q[k] - model.parameters[k].null) > UNCERTAIN * at[k] > 0.0 for k in own]
         doubtful += own if not any(far) else [k for k in own if at[k] == 0.0]
     return tuple(doubtful)
+
+
+def measured(base: Base, selection: Selection) -> Selection:
+    """With likelihood intervals where gradients cannot judge; estimates may move slightly."""
+    if not selection.selected:
+        return selection
+    uncertain = uncertain_parameters(base, selection)
+    final, intervals = intervals_of(base.search, selection.final, uncertain)
+    # a ragged likelihood may lead away from an accepted set
+    for candidate in (final, selection.final):
+        widened = {k: i.holding(float(candidate.q[k])) for k, i in intervals.items()}
+        told = replace(selection, final=candidate, intervals=widened)
+        if weakest(base, told) is None:
+            break
+    return with_exchanged_lags(base, told)

@@ -11,15 +11,16 @@ from sysid.diagnosis.base_model import Base, fit_baseline, full_drive
 from sysid.diagnosis.diagnosis import NamedEffect, Value
 from sysid.diagnosis.findings import sentence_of
 from sysid.diagnosis.policies import RULE, VERDICT
-from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.selection import Interval, Selection
-from sysid.diagnosis.session import DiagnosisSession, noise_of
-from sysid.diagnosis.validation.acceptance import (
+from sysid.diagnosis.rules.final_model import (
     ParameterEstimate,
     _acting_alone,
     against,
     uncertain_parameters,
 )
+from sysid.diagnosis.rules.ledger import confirmed
+from sysid.diagnosis.search.evidence import Evidence
+from sysid.diagnosis.search.selection import Interval, Selection
+from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.verdict import Remaining, verdict_of
 from sysid.effects.catalogue import about, chain_effects
 from sysid.structures.augmented.structure import Augmented
@@ -130,7 +131,7 @@ def test_numbers_that_only_shape_an_effect_are_no_sign_of_it(
 def test_a_name_that_does_not_stand_is_dropped_with_the_reason(base: Base) -> None:
     scales = full_drive(base.parts.estimation)
     study = DiagnosisSession(base, noise_of(base), scales, 0)
-    kept, dropped = study.confirmed(named(base))
+    kept, dropped = confirmed(study, named(base))
     assert kept.selected == ()
     assert kept.final is base.model
     (gone,) = dropped
