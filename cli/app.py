@@ -11,7 +11,19 @@ import typer
 
 from sysid.errors import SysidError
 
-from . import compare, demo, diagnose, excite, fit, inspect, models, show, structures
+from . import (
+    compare,
+    demo,
+    diagnose,
+    excite,
+    fit,
+    inspect,
+    models,
+    plot,
+    report,
+    show,
+    structures,
+)
 from .command_help import Command, Group
 from .cosim import node
 from .exporting import export, verify
@@ -36,6 +48,8 @@ _COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
         fit.fit,
         compare.compare,
         show.show,
+        plot.plot,
+        report.report,
         diagnose.diagnose,
         models.models,
         structures.structures,

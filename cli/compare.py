@@ -21,8 +21,12 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.estimation.assessment.findings import Policy
-    from sysid.estimation.selection.comparison import Ranked, Ranking
+    from sysid.estimation.selection.comparison import Contender, Ranked, Ranking
     from sysid.estimation.selection.cross_validation import CrossValidation
+
+
+PAGE = 6
+"""Most models on a page: more lines over each other are told apart by nobody."""
 
 
 @command
@@ -86,7 +90,30 @@ def compare(
     if json:
         _document(ranking, crossed, read_as)
         return
-    _show(ranking, crossed, {"Picture": plot}, read_as, notes(findings))
+    page = _page(store, ranking, judged_on, contenders)
+    _show(ranking, crossed, {"Picture": plot, "Page": page}, read_as, notes(findings))
+
+
+def _page(
+    store: Workspace,
+    ranking: "Ranking",
+    judged_on: "tuple[Sequence[Record], str] | None",
+    contenders: "Sequence[Contender]",
+) -> Path | None:
+    """Write the page of the models on the log that judged them; none where that is gone."""
+    from sysid.data.files import write_atomic
+    from sysid.report.model_page import comparison_page
+    from sysid.report.panels import Shown
+
+    own = next(c.validation or c.records for c in contenders if c.id == ranking.best.contender.id)
+    records = judged_on[0] if judged_on else own
+    if not records:
+        return None
+    shown = [Shown(x.contender.id, x.contender.model) for x in ranking.lines[:PAGE]]
+    page = comparison_page(shown, records, ranking.best.contender.id, ranking.notes)
+    path = store.root / "compare.html"
+    write_atomic(path, page.html())
+    return path
 
 
 def _validation(
@@ -146,7 +173,7 @@ def _show(
     ks = [f["horizon"] for f in first.figures.get("k_step", [])]
     about = criterion(ranking.criterion)
     shown = "" if about.of_free_run else ranking.criterion
-    heads = ["fit %, free run", *(f"{k} step" for k in ks), "one step"]
+    heads = ["free run, %", *(f"{k} step" for k in ks)]
     heads += [f"{next(iter(folds.values())).folds} folds"] if folds else []
     kinds = _kinds(ranking)
     cost = ["µs a step"] if kinds else []
@@ -196,7 +223,7 @@ def _row(
     from sysid.structures.orders import orders_text
 
     figures, c = line.figures, line.contender
-    parts = [p["fit_percent"] for p in (figures, *figures.get("k_step", []), figures["one_step"])]
+    parts = [p["fit_percent"] for p in (figures, *figures.get("k_step", []))]
     if folds:
         parts.append(folds[c.id].fit_percent if c.id in folds else {})
     return [

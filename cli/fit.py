@@ -13,6 +13,7 @@ from .live.follow import Followed, check_alone, follow, stopping
 from .live.options import Following
 from .options import command, group, option
 from .read_as import decided
+from .report import command_of
 from .show import show_model
 
 if TYPE_CHECKING:
@@ -101,7 +102,8 @@ def fit(
     if json:
         _document(stored, identification, followed, read_as)
     else:
-        show(stored, identification, read_as, {"Picture": plot}, notes)
+        page = _page(store, stored[0], identification)
+        show(stored, identification, read_as, {"Picture": plot, "Page": page}, notes)
         if full:
             show_model(stored[0])
 
@@ -116,6 +118,22 @@ def _stored(
     ][::-1]
     store.remember("latest", [s.id for s in stored])
     return stored
+
+
+def _page(store: Workspace, best: StoredModel, identification: "Identification") -> Path:
+    """Write the page of the best model; what is slow is left to ``sysid report``."""
+    from sysid.data.files import write_atomic
+    from sysid.report.model_page import model_page
+
+    records = identification.validation or identification.estimation
+    tests = identification.assessments[0].residuals
+    line = command_of(best.model)
+    page = model_page(
+        best.id, best.model, best.report, records, (), tests, command=line, quick=True
+    )
+    path = store.root / "fit.html"
+    write_atomic(path, page.html())
+    return path
 
 
 def _identify(

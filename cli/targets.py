@@ -41,7 +41,25 @@ def make_folder(path: Path, option: str) -> None:
 
 def picture(help: str) -> Any:
     """The option ``--plot``, refused before the work where it cannot be drawn."""
-    return option("FILE", help, "-p", "--plot", parse=check_picture)
+    return picture_target(help, "-p", "--plot")
+
+
+def picture_target(help: str, *names: str) -> Any:
+    """An option for a picture to write, refused before the work where it cannot be drawn."""
+    return option("FILE", help, *names, parse=lambda path: check_picture(path, names[-1]))
+
+
+def check_picture(path: Path, option: str = "--plot") -> Path:
+    """Refuse a picture that cannot be drawn.
+
+    Raises:
+        UsageError: the folder does not exist, or the name ends in nothing that can be drawn.
+    """
+    from sysid.report.plots import picture_format
+
+    picture_format(path)
+    check(path, option, new_folder=False)
+    return path
 
 
 def target(
@@ -71,16 +89,3 @@ def target(
 
 
 YAML = (".yaml", ".yml")
-
-
-def check_picture(path: Path) -> Path:
-    """Refuse a ``--plot`` that cannot be drawn.
-
-    Raises:
-        UsageError: the folder does not exist, or the name ends neither in .svg nor in .png.
-    """
-    from sysid.report.plots import picture_format
-
-    picture_format(path)
-    check(path, "--plot", new_folder=False)
-    return path

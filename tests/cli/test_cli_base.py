@@ -119,7 +119,7 @@ WRONG: dict[str, tuple[str, int, str]] = {
     "simulate no such mission": ("simulate no.yaml", 1, "no.yaml: file not found"),
     "simulate unknown key": ("simulate bad.yaml", 1, "bad.yaml:2"),
     "simulate no such log": ("simulate no.csv", 2, "no.csv: file not found"),
-    "simulate plot format": ("simulate mission.yaml --plot x.docx", 2, ".svg or .png"),
+    "simulate plot format": ("simulate mission.yaml --plot x.docx", 2, ".svg, .png or .pdf"),
     "simulate log at a folder": ("simulate mission.yaml -o empty", 2, "empty"),
     "simulate log below a file": ("simulate mission.yaml -o log.csv/x.csv", 1, "log.csv"),
     "simulate onto itself": ("simulate log.csv -o log.csv", 2, "would overwrite"),

@@ -199,46 +199,46 @@ def frequency_curves(model: Model, frequencies: Array | None = None) -> tuple[Fr
 def root_clouds(model: Model) -> tuple[RootCloud, ...]:
     """Poles and zeros of every path of a linear model in the z plane, with their covariances.
 
+    Of a root p of A(z) = Σ aₖ z^(n−k) dp = −Σ daₖ p^(n−k)/A′(p), so that only the covariance of the
+    coefficients is found by differences.
+
     Raises:
         ModelError: the model is not linear or has no inputs.
     """
     if not isinstance(model.structure, PolynomialStructure) or not model.inputs:
         raise ModelError(f"{model.structure.name} has no poles and zeros of a path from an input")
-    clouds = []
-    for i, y in enumerate(model.outputs):
-        for j, u in enumerate(model.inputs):
-            entry = entry_of(model, model.theta, i, j)
-            if entry is None or not np.any(entry[0]):
-                continue
-            found = [_spread(model, i, j, top) for top in (False, True)]
-            clouds.append(RootCloud(u.name, y.name, *found[0], *found[1]))
+    ny, nu = len(model.outputs), len(model.inputs)
+    every = [(i, j) for i in range(ny) for j in range(nu)]
+    entries = {key: entry_of(model, model.theta, *key) for key in every}
+    paths = [(k, e) for k, e in entries.items() if e is not None and np.any(e[0])]
+
+    def numbers(theta: Array) -> Array:
+        found = [entry_of(model, theta, *key) for key, _ in paths]
+        return np.concatenate([p for e in found if e is not None for p in e])
+
+    root = delta_root(model, numbers, numbers(model.theta))
+    clouds, at = [], 0
+    for (i, j), (top, bottom) in paths:
+        of_top = root[at : at + len(top)]
+        of_bottom = root[at + len(top) : at + len(top) + len(bottom)]
+        at += len(top) + len(bottom)
+        zeros, poles = _roots(top, of_top), _roots(bottom, of_bottom)
+        clouds.append(RootCloud(model.inputs[j].name, model.outputs[i].name, *poles, *zeros))
     return tuple(clouds)
 
 
-def _spread(model: Model, i: int, j: int, top: bool) -> tuple[NDArray[np.complex128], Array]:
-    """Roots of a denominator, or of a numerator, and the roots of their covariances."""
-
-    def roots(theta: Array) -> NDArray[np.complex128]:
-        entry = entry_of(model, theta, i, j)
-        if entry is None:
-            return np.zeros(0, dtype=np.complex128)
-        polynomial = np.trim_zeros(entry[0], "f") if top else entry[1]
-        return np.roots(np.trim_zeros(polynomial, "b")).astype(np.complex128)
-
-    like = roots(model.theta)
-
-    def numbers(theta: Array) -> Array:
-        left, matched = list(roots(theta)), []
-        for p in like:  # each keeps its nearest
-            k = int(np.argmin([abs(q - p) for q in left])) if left else -1
-            matched.append(left.pop(k) if left else p)
-        each = np.array(matched, dtype=np.complex128)
-        return np.concatenate([each.real, each.imag])
-
-    if not len(like):
-        return like, np.zeros((0, 2, 1))
-    root = delta_root(model, numbers, numbers(model.theta))
-    return like, np.moveaxis(root.reshape(2, len(like), -1), 0, 1)
+def _roots(polynomial: Array, spread: Array) -> tuple[NDArray[np.complex128], Array]:
+    """Roots that are not 0, and roots of their covariances, from those of the coefficients."""
+    kept = np.flatnonzero(polynomial)
+    if not len(kept):
+        return np.zeros(0, dtype=np.complex128), np.zeros((0, 2, 1))
+    part = slice(int(kept[0]), int(kept[-1]) + 1)
+    a, da = polynomial[part], spread[part]
+    roots = np.roots(a).astype(np.complex128)
+    powers = roots[:, None] ** np.arange(len(a) - 1, -1, -1)
+    with np.errstate(all="ignore"):
+        moved = -(powers @ da) / np.polyval(np.polyder(a), roots)[:, None]
+    return roots, np.stack([moved.real, moved.imag], axis=1)
 
 
 def static_curves(model: Model) -> tuple[ResponseCurve, ...]:

@@ -204,13 +204,11 @@ def response_to_step(
 
 
 def settled_length(model: Model, j: int, start: float, level: float) -> tuple[float, int]:
-    """Time in which every output settles after a step of input j [s], and the length of a run in
-    which that is seen [samples]; infinite where one never does."""
+    """Time in which outputs settle after a step of input j [s], and the length of a run in which
+    that is seen [samples]; infinite where none does. A side path that never does keeps nobody."""
     slowest = max(_slowest(_poles(model, model.theta, i, j)) for i in range(len(model.outputs)))
     runs, length = _settled_runs(model, j, start, level, slowest)
-    if not all(run.settles for run in runs):
-        return np.inf, length
-    times = [run.dead + run.settling for run in runs]
+    times = [run.dead + run.settling for run in runs if run.settles]
     return max((t for t in times if np.isfinite(t)), default=np.inf), length
 
 

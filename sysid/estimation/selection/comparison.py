@@ -13,7 +13,7 @@ from sysid.data.record import Record, names_of
 from sysid.errors import ModelError, SysidError
 from sysid.estimation.assessment.figures import residual_tests
 from sysid.estimation.assessment.findings import Policy, figures_on
-from sysid.estimation.selection.ranking import common_criteria
+from sysid.estimation.selection.ranking import common_criteria, free_parameters
 from sysid.estimation.soundness import doubts_about, leader, relative_gap
 from sysid.fitting.holdout import CLOSE
 from sysid.structures.model import Model
@@ -82,8 +82,8 @@ class Ranking:
         excluded: id → why it cannot be compared.
         notes: what to know about the ranking.
         data: what the models were judged on.
-        best: the one to take: the first, unless its free run drifts, it holds a mode longer than
-            its data, or its search was given up, and a settled one is as good.
+        best: the one to take: by fit the smallest of those that tie with the first, else the
+            first; a settled one before others that are as good.
     """
 
     criterion: str
@@ -207,15 +207,26 @@ def _overlap(first: float, samples: int, record: Record, dt: float) -> bool:
 def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranked:
     """The model to take, and a note where it is not the first or has something against it."""
     doubts = {x.contender.id: doubts_about(x.contender.model) for x in lines}
+    by_size = table.criterion(criterion).of_free_run
+
+    def tied(x: Ranked, first: Ranked) -> bool:
+        return _gap(x, first, criterion) <= _margin(first)
+
     best = leader(
         lines,
         lambda x: not doubts[x.contender.id].unbounded,
-        lambda x, first: _gap(x, first, criterion) <= _margin(first),
+        tied,
         lambda x: doubts[x.contender.id].settled,
+        lambda x: (free_parameters(x.contender.model) if by_size else 0, lines.index(x)),
     )
     first, doubt = lines[0].contender.id, doubts[lines[0].contender.id].words
-    if best is not lines[0]:
+    if best is not lines[0] and doubt:
         notes.append(f"{first} is first by {criterion} but does not lead: {doubt}.")
+    elif best is not lines[0]:
+        notes.append(
+            f"{best.contender.id} leads: fewest parameters among the models tied with {first} "
+            f"(errors within {100.0 * _margin(lines[0]):.2g} %)."
+        )
     against = doubts[best.contender.id]
     if not against.settled:
         notes.append(

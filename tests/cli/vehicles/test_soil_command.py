@@ -61,7 +61,7 @@ def test_files_of_soil_and_vehicle_and_a_picture(capsys: Capture, tmp_path: Path
         (("ice", "--set", "cohesion"), "--set cannot read 'cohesion'"),
         (("ice", "--set", "cohesian=3"), "did you mean cohesion?"),
         (("ice", "--road-wheels", "0"), "0 road wheels"),
-        (("ice", "--plot", "picture.pdf"), "ends in .svg or .png"),
+        (("ice", "--plot", "picture.eps"), "ends in .svg, .png or .pdf"),
         (("ice", "--vehicle", "{wrong}"), "wrong.yaml:2: unknown key 'mas': did you mean 'mass'?"),
         (("ice", "--vehicle", "{heavy}"), "heavy.yaml:1: mass is the text 'much': give a number"),
         (("ice", "--vehicle", "{light}"), "light.yaml:1: mass is -1: give a number above 0"),
