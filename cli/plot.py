@@ -38,11 +38,7 @@ def plot(
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-<<<<<<< HEAD
-    """Plot models over each other and over measurements."""
-=======
     """Draw responses, poles, residuals of models, with 95 % bands."""
->>>>>>> cli
     from sysid.data.files import write_atomic
     from sysid.report.model_panels import NEEDS_LOG, panels_of
     from sysid.report.panels import PanelPicture, Shown, table

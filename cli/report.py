@@ -29,11 +29,7 @@ def report(
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-<<<<<<< HEAD
-    """Write a page on a model: can it be trusted, for what."""
-=======
     """Write a page on a model: can it be trusted, and for what?"""
->>>>>>> cli
     from sysid.data.files import write_atomic
     from sysid.data.inspection import inspect_records
     from sysid.estimation.assessment.figures import residual_tests
