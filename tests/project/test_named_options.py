@@ -52,7 +52,6 @@ SHOWN_BY = {
     "cli/live": ("fit",),
     "cli/targets.py": ("simulate", "plan"),
     "cli/structures.py": ("fit",),
-    "cli/report.py": ("fit",),  # the line that makes a model again
 }
 """Module or folder of the command line → the commands whose messages it writes."""
 
