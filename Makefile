@@ -4,9 +4,8 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 DEMO   := demo_out
 SYSID  := $(BIN)/sysid
-LOGS   := datasets/devastator
 
-.PHONY: demo test test-slow gate bench reports study study-diagnose study-physics study-real datasets clean help
+.PHONY: demo test test-slow gate bench reports study study-diagnose study-physics study-real docs datasets clean help
 
 help:  ## List what make can do
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -25,18 +24,8 @@ $(VENV)/.installed-test: pyproject.toml constraints.txt $(VENV)/.installed
 	@touch $@
 
 demo: $(VENV)/.installed  ## The main job on bundled data: fit, compare, export, simulate, diagnose
-	@rm -rf $(DEMO) && mkdir -p $(DEMO)
-	@echo "== 1/5 fit: every linear structure, orders searched, judged on a second log"
-	$(SYSID) fit $(LOGS)/prbs.csv --val $(LOGS)/prbs_val.csv --workspace $(DEMO)/workspace --plot $(DEMO)/fit.svg
-	@echo "== 2/5 compare: rank them"
-	$(SYSID) compare --criteria aic --workspace $(DEMO)/workspace --plot $(DEMO)/ranking.svg
-	@echo "== 3/5 export: the best one as a plant package"
-	$(SYSID) export --workspace $(DEMO)/workspace
-	@echo "== 4/5 simulate: drive it around four obstacles to (6, 3)"
-	$(SYSID) simulate datasets/missions/obstacles_6_3.yaml --workspace $(DEMO)/workspace --plot $(DEMO)/mission.svg
-	@echo "== 5/5 diagnose: on another log the model is worse; what is missing from it?"
-	$(SYSID) diagnose $(LOGS)/multilevel.csv --val $(LOGS)/multilevel_val.csv --workspace $(DEMO)/workspace -o $(DEMO)/diagnosis
-	@echo "== Done. Pictures: $(DEMO)/fit.svg, ranking.svg, mission.svg, diagnosis/index.html; plant: $(DEMO)/workspace/plant"
+	@rm -rf $(DEMO)
+	$(SYSID) demo $(DEMO) --run
 
 # Many tests start commands, which would else compile every module again.
 unexport PYTHONDONTWRITEBYTECODE
@@ -90,6 +79,13 @@ study-real: $(VENV)/.installed-test  ## Study: what sysid diagnose names on meas
 
 reports: $(VENV)/.installed  ## The tour's pictures and tables again; only the date in their foot changes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.make_reports
+
+PAGES := build/pages
+docs: $(VENV)/.installed  ## The documentation as a site with search: build/site/index.html
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	rm -rf $(PAGES) && mkdir -p $(PAGES)
+	git ls-files '*.md' '*.svg' '*.png' LICENSE examples | xargs cp --parents -t $(PAGES)
+	$(BIN)/mkdocs build --quiet --strict -f docs/mkdocs.yml
 
 datasets: $(VENV)/.installed  ## The bundled logs and missions again, byte-identical
 	$(BIN)/python datasets/generate.py

@@ -130,7 +130,7 @@ def fitted(structure: str, folder: Path) -> Path:
         return plant
     logs = [str(sysid_datasets.path(name)) for name in ("multilevel", "multilevel_val")]
     fit = ["fit", logs[0], "--val", logs[1], "--structure", structure]
-    for line in (fit, ["export", "--format", "json", "--out", str(plant)]):
+    for line in (fit, ["export", "--format", "json", "-o", str(plant)]):
         if sysid([*line, "--workspace", place]) != 0:
             raise SystemExit(f"{structure}: {line[0]} failed")
     return plant

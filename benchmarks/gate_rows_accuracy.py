@@ -142,7 +142,7 @@ def measured(name: str, structure: str) -> Value:
     record = MEASURED[name]
     train, test = record.parts()
     simulated = sysid.FitOptions(focus=sysid.Focus.SIMULATION)  # as is judged
-    model = sysid.fit(structure, train, options=simulated if structure == "narmax" else None)
+    model = sysid.fit(train, structure, options=simulated if structure == "narmax" else None)
     found = figures(model, test, "test", skip=record.skip)
     if record.factor is None:
         return found.mean_fit
@@ -152,7 +152,7 @@ def measured(name: str, structure: str) -> Value:
 def bundled(name: str, structure: str) -> Value:
     """Fit [%] of a free run on the second log, as ``sysid fit LOG --val LOG_val`` shows it."""
     log, judge = (sysid.read_log(sysid_datasets.path(n)) for n in (name, f"{name}_val"))
-    return figures(sysid.fit(structure, log), (judge,), "test").mean_fit
+    return figures(sysid.fit(log, structure), (judge,), "test").mean_fit
 
 
 def names(hidden: str) -> Value:

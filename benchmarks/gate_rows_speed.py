@@ -113,7 +113,7 @@ def arx(folder: Path) -> SpeedRow:
     return SpeedRow(
         "speed/arx",
         "fit of ARX(2,2,1) to 10⁵ samples over its normal equations",
-        lambda: sysid.fit("arx", log, "na=2 nb=2 nk=1"),
+        lambda: sysid.fit(log, "arx", "na=2 nb=2 nk=1"),
         lambda: normal_equations(u, y, 2, 2),
         own_time,
         3,
@@ -152,7 +152,7 @@ def iterative(structure: str) -> Callable[[Path], SpeedRow]:
         return SpeedRow(
             f"speed/{structure}",
             f"fit of {structure.upper()}, 2 of each, to 10⁴ samples over scipy's least_squares",
-            lambda: sysid.fit(structure, log, ITERATIVE[structure]),
+            lambda: sysid.fit(log, structure, ITERATIVE[structure]),
             lambda: bare_fit(structure, u, y),
             own_time,
             4,
@@ -184,7 +184,7 @@ def cold_fit(folder: Path) -> SpeedRow:
 
 def mission(folder: Path) -> SpeedRow:
     """Guidance, control and vehicle around a plant over the plant alone."""
-    model = sysid.fit("oe", sysid.read_log(sysid_datasets.path("prbs")), "nb=2 nf=2 nk=1")
+    model = sysid.fit(sysid.read_log(sysid_datasets.path("prbs")), "oe", "nb=2 nf=2 nk=1")
     plan = sysid.load_mission(sysid_datasets.path("obstacles_6_3"))
     plant = model.plant()
     samples = len(sysid.simulate(plan, plant).log["t"])
@@ -211,7 +211,7 @@ def diagnosis(folder: Path) -> SpeedRow:
         "speed/diagnosis",
         "diagnosis of a log of 30 s over its fit by OE(1,1)",
         lambda: sysid.diagnose(log, held),
-        lambda: sysid.fit("oe", log, "nb=1 nf=1 nk=1"),
+        lambda: sysid.fit(log, "oe", "nb=1 nf=1 nk=1"),
         own_time,
         1,
         3,

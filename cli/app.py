@@ -3,7 +3,7 @@
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,47 +11,48 @@ import typer
 
 from sysid.errors import SysidError
 
-from . import compare, diagnose, excite, fit, inspect, models, structures
-from .cosim import plant
+from . import compare, demo, diagnose, excite, fit, inspect, models, plot, report, show, structures
+from .command_help import Command, Group
+from .cosim import node
 from .exporting import export, verify
-from .field_options import Command, every_command
+from .field_options import Line, every_command
 from .missions import localize, plan, simulate, tune
 from .testbench import motor, pendulum, power
 from .testbench.group import bench
 from .vehicles import fit_vehicle, soil, vehicle
 
-_HELP = {"help_option_names": ["-h", "--help"]}
+_HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
 app = typer.Typer(
-    add_completion=False,
+    cls=Group,
     pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
+    rich_markup_mode=None,
     context_settings=_HELP,
 )
-for _command in (
-    inspect.inspect,
-    excite.excite,
-    structures.structures,
-    fit.fit,
-    compare.compare,
-    models.models,
-    export.export,
-    verify.verify,
-    simulate.simulate,
-    plant.plant,
-    tune.tune,
-    localize.localize,
-    diagnose.diagnose,
-    vehicle.vehicle,
-    fit_vehicle.fit_vehicle,
-    soil.soil,
-):
-    app.command(context_settings=_HELP, cls=Command)(_command)
-app.command(context_settings=_HELP, cls=plan.PlotMayStandAlone)(plan.plan)
+_COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
+    "Data": (demo.demo, inspect.inspect, excite.excite),
+    "Models": (
+        fit.fit,
+        compare.compare,
+        show.show,
+        plot.plot,
+        report.report,
+        diagnose.diagnose,
+        models.models,
+        structures.structures,
+    ),
+    "Deploy": (export.export, verify.verify),
+    "Missions": (simulate.simulate, plan.plan, tune.tune, localize.localize, node.node),
+    "Vehicle and bench": (fit_vehicle.fit_vehicle, vehicle.vehicle, soil.soil),
+}
+for _group, _commands in _COMMANDS.items():
+    for _command in _commands:
+        _class = plan.PlotMayStandAlone if _command is plan.plan else Command
+        app.command(context_settings=_HELP, cls=_class, rich_help_panel=_group)(_command)
 for _command in (motor.motor, pendulum.pendulum, power.power):
     bench.command(context_settings=_HELP, cls=Command)(_command)
-app.add_typer(bench, name="bench", context_settings=_HELP)
+app.add_typer(bench, name="bench", context_settings=_HELP, rich_help_panel="Vehicle and bench")
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -60,21 +61,20 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _WRONG_USE: type = typer.BadParameter.__bases__[0]
 
 
-@app.callback(invoke_without_command=True)
+@app.callback(
+    invoke_without_command=True,
+    epilog="sysid help COMMAND shows its options, sysid COMMAND --help-all every one. Anywhere on "
+    "a line: -q for results and warnings only, --debug to show where an error arose.",
+)
 def root(
     context: typer.Context,
     workspace: Annotated[
         Path | None,
-        typer.Option("--workspace", metavar="DIR", help="Workspace folder."),
+        typer.Option("-w", "--workspace", metavar="DIR", help="Workspace folder [.sysid]."),
     ] = None,
-    debug: Annotated[bool, typer.Option("--debug", help="Show where an error arose.")] = False,
-    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    version: Annotated[bool, typer.Option("-V", "--version", help="Print the version.")] = False,
 ) -> None:
-    """From a robot's log to a plant you can trust.
-
-    In a row: sysid fit LOG, sysid compare, sysid export, sysid simulate MISSION. What the model
-    still lacks: sysid diagnose LOG.
-    """
+    """From a robot's log to a plant you can trust. To begin: sysid demo."""
     if workspace is not None:
         context.default_map = _everywhere(context.command, {"workspace": str(workspace)})
     if version:
@@ -91,16 +91,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     0 done, 1 data or model not usable, 2 wrong use, 130 interrupted. Every failure is one sentence
     on stderr; ``--debug`` anywhere on the line shows the traceback instead.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    options = arguments[: arguments.index("--")] if "--" in arguments else arguments
-    debug = "--debug" in options
-    if debug:
-        arguments.remove("--debug")
+    arguments, flags = _flags(sys.argv[1:] if argv is None else argv)
+    debug = "--debug" in flags
     _prepare()
     try:
         whole: Any = typer.main.get_command(app)
+        line = Line(whole, not flags.isdisjoint(_QUIET), _EVERY_OPTION in flags)
         command, name, arguments = _command_of(whole, arguments)
-        code = command.main(arguments, name, standalone_mode=False, obj=whole)
+        code = command.main(arguments, name, standalone_mode=False, obj=line)
         sys.stdout.flush()  # a closed pipe must be noticed here, not when the interpreter ends
     except BrokenPipeError:
         return _pipe_closed()
@@ -111,6 +109,23 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         return _failed(*_sentence(error))
     return code if isinstance(code, int) else 0
+
+
+_QUIET = {"-q", "--quiet"}
+_EVERY_OPTION = "--help-all"
+_FLAGS = {"--debug", _EVERY_OPTION, *_QUIET}
+"""Flags that stand anywhere on a line, before ``--``."""
+
+
+def _flags(words: Sequence[str]) -> tuple[list[str], set[str]]:
+    """The line as its command reads it, and the flags of the line as a whole."""
+    end = words.index("--") if "--" in words else len(words)
+    own = [word for word in words[:end] if word not in _FLAGS]
+    flags = _FLAGS.intersection(words[:end])
+    asked = own[1:] if own[:1] == ["help"] else own
+    if len(asked) < len(own) or _EVERY_OPTION in flags:
+        asked = [*asked, "--help"]
+    return [*asked, *words[end:]], flags
 
 
 def _everywhere(group: Any, values: dict[str, str]) -> dict[str, Any]:
@@ -127,7 +142,7 @@ def _command_of(whole: Any, arguments: list[str]) -> tuple[Any, str, list[str]]:
     A line that begins with a command goes to it straight, not through the root: typer reads the
     root's options with pydantic, whose import would double the time of ``sysid fit --help``.
     """
-    if not arguments:
+    if not arguments:  # so asks a shell that completes a line, too
         return whole, "sysid", ["--help"]
     known = every_command(whole)
     for words in (2, 1):

@@ -36,7 +36,7 @@ def show_bag(path: Path, json: bool) -> None:
         render.say("No measurement follows a command; map fields with --map.")
         return
     render.say(f"{proposed.why}. To fit it:")
-    render.say(command)
+    render.command(command)
 
 
 def command_of(path: Path, proposal: "Proposal") -> str:

@@ -1,6 +1,6 @@
 """``sysid compare``: rank the models of the workspace by one criterion."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,43 +11,54 @@ from sysid.workspace.logs import StoredData, as_fitted
 from sysid.workspace.store import StoredModel, Workspace
 
 from . import fit_options, reading, render, targets
-from .fit_report import residual_words
+from .answer import Answer
+from .fit_report import fits, residual_marks
 from .options import argument, command, group, option
-from .read_as import decided, show_decisions
+from .read_as import decided, decisions_in_words
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
     from sysid.estimation.assessment.findings import Policy
-    from sysid.estimation.selection.comparison import Ranked, Ranking
+    from sysid.estimation.selection.comparison import Contender, Ranked, Ranking
     from sysid.estimation.selection.cross_validation import CrossValidation
+
+
+PAGE = 6
+"""Most models on a page: more lines over each other are told apart by nobody."""
 
 
 @command
 def compare(
     models: list[str] | None = argument(
-        "[MODEL]...", "Model ids [all of the workspace].", default=None
+        "[MODEL]...",
+        "Model ids [all of the workspace].",
+        None,
+        autocompletion=reading.stored_models,
     ),
-    criterion: str = option(
-        "NAME",
-        f"Ranking criterion: {', '.join(BUILT_IN)}, or one of another package.",
-        "--criteria",
-        default="fit",
+    criterion: str = fit_options.criterion(
+        f"Ranks the models: {', '.join(BUILT_IN)}, or one of another package."
     ),
-    validation: list[Path] | None = option("LOG", "Validation log; repeatable.", "--val"),
+    validation: list[Path] | None = fit_options.validation("Validation log; repeatable."),
     folds: int | None = option(
         "K", "Also cross-validate with K folds: each model is refitted without one block.", min=2
     ),
     plot: Path | None = targets.picture("Draw the ranking: .svg or .png."),
     policy: "Policy" = group(fit_options.Judging),
-    read: "ReadOptions" = group(reading.Reading),
+    read: "ReadOptions" = group(reading.Reading, hidden=True),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Rank the models of the workspace by one criterion, on equal terms."""
+    """Rank the models of the workspace by one criterion.
+
+    Without --val they are ranked on what the newest of them was validated on, where they were not
+    all validated alike.
+    """
+    from sysid.criteria.table import criterion as criterion_named
     from sysid.criteria.table import known_name
     from sysid.data.finding import notes, warned
+    from sysid.estimation.selection.comparison import common_validation
     from sysid.estimation.selection.comparison import compare as rank
 
     criterion = known_name(criterion)
@@ -61,6 +72,8 @@ def compare(
         data = StoredData()
         contenders = [data.contender(s) for s in stored]
         judged_on, findings = _validation(stored, validation, read)
+        if judged_on is None and criterion_named(criterion).of_free_run:
+            judged_on = common_validation(contenders)
         ranking = rank(contenders, criterion, judged_on, policy)
     ranking = replace(
         ranking,
@@ -77,9 +90,30 @@ def compare(
     if json:
         _document(ranking, crossed, read_as)
         return
-    show_decisions(read_as)
-    render.reading(notes(findings))
-    _show(ranking, crossed, plot)
+    page = _page(store, ranking, judged_on, contenders)
+    _show(ranking, crossed, {"Picture": plot, "Page": page}, read_as, notes(findings))
+
+
+def _page(
+    store: Workspace,
+    ranking: "Ranking",
+    judged_on: "tuple[Sequence[Record], str] | None",
+    contenders: "Sequence[Contender]",
+) -> Path | None:
+    """Write the page of the models on the log that judged them; none where that is gone."""
+    from sysid.data.files import write_atomic
+    from sysid.report.model_page import comparison_page
+    from sysid.report.panels import Shown
+
+    own = next(c.validation or c.records for c in contenders if c.id == ranking.best.contender.id)
+    records = judged_on[0] if judged_on else own
+    if not records:
+        return None
+    shown = [Shown(x.contender.id, x.contender.model) for x in ranking.lines[:PAGE]]
+    page = comparison_page(shown, records, ranking.best.contender.id, ranking.notes)
+    path = store.root / "compare.html"
+    write_atomic(path, page.html())
+    return path
 
 
 def _validation(
@@ -125,7 +159,13 @@ def _document(
     )
 
 
-def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path | None) -> None:
+def _show(
+    ranking: "Ranking",
+    folds: "Mapping[str, CrossValidation]",
+    pictures: Mapping[str, Path | None],
+    read_as: Sequence[dict[str, str]],
+    reading_notes: Sequence[str],
+) -> None:
     from sysid.criteria.table import criterion
 
     first = ranking.best
@@ -133,25 +173,31 @@ def _show(ranking: "Ranking", folds: "Mapping[str, CrossValidation]", plot: Path
     ks = [f["horizon"] for f in first.figures.get("k_step", [])]
     about = criterion(ranking.criterion)
     shown = "" if about.of_free_run else ranking.criterion
-    heads = ["free run %", *(f"{k} step %" for k in ks), "one step %"]
-    heads += [f"{next(iter(folds.values())).folds} folds %"] if folds else []
+    heads = ["free run, %", *(f"{k} step" for k in ks)]
+    heads += [f"{next(iter(folds.values())).folds} folds"] if folds else []
     kinds = _kinds(ranking)
     cost = ["µs a step"] if kinds else []
-    value = shown.upper() if shown else "RMSE"
-    render.table(
-        ["model", "orders", "n", *cost, *heads, value, "residuals"],
-        [_row(line, names, folds, shown, bool(kinds)) for line in ranking.lines],
-        title=f"Ranked by {ranking.criterion}, validated on {ranking.data}",
-        caption=f"fits of {', '.join(names)}; n: estimated parameters, with initial states; "
-        f"initial state: {first.figures['initial_state']}",
-    )
-    render.say(about.sentence)
+    paths = {word: path for word, path in pictures.items() if path is not None}
+    answer = Answer(ending=1 + len(paths))
+    answer.say(decisions_in_words(read_as), "dim", 2)
+    for note in reading_notes[:2]:
+        answer.say(note, "dim", 1)
+    answer.say(f"Ranked by {ranking.criterion}, validated on {ranking.data}", "bold", 1)
+    rows = [_row(line, line is first, names, folds, shown, bool(kinds)) for line in ranking.lines]
+    value = [shown.upper()] if shown else []
+    columns = ["  model", "orders", "par.", *cost, *heads, *value, "residuals"]
+    kept = answer.table(columns, rows, spare=5)
+    if kept < len(rows):
+        answer.say(f"  {len(rows) - kept} more: --json", "dim", 1)
+    answer.say(about.sentence, "", 1)
     if kinds:
         parts = (f"{', '.join(structures)}: {tells}" for tells, structures in kinds.items())
-        render.say(f"What the models reveal: {'; '.join(parts)}.")
-    render.cautions((*ranking.notes, *ranking.excluded.values()))
-    render.files({"plot": plot}, plot="Picture")
-    render.say(f"Best: {first.contender.id}. Next: sysid export.", "bold")
+        answer.say(f"What the models reveal: {'; '.join(parts)}.", "", 2)
+    answer.cautions([*ranking.notes, *ranking.excluded.values()], "--json")
+    for word, path in paths.items():
+        answer.say(f"{word}: {path}", "", 1)
+    answer.say(f"Best: {first.contender.id}. Next: sysid show | sysid export", "bold", 1)
+    answer.print()
 
 
 def _kinds(ranking: "Ranking") -> dict[str, list[str]]:
@@ -167,26 +213,27 @@ def _kinds(ranking: "Ranking") -> dict[str, list[str]]:
 
 def _row(
     line: "Ranked",
+    first: bool,
     names: list[str],
     folds: "Mapping[str, CrossValidation]",
     shown: str,
     cost: bool,
 ) -> list[object]:
+    from sysid.estimation.selection.ranking import free_parameters
     from sysid.structures.orders import orders_text
 
-    figures, id = line.figures, line.contender.id
-    parts = [p["fit_percent"] for p in (figures, *figures.get("k_step", []), figures["one_step"])]
+    figures, c = line.figures, line.contender
+    parts = [p["fit_percent"] for p in (figures, *figures.get("k_step", []))]
     if folds:
-        parts.append(folds[id].fit_percent if id in folds else {})
-    value = [line.criteria[shown]] if shown else [figures["rmse"][n] for n in names]
+        parts.append(folds[c.id].fit_percent if c.id in folds else {})
     return [
-        id,
-        orders_text(line.contender.model.structure.order_values()),
-        line.contender.model.n_estimated,
+        f"{'*' if first else ' '} {c.id}",
+        orders_text(c.model.structure.order_values()),
+        free_parameters(c.model),
         *([None if line.step_time is None else float(f"{1e6 * line.step_time:.2g}")] * cost),
-        *(", ".join(render.number(p.get(n), 4) for n in names) for p in parts),
-        ", ".join(render.number(v, 6 if shown else 4) for v in value),
-        residual_words(line.residuals or {}),
+        *(fits(p, names) for p in parts),
+        *([render.number(line.criteria[shown], 6)] if shown else []),
+        residual_marks(line.residuals or {}),
     ]
 
 

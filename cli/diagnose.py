@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 from sysid.errors import UsageError
 from sysid.workspace.logs import as_fitted, judged_on
-from sysid.workspace.store import StoredModel, Workspace
+from sysid.workspace.store import AUGMENTED, StoredModel, Workspace
 
 from . import fit_options, reading, render, targets
 from .diagnose_files import keep_models, write_results
-from .diagnose_report import show
+from .diagnose_report import show, show_all
 from .field_options import with_options
 from .mission_options import Driven, DriveOptions
 from .options import command, group, option
-from .read_as import decided, show_decisions
+from .read_as import decided
 
 if TYPE_CHECKING:
     from sysid.data.finding import Finding
@@ -28,27 +28,27 @@ if TYPE_CHECKING:
 @command
 def diagnose(
     logs: list[Path] = reading.LOGS,
-    model: str | None = option(
-        "ID", "Model to diagnose [the workspace's best for these channels, else a baseline]."
+    model: str | None = reading.model(
+        "Model to diagnose as it is [a baseline, which has absorbed nothing yet]."
     ),
-    validation: list[Path] | None = fit_options.judging_option(
-        "LOG", "Validation log; without it the logs are split. Again for more.", "--val"
+    validation: list[Path] | None = fit_options.validation(
+        "Validation log; repeatable [the logs are split]."
     ),
     bench: Path | None = option(
         "FILE",
         "Written by `sysid bench power -o FILE`: effects of battery and bridge are sought "
         "near its values.",
+        advanced=True,
     ),
     drive: Driven = group(DriveOptions),
-    output: Path | None = targets.target(
-        "DIR", "Output folder [WORKSPACE/diagnosis].", "-o", "--out"
-    ),
+    output: Path | None = targets.target("DIR", "Output folder [WORKSPACE/diagnosis]."),
     steps: "Preparation" = group(reading.Preparing),
     read: "ReadOptions" = group(reading.Reading),
     workspace: Path = reading.WORKSPACE,
+    full: bool = reading.FULL,
     json: bool = reading.JSON,
 ) -> None:
-    """Localise the errors of a model on a log, select the missing effects, add and validate them.
+    """Find what a model lacks on a log, and validate it.
 
     Both models are kept in the workspace. diagnosis.json, a page (index.html) and schedules of the
     next experiments (next_*.csv) are written to a folder.
@@ -69,11 +69,14 @@ def diagnose(
     offsets = result.before.operating_point.decision
     read_as = decided((*data.records, *(holdout or ())), offsets)
     document = write_results(folder, result, before, after, read_as)
+    if after != before:
+        place.remember(AUGMENTED, after)
     if json:
         render.document(document)
     else:
-        show_decisions(read_as)
-        show(result, before, after, folder, validation or ())
+        show(result, before, after, folder, read_as)
+        if full:
+            show_all(result, before, after, folder)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +88,7 @@ class _EstimationData:
         findings: what there is to say about the reading.
         base: the stored model to diagnose, if any.
         model: the model to diagnose, the base's or the plant's; None for the baseline.
+        against: the workspace's best model of these channels, which the result is compared with.
     """
 
     records: "list[Record]"
@@ -92,6 +96,7 @@ class _EstimationData:
     read: "ReadOptions"
     base: StoredModel | None
     model: "Model | None"
+    against: StoredModel | None
 
 
 def _estimation_data(
@@ -111,8 +116,7 @@ def _estimation_data(
     if read.resample == "auto":  # an empty reading is one of the things to be found: a dropout
         read = replace(read, resample="hold")
     records, findings = _records(logs, read, steps)
-    base = given or (place.best_for(records[0]) if drive.package is None else None)
-    given_model = base.model if base else drive.package.model() if drive.package else None
+    given_model = given.model if given else drive.package.model() if drive.package else None
     slow = read.held == "auto" and any(f.code == "held-telemetry" for f in findings)
     if slow and not (given_model and given_model.fits_clock(records[0])):
         # no model at the sensor's rate: repeats are masked, and commands keep their instants
@@ -124,7 +128,8 @@ def _estimation_data(
         records, findings = _records(logs, read, steps)
     if wired:  # the sides and signs of a path are those of the wheels
         records = [replace(r, pose=None) for r in records]
-    return _EstimationData(records, (*findings, *wired), read, base, given_model)
+    best = place.best_for(records[0]) if given_model is None else None
+    return _EstimationData(records, (*findings, *wired), read, given, given_model, best)
 
 
 def _folder(folder: Path, logs: list[Path], val: list[Path]) -> Path:
@@ -165,6 +170,7 @@ def _run(
         read_as: what there is to say about the reading.
     """
     from sysid.data.finding import notes, warned
+    from sysid.diagnosis.against import compared
     from sysid.diagnosis.diagnose import diagnose
     from sysid.effects.catalogue import chain_effects
     from sysid.effects.measured import measured_keys, read_measured
@@ -184,6 +190,9 @@ def _run(
             measured=measured,
             progress=shown,
         )
+    if data.against is not None:
+        beside = compared(data.against.id, data.against.model, result.traces)
+        result = replace(result, against=beside)
     said = (*warned(read_as), *result.warnings)
     read = tuple(map(with_options, notes(read_as)))
     if measured:

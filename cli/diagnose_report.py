@@ -1,10 +1,12 @@
-"""Terminal report of ``sysid diagnose`` in four sections: where, what, added, shrunk."""
+"""Terminal report of ``sysid diagnose``: an answer, and on request all of it in four sections."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import render
+from .answer import Answer
+from .read_as import decisions_in_words
 
 if TYPE_CHECKING:
     from sysid.diagnosis.diagnosis import Diagnosis
@@ -14,27 +16,63 @@ _MOST = 5
 
 
 def show(
-    result: "Diagnosis", before: str, after: str, folder: Path, holdout: Sequence[Path] = ()
+    result: "Diagnosis",
+    before: str,
+    after: str,
+    folder: Path,
+    read_as: Sequence[dict[str, str]],
 ) -> None:
-    """Print the story and what to do next; ``holdout`` are the logs that judged."""
-    from sysid.report.diagnosis_words import headline, size_sentence, story
+    """Print what is missing, how sure that is, what is left, and what to do next."""
+    from sysid.report import diagnosis_words as words
+
+    answer = Answer(ending=2)
+    answer.note(decisions_in_words(read_as), 2)
+    for line in result.reading[:1]:
+        answer.say(line, "dim", 1)
+    if result.geometry is not None:
+        answer.say(result.geometry.sentence, "bold", 2)
+    answer.say(words.headline(result), "bold", 2)
+    if result.grown:
+        for line in (words.closed_sentence(result), words.fits_sentence(result)):
+            answer.say(line, "", 2)
+        answer.say(words.base_sentence(result, before), "", 2)
+    else:
+        answer.say(words.story(result), "", 4)
+        answer.say(words.fits_sentence(result), "", 2)
+    if result.effects:
+        heads, rows = words.effect_table(result)
+        shown = answer.table(heads, rows, spare=5)
+        if shown < len(rows):
+            answer.say(f"  {len(rows) - shown} more rows: the page", "dim", 1)
+    for line in (words.worst_sentence(result), words.left_sentence(result), result.description):
+        if answer.room > 0:
+            answer.say(line, "", 2)
+    if result.path.get("sentence") and answer.room > 1:
+        answer.say(str(result.path["sentence"]), "", 2)
+    answer.cautions([*result.changes, *result.warnings], "the page")
+    answer.say(f"Saved {after}. Page: {folder / 'index.html'}", "", 1)
+    grown = "sysid show | sysid compare | sysid export"
+    answer.say(f"Next: {grown if result.grown else 'sysid export'}", "bold", 1)
+    answer.print()
+
+
+def show_all(result: "Diagnosis", before: str, after: str, folder: Path) -> None:
+    """Print everything below the answer: where, what, by log, what was added, what it closes."""
+    from sysid.report.diagnosis_words import size_sentence, story
 
     render.reading(result.reading)
-    if result.geometry is not None:
-        render.say(result.geometry.sentence, "bold")
-    render.cautions(result.changes)
-    render.say(headline(result), "bold")
-    if story(result):
-        render.say(story(result))
-    if size_sentence(result):
-        render.say(size_sentence(result))
+    for sentence in (story(result), size_sentence(result)):
+        if sentence:
+            render.say(sentence)
     _where(result)
     _what(result)
     _logs(result)
     _added(result, before, after)
     _shrunk(result)
-    render.cautions(result.warnings)
-    _next(result, before, after, folder, holdout)
+    render.cautions((*result.changes, *result.warnings))
+    if result.against is not None:
+        render.say(result.against.sentence(result.gap))
+    _next(result, folder)
 
 
 def _section(name: str) -> None:
@@ -60,7 +98,7 @@ def _where(result: "Diagnosis") -> None:
         ]
         for r in regions
     ]
-    render.table(["where", "of excess", "90 %", "of samples"], rows)
+    render.table(["where", "of excess", "95 %", "of samples"], rows)
 
 
 def _what(result: "Diagnosis") -> None:
@@ -78,8 +116,7 @@ def _what(result: "Diagnosis") -> None:
         render.say(f"{k}. {e.id} ({e.stage}){where}", "bold")
         for sentence in (
             e.sentence,
-            e.fit_words,
-            f"Evidence: {evidence_sentence(e)}.",
+            evidence_sentence(e),
             tie_sentence(e),
         ):
             if sentence:
@@ -96,7 +133,7 @@ def _what(result: "Diagnosis") -> None:
         render.say(f"Minor or not significant, not added: {', '.join(result.minor)}.")
     if result.candidates:
         best = (f"{id} {score_words(s)}" for id, s in result.candidates[:_MOST])
-        render.say(f"Tried first, by score: {', '.join(best)}.", "dim")
+        render.say(f"Tried first, by fall of BIC: {', '.join(best)}.", "dim")
 
 
 def _logs(result: "Diagnosis") -> None:
@@ -117,8 +154,7 @@ def _added(result: "Diagnosis", before: str, after: str) -> None:
     if not result.grown:
         render.say(f"Nothing; the model remains {before}: {result.base_words}.")
         return
-    stem = f"the baseline ({result.baseline_words})" if result.baseline_words else ""
-    render.say(f"{after} is {stem or f'{before} ({result.base_words})'} with:")
+    render.say(f"{after} is {before} ({result.base_words}) with:")
     rows: list[list[Any]] = [
         [
             e.id if k == 0 else "",
@@ -130,7 +166,7 @@ def _added(result: "Diagnosis", before: str, after: str) -> None:
         for e in result.effects
         for k, p in enumerate(e.parameters)
     ]
-    render.table(["effect", "parameter", "value", "± std. error, or 95 %", "unit"], rows)
+    render.table(["effect", "parameter", "value", "95 % interval", "unit"], rows)
 
 
 def _shrunk(result: "Diagnosis") -> None:
@@ -180,19 +216,9 @@ def _change(result: "Diagnosis", before: str, after: str) -> str:
     return f"{before} → {after}" if result.grown and before != after else before
 
 
-def _next(
-    result: "Diagnosis", before: str, after: str, folder: Path, holdout: Sequence[Path]
-) -> None:
+def _next(result: "Diagnosis", folder: Path) -> None:
     render.say("")
     for e in result.next_experiments:
         written = f" Schedule: {folder / e.file}." if e.file else ""
         render.say(f"{e.purpose}{written}")
     render.say(f"Page: {folder / 'index.html'}, all figures: {folder / 'diagnosis.json'}.")
-    if result.grown:
-        logs = "".join(f" --val {path}" for path in holdout)
-        judged = f"{logs} --criteria fit" if holdout else ""
-        render.say(
-            f"Next: sysid compare {before} {after}{judged}, sysid export --model {after}.", "bold"
-        )
-    else:
-        render.say(f"Next: sysid export --model {after}.", "bold")

@@ -36,16 +36,16 @@ class Tracks(StrEnum):
 class Shape:
     """What a schedule looks like; each design has some of these."""
 
-    duration: float | None = option("S", "Length [s].")
-    dt: float = option("S", "Sample time [s].", default=0.1)
+    duration: float | None = option("SECONDS", "Length.")
+    dt: float = option("SECONDS", "Sample time.", "--ts", default=0.1)
     amplitude: float | None = option("US", "Largest PWM, up to 20000 [µs].")
     clock: int | None = option("N", "prbs: shortest time at a level, in samples.")
     offset: float | None = option("US", "prbs: mean of the levels [µs].")
     band: tuple[float, float] | None = option("LOW HIGH", "multisine, chirp: frequencies [Hz].")
     levels: int | None = option("N", "steps, pulses: number of levels.")
     hold: tuple[float, float] | None = option("MIN MAX", "steps: time a level is held [s].")
-    on: float | None = option("S", "pulses: time each is driven [s].")
-    pause: float | None = option("S", "pulses: time at rest between them [s].")
+    on: float | None = option("SECONDS", "pulses: time each is driven.")
+    pause: float | None = option("SECONDS", "pulses: time at rest between them.")
     seed: int | None = option("N", "prbs, multisine, steps: random seed.", min=0)
 
     def made(self) -> dict[str, Any]:
@@ -55,15 +55,13 @@ class Shape:
 
 @command
 def excite(
-    design: Design = argument(None, "Kind of schedule."),
-    output: Path | None = targets.target(
-        "FILE", "CSV to write [schedule_DESIGN.csv].", "-o", "--out"
-    ),
+    design: Design = argument("|".join(Design), "Kind of schedule."),
+    output: Path | None = targets.target("FILE", "CSV to write [schedule_DESIGN.csv]."),
     options: dict[str, Any] = group(Shape),
     tracks: Tracks | None = option(
-        None, "Commands of the two tracks [independent; pulses: equal]."
+        "|".join(Tracks), "Commands of the two tracks [independent; pulses: equal]."
     ),
-    names: list[str] | None = option("NAME", "Names of the inputs.", "--input"),
+    names: list[str] | None = option("NAME", "Names of the inputs.", "-u", "--input"),
     json: bool = reading.JSON,
 ) -> None:
     """Write a PWM schedule that excites the plant well."""
@@ -97,10 +95,8 @@ def _schedule(
     known = [p for p in signature(make).parameters if p not in ("names", "rotate", "tries")]
     for name in options:
         if name not in known:
-            raise UsageError(
-                f"sysid excite {design.value} has no --{name}; it has "
-                + ", ".join(f"--{k}" for k in known)
-            )
+            has = ", ".join("--ts" if k == "dt" else f"--{k}" for k in known)
+            raise UsageError(f"sysid excite {design.value} has no --{name}; it has {has}")
     names = names or ROBOT_INPUTS
     natural = Tracks.EQUAL if design is Design.PULSES else Tracks.INDEPENDENT
     if tracks in (None, natural):

@@ -10,14 +10,13 @@ of the commands are the only table.
 import ast
 import re
 import shlex
-import sys
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
 import typer
-from typer.core import TyperCommand
 
-from sysid.errors import SysidError, UnclearColumnsError
+from sysid.errors import UnclearColumnsError
 
 _MARKED = re.compile(r"`([a-z_]+(?:[=\[][^`]*)?)`")
 
@@ -25,27 +24,25 @@ Given = tuple[str, list[str]]
 """A field, and what follows its option: a word, or several where it is given several times."""
 
 
-class Command(TyperCommand):
-    """A command whose errors name its own options, and which asks what a log leaves open."""
+@dataclass(frozen=True)
+class Line:
+    """What holds for a whole line: the root of all commands, and flags that stand anywhere on it.
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Keep the words of the line, so that an error can say it with more options."""
-        ctx.meta["sysid.words"] = list(args)
-        return super().parse_args(ctx, args)
+    Attributes:
+        quiet: whether only results and warnings are shown.
+        every_option: whether help shows the options for experts, too.
+    """
 
-    def invoke(self, ctx: Any) -> Any:
-        """Run it; a field that an error names becomes an option while the command is known."""
-        try:
-            return super().invoke(ctx)
-        except UnclearColumnsError as error:
-            if sys.stdin.isatty() and sys.stderr.isatty() and ask(ctx, error):
-                return self.invoke(ctx)
-            line = shlex.join([*ctx.command_path.split(), *_without_signals(ctx)])
-            error.args = (with_options(str(error)).replace("for example ", f"for example {line} "),)
-            raise
-        except SysidError as error:
-            error.args = (with_options(str(error)),)
-            raise
+    root: Any
+    quiet: bool = False
+    every_option: bool = False
+
+
+def running() -> Any:
+    """The context of the command that runs, with its :class:`Line` as ``obj``; None without one."""
+    # typer carries its own click or uses an installed one, depending on its version
+    click = typer.Context.__mro__[1].__module__.rpartition(".")[0]
+    return import_module(f"{click}.globals").get_current_context(silent=True)
 
 
 def ask(ctx: Any, error: UnclearColumnsError) -> bool:
@@ -64,7 +61,7 @@ def ask(ctx: Any, error: UnclearColumnsError) -> bool:
     return bool(open_sides)
 
 
-def _without_signals(ctx: Any) -> list[str]:
+def without_signals(ctx: Any) -> list[str]:
     """The words of the line without options for inputs and outputs."""
     words, options = list(ctx.meta["sysid.words"]), options_of(ctx.command)
     names = [options[field] for field in ("inputs", "outputs") if field in options]
@@ -125,13 +122,11 @@ def _options(match: re.Match[str]) -> str:
 
 def _declared(fields: set[str]) -> tuple[str, dict[str, str]]:
     """The options of the running command, else a command that has all the fields, and its."""
-    # typer carries its own click or uses an installed one, depending on its version
-    click = typer.Context.__mro__[1].__module__.rpartition(".")[0]
-    context = import_module(f"{click}.globals").get_current_context(silent=True)
+    context = running()
     if context is None:
         return "", {}
-    root = context.obj  # of every line that ``main`` runs
-    commands = {"": context.command, **(every_command(root) if root is not None else {})}
+    others = {} if context.obj is None else every_command(context.obj.root)
+    commands = {"": context.command, **others}
     every = ((name, options_of(command)) for name, command in commands.items())
     return next(((name, options) for name, options in every if fields <= options.keys()), ("", {}))
 

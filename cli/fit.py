@@ -12,7 +12,9 @@ from .fit_report import show
 from .live.follow import Followed, check_alone, follow, stopping
 from .live.options import Following
 from .options import command, group, option
-from .read_as import decided, show_decisions
+from .read_as import decided
+from .report import command_of
+from .show import show_model
 
 if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
@@ -26,42 +28,38 @@ if TYPE_CHECKING:
 @command
 def fit(
     logs: list[Path] = reading.LOGS,
-    structures: str | None = fit_options.fitting_option(
-        "NAME", "Structures such as oe,narx-wavelet [the four linear ones].", "--structure"
-    ),
+    structures: str | None = fit_options.STRUCTURES,
     orders: str | None = fit_options.fitting_option(
         "TEXT",
-        '"na=2 nb=2 nk=1", matrices "na=1,0;0,1", ranges "na=1:4"; '
-        '"arx: na=2 nb=2; oe: nb=2 nf=2" [searched].',
+        'As "na=2 nb=1:4 nk=1"; with commas a matrix, with "oe: …; arx: …" each [searched].',
     ),
-    validation: list[Path] | None = fit_options.judging_option(
-        "LOG", "Validation log, never used to choose a model; repeatable.", "--val"
+    validation: list[Path] | None = fit_options.validation(
+        "Validation log, never used to choose a model; repeatable."
     ),
     split: float | None = fit_options.judging_option(
-        "SHARE", "Fit on this share of each log, validate on the rest, e.g. 0.7."
+        "SHARE", "Fit on this share of a log, validate on the rest: 0.7."
     ),
-    criterion: str = fit_options.fitting_option(
-        "NAME",
-        "Criterion that ranks orders and structures: fit, aic, bic, fpe …",
-        "--criteria",
-        default="fit",
-    ),
+    criterion: str = fit_options.criterion("Ranks orders and structures: fit, aic, bic …"),
     detrend: str = fit_options.fitting_option(
         "HOW",
         "Offsets: auto, none, level (estimated with the model), mean or linear (removed).",
         default="auto",
+        advanced=True,
     ),
     plot: Path | None = targets.picture("Draw the best model: .svg or .png."),
-    jobs: int = option("N", "Processes for the search.", default=2, min=1),
+    jobs: int = option(
+        "N", "Processes for the search.", "-j", "--jobs", default=2, min=1, advanced=True
+    ),
     options: "FitOptions" = group(fit_options.Fitting),
     policy: "Policy" = group(fit_options.Judging),
     steps: "Preparation" = group(reading.Preparing),
     read: "ReadOptions" = group(reading.Reading),
     how: Following = group(Following),
     workspace: Path = reading.WORKSPACE,
+    full: bool = reading.FULL,
     json: bool = reading.JSON,
 ) -> None:
-    """Fit models to a log, validate them, and store them in the workspace.
+    """Fit models to a log, validate them and store them.
 
     With --follow the log is still being written: gain, time constant and dead zone are shown as
     they converge, and Ctrl-C stores the model.
@@ -104,8 +102,10 @@ def fit(
     if json:
         _document(stored, identification, followed, read_as)
     else:
-        show_decisions(read_as)
-        show(stored, identification, plot, notes)
+        page = _page(store, stored[0], identification)
+        show(stored, identification, read_as, {"Picture": plot, "Page": page}, notes)
+        if full:
+            show_model(stored[0])
 
 
 def _stored(
@@ -118,6 +118,22 @@ def _stored(
     ][::-1]
     store.remember("latest", [s.id for s in stored])
     return stored
+
+
+def _page(store: Workspace, best: StoredModel, identification: "Identification") -> Path:
+    """Write the page of the best model; what is slow is left to ``sysid report``."""
+    from sysid.data.files import write_atomic
+    from sysid.report.model_page import model_page
+
+    records = identification.validation or identification.estimation
+    tests = identification.assessments[0].residuals
+    line = command_of(best.model)
+    page = model_page(
+        best.id, best.model, best.report, records, (), tests, command=line, quick=True
+    )
+    path = store.root / "fit.html"
+    write_atomic(path, page.html())
+    return path
 
 
 def _identify(

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 
@@ -14,6 +14,30 @@ if TYPE_CHECKING:
     from sysid.fitting.options import FitOptions
 
 fitting_option, judging_option = in_panel("Fitting"), in_panel("Judging")
+_fitting_more = in_panel("Fitting", advanced=True)
+_judging_more = in_panel("Judging", advanced=True)
+
+STRUCTURES = fitting_option(
+    "NAME", "Structures, e.g. oe,narmax [the four linear ones].", "-s", "--structure"
+)
+_INITIAL = _judging_more(
+    "HOW",
+    "Initial states: auto, zero or estimated; backcast in the fit, measured in the free run.",
+    default="auto",
+    parse=str.lower,
+)
+_OF_FIT, _OF_FREE_RUN = "backcast", "measured"
+"""Initial states that only one of the two can have."""
+
+
+def criterion(help: str) -> Any:
+    """The option that names the one criterion of a ranking."""
+    return fitting_option("NAME", help, "-c", "--criterion", default="fit")
+
+
+def validation(help: str) -> Any:
+    """The option for logs that judge."""
+    return judging_option("LOG", help, "-v", "--val")
 
 
 def names(text: str | None) -> tuple[str, ...]:
@@ -62,39 +86,34 @@ def _tolerance(value: float) -> float:
 class Fitting:
     """How to fit: the library's ``FitOptions`` as a line gives them."""
 
-    focus: str = fitting_option(
+    focus: str = _fitting_more(
         "WHAT", "Minimise prediction or simulation errors.", default="prediction", parse=str.lower
     )
-    initial: str = fitting_option(
-        "HOW",
-        "Initial states in the fit: auto, zero, estimated or backcast.",
-        default="auto",
-        parse=str.lower,
-    )
-    fixed: list[str] | None = fitting_option(
+    initial: str = _INITIAL
+    fixed: list[str] | None = _fitting_more(
         "NAME=VALUE", "Fix a parameter at a value, e.g. a1=-0.9.", "--fix", parse=_fixed
     )
-    bounds: list[str] | None = fitting_option(
+    bounds: list[str] | None = _fitting_more(
         "NAME=LOW:HIGH", "Keep a parameter between bounds, e.g. a1=-1:0.", "--bound", parse=_bounded
     )
-    structure_options: list[str] | None = fitting_option(
+    structure_options: list[str] | None = _fitting_more(
         "NAME=VALUE",
         "Option of the structure; `sysid structures NAME` lists them.",
         "--option",
         parse=_structure_options,
     )
     robust: bool = fitting_option(None, "Detect outliers and leave them out.", default=False)
-    stable: bool = fitting_option(None, "Restrict the search to stable models.", default=False)
-    method: str = fitting_option(
+    stable: bool = _fitting_more(None, "Restrict the search to stable models.", default=False)
+    method: str = _fitting_more(
         "NAME",
         "Search direction: levenberg-marquardt, gauss-newton or gradient.",
         default="levenberg-marquardt",
         parse=str.lower,
     )
-    max_evaluations: int | None = fitting_option(
+    max_evaluations: int | None = _fitting_more(
         "N", "Most iterations from one start; 200 for most structures.", "--max-iterations", min=1
     )
-    tolerance: float | None = fitting_option(
+    tolerance: float | None = _fitting_more(
         "X", "Relative change of cost and step at convergence, e.g. 1e-9.", parse=_tolerance
     )
 
@@ -106,23 +125,21 @@ class Fitting:
         """
         from sysid.fitting.options import FitOptions
 
-        return FitOptions(**changed(self))
+        given = changed(self)
+        if self.initial == _OF_FREE_RUN:
+            del given["initial"]
+        return FitOptions(**given)
 
 
 @dataclass(frozen=True)
 class Judging:
     """How figures are made: the library's ``Policy`` as a line gives it."""
 
-    start: str = judging_option(
-        "HOW",
-        "Initial state of the free run: estimated, measured or zero.",
-        "--initial-state",
-        default="estimated",
-    )
-    skip: int = judging_option(
+    initial: str = _INITIAL
+    skip: int = _judging_more(
         "N", "Leave the first N samples out of the error figures.", default=0, min=0
     )
-    horizons: list[int] | None = judging_option(
+    horizons: list[int] | None = _judging_more(
         "K", "Also show the K-step prediction; repeatable.", "--horizon", min=2
     )
 
@@ -135,5 +152,7 @@ class Judging:
         from sysid.estimation.assessment.figures import Start
         from sysid.estimation.assessment.findings import Policy
 
-        chosen = one_of(self.start, [s.value for s in Start], "--initial-state")
+        estimated = self.initial in ("auto", _OF_FIT)
+        chosen = Start.ESTIMATED.value if estimated else self.initial
+        one_of(chosen, [s.value for s in Start], "--initial")
         return Policy(Start(chosen), self.skip, tuple(sorted(set(self.horizons or []))))

@@ -1,10 +1,12 @@
-"""Text output of ``sysid fit``."""
+"""Text output of ``sysid fit``: which model, can it be trusted, what to do next."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import render
+from .answer import Answer
+from .read_as import decisions_in_words
 
 if TYPE_CHECKING:
     from sysid.data.record import Channel
@@ -12,78 +14,125 @@ if TYPE_CHECKING:
     from sysid.estimation.identify import Identification
     from sysid.workspace.store import StoredModel
 
-MANY = 24
-"""Parameters from which only the file lists them all."""
+MODELS = 6
+"""Most models that are shown; `sysid compare` has them all."""
 
 
 def show(
     stored: "Sequence[StoredModel]",
     identification: "Identification",
-    plot: Path | None,
+    read_as: Sequence[dict[str, str]],
+    pictures: Mapping[str, Path | None],
     reading: Sequence[str] = (),
 ) -> None:
-    """Print how the logs were read, the ranking, the winner, and what to do next."""
-    from sysid.estimation.assessment.own_motion import own_modes
-    from sysid.report.step_words import mode_sentences, step_sentences
+    """Print how the logs were read, the ranking, what the best model does, and what to do next."""
+    best, id = identification.assessments[0], stored[0].id
+    paths = {word: path for word, path in pictures.items() if path is not None}
+    answer = Answer(ending=2 + len(paths))
+    answer.note(decisions_in_words(read_as), 2)
+    for note in reading[:2]:
+        answer.say(note, "dim", 1)
+    _ranking(answer, stored, identification)
+    answer.say(f"* {identification.reason}", "bold", 2)
+    _responses(answer, best)
+    if answer.room > 3:
+        answer.say(best.model.operating_point_sentence(), "", 1)
+    failed = [f"{n} could not be fitted: {why}" for n, why in identification.failed.items()]
+    answer.cautions([*failed, *best.warnings], "sysid show")
+    answer.say(f"Saved {id}. Details: sysid show", "", 1)
+    for word, path in paths.items():
+        answer.say(f"{word}: {path}", "", 1)
+    answer.say(f"Next: {_next(best)}", "bold", 1)
+    answer.print()
+
+
+def _ranking(
+    answer: Answer, stored: "Sequence[StoredModel]", identification: "Identification"
+) -> None:
+    from sysid.estimation.selection.ranking import free_parameters
     from sysid.structures.orders import orders_text
 
-    render.reading(reading)
-    best = identification.assessments[0]
-    names = list(best.estimation.free_run.fit_percent)
-    judged = "validation" if best.validation else "estimation"
-    if len(identification.assessments) > 1:
-        rows = [
-            [
-                s.id,
-                orders_text(a.model.structure.order_values()),
-                a.model.n_estimated,
-                ", ".join(render.number(a.judged.free_run.fit_percent[n], 4) for n in names),
-                ", ".join(render.number(a.judged.one_step.fit_percent[n], 4) for n in names),
-                render.number(a.model.criteria["aic"], 6),
-                residual_words(a.residuals.as_dict()),
-            ]
-            for s, a in zip(stored, identification.assessments, strict=True)
+    assessments = identification.assessments
+    best = assessments[0]
+    names = list(best.judged.free_run.fit_percent)
+    role = "Validation" if best.validation else "Estimation"
+    rows = [
+        [
+            f"{'*' if k == 0 else ' '} {a.model.structure.name}",
+            orders_text(a.model.structure.order_values()),
+            free_parameters(a.model),
+            fits(a.judged.free_run.fit_percent, names),
+            residual_marks(a.residuals.as_dict()),
         ]
-        render.table(
-            ["model", "orders", "n", "free run %", "one step %", "AIC", "residuals"],
-            rows,
-            title=f"Models on {judged} data: {best.judged.free_run.data}",
-            caption=f"fits of {', '.join(names)}; n: estimated parameters, with initial states",
-        )
-    render.say(identification.reason, "bold")
-    for name, reason in identification.failed.items():
-        render.warn(f"{name} could not be fitted: {reason}")
-    modes = mode_sentences(own_modes(best.model))
-    for line in (*step_sentences(best.steps), *modes):
-        render.say(f"  {line}")
-    count = len(best.model.parameters)
-    if count > MANY:
-        render.say(f"{count} parameters; `sysid models show` lists them.")
-    else:
-        render.parameters(best.model)
-    _figures(best)
-    residuals = residual_words(best.residuals.as_dict(), [c.name for c in best.model.inputs])
-    render.say(f"Residuals (measured less predicted): {residuals}.")
-    level = best.model.operating_point_sentence()
-    if level:
-        render.say(level)
-    for line in best.model.equations():
-        render.say(f"  {line}")
-    ending = best.model.termination.value
-    if ending not in best.warnings:
-        render.say(ending, "dim")
-    render.cautions(best.warnings)
-    render.files({"plot": plot}, plot="Picture")
-    render.say(f"Stored as {stored[0].id} in {stored[0].path}. Next: {_next(best)}.")
+        for k, a in enumerate(assessments[:MODELS])
+    ]
+    horizon = "free run" if best.model.inputs else "one step"
+    data = best.judged.free_run.data
+    answer.say(f"{role}: {data}", "bold", 1)
+    answer.table(["  model", "orders", "par.", f"fit %, {horizon}", "residuals"], rows)
+    if len(assessments) > MODELS:
+        answer.say(f"  {len(assessments) - MODELS} more: sysid compare", "", 1)
+
+
+def fits(percent: Mapping[str, float | None], names: Sequence[str]) -> str:
+    """Fits of the outputs in their order, in per cent: those of four outputs, then the least."""
+    values = [percent.get(n) for n in names]
+    shown = "  ".join(fit_word(v) for v in values[:4])
+    known = [v for v in values if v is not None]
+    return shown if len(values) <= 4 else f"{shown} …, least {fit_word(min(known, default=None))}"
+
+
+def fit_word(value: float | None) -> str:
+    """A fit with two decimals."""
+    return "–" if value is None or value != value else f"{value:.2f}"
+
+
+def _responses(answer: Answer, best: "Assessment") -> None:
+    """A row for each path that matters: gain, time constants, settling time, with intervals."""
+    from sysid.estimation.assessment.own_motion import own_modes
+    from sysid.report.step_words import UNSURE, mode_sentences, response_table, strong_paths
+
+    paths, small = strong_paths(best.steps)
+    if paths:
+        heads, rows = response_table(paths)
+        shown = answer.table([best.model.structure.name, *heads], rows, spare=4)
+        more = ["± 95 %"]
+        if any(UNSURE in cell for row in rows[:shown] for cell in row):
+            more.append(f"{UNSURE} interval holds zero")
+        if shown < len(paths):
+            more.append(f"{len(paths) - shown} more rows: sysid show")
+        answer.say("; ".join([*more, small] if small else more), "dim", 1)
+    for line in mode_sentences(own_modes(best.model)):
+        answer.say(line, "", 1)
 
 
 def _next(best: "Assessment") -> str:
     """The next commands for the model; a time series without inputs makes no plant."""
-    return "sysid compare, sysid export" if best.model.inputs else "sysid compare"
+    return "sysid export | sysid diagnose OTHER.csv" if best.model.inputs else "sysid compare"
+
+
+def residual_marks(residuals: Mapping[str, Any]) -> str:
+    """The tests that failed, by a word each; ``pass`` where none did."""
+    if not residuals:
+        return "–"
+    failed, tested = [], False
+    if any(t["dof"] for t in residuals["independence"]["outputs"]):
+        tested = True
+        failed += [] if residuals["independence"]["passed"] else ["input"]
+    if residuals["whiteness"]["judged"]:
+        tested = True
+        failed += [] if residuals["whiteness"]["passed"] else ["white"]
+    for test in (residuals.get("nonlinear") or {}).values():
+        tested |= test["judged"]
+        if test["judged"] and not test["passed"] and "nonlinear" not in failed:
+            failed.append("nonlinear")
+    if any(not t["passed"] for t in residuals.get("held_parameters") or ()):
+        failed.append("fixed")
+    return f"{', '.join(failed)} FAIL" if failed else "pass" if tested else "not tested"
 
 
 def residual_words(residuals: Mapping[str, Any], inputs: Sequence[str] = ()) -> str:
-    """Results of the residual tests in words, for a fit and a comparison; inputs by name."""
+    """Results of the residual tests in words; inputs by name."""
     if not residuals:
         return "–"
     words = []
@@ -118,26 +167,3 @@ _NONLINEAR = {
 def in_both_units(value: float, channel: "Channel") -> str:
     """An error of a channel in the file's unit, and in SI where that is another one."""
     return channel.worded(lambda factor: render.number(factor * value, 4))
-
-
-def _figures(a: "Assessment") -> None:
-    rows = []
-    channels = {c.name: c for c in a.model.outputs}
-    for part in (a.estimation, a.validation):
-        if part is None:
-            continue
-        driven = [part.free_run] if part.free_run.horizon is None else []
-        for f in (*driven, *part.k_step[::-1], part.one_step):
-            horizon = "free run" if f.horizon is None else f"{f.horizon} step"
-            rows += [
-                [
-                    f.data,
-                    horizon,
-                    name,
-                    render.number(fit, 5),
-                    in_both_units(f.rmse[name], channels[name]),
-                    f.initial_state,
-                ]
-                for name, fit in f.fit_percent.items()
-            ]
-    render.table(["data", "horizon", "output", "fit %", "RMSE", "initial state"], rows)

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from . import reading, render
+from . import reading, render, targets
 from .bag_contents import show_bag
-from .options import command, group, option
+from .options import command, flag, group, option
 from .read_as import decided, show_decisions
 
 if TYPE_CHECKING:
@@ -15,19 +15,24 @@ if TYPE_CHECKING:
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.record import Record
+    from sysid.diagnosis.isolability import Isolability
 
 
 @command
 def inspect(
     logs: list[Path] = reading.LOGS,
-    order: int = option(
-        None, "Model order that the inputs should excite.", default=8, min=1, max=200
+    excitation: int = option(
+        "N", "Order of excitation the inputs should have.", default=8, min=1, max=200
     ),
+    effects: bool = flag(
+        "Also say which missing effects the log would show, and which it could tell apart."
+    ),
+    plot: Path | None = targets.picture("With --effects: draw what it can tell apart."),
     steps: "Preparation" = group(reading.Preparing),
     read: "ReadOptions" = group(reading.Reading),
     json: bool = reading.JSON,
 ) -> None:
-    """Show what is in a log, what is wrong with it and what to do about it.
+    """Show what is in a log, what is wrong with it, and what to do.
 
     For a bag without --map it lists the topics and proposes a mapping.
     """
@@ -41,9 +46,15 @@ def inspect(
         show_bag(logs[0], json)
         return
     records, reading_findings = read_prepared(logs, read, steps)
-    findings = inspect_records(LogFacts(records, reading_findings), order)
+    findings = inspect_records(LogFacts(records, reading_findings), excitation)
     verdict = worst(findings)
-    (_document if json else _show)(records, findings, verdict.word)
+    told = _told_apart(records, plot) if effects and verdict is not Severity.FATAL else None
+    if json:
+        _document(records, findings, verdict.word, told)
+    else:
+        _show(records, findings, verdict.word)
+        if told is not None:
+            _show_effects(told)
     if verdict is Severity.FATAL:
         raise typer.Exit(1)
 
@@ -58,9 +69,48 @@ _VERDICTS = {
 }
 
 
-def _document(records: "tuple[Record, ...]", findings: "tuple[Finding, ...]", verdict: str) -> None:
+def _told_apart(records: "tuple[Record, ...]", plot: Path | None) -> "Isolability":
+    """What a diagnosis of the logs could show, drawn where that was asked for."""
+    from sysid.diagnosis.isolability import isolability
+
+    found = isolability(records)
+    if plot is not None:
+        from sysid.report.isolability_drawing import IsolabilityPicture
+        from sysid.report.plots import write_picture
+
+        write_picture(plot, IsolabilityPicture(found))
+    return found
+
+
+MOST_PAIRS = 4
+
+
+def _show_effects(found: "Isolability") -> None:
+    """The effects that would show, those that would not, and those that would be one entry."""
+    sizes = list(zip(found.ids, found.shows.tolist(), found.shown, strict=True))
+    shown = [f"{id} {size:.1f}" for id, size, shows in sizes if shows]
+    hidden = [id for id, _, shows in sizes if not shows]
+    render.say("")
+    render.say(f"Would show (usual size, times the noise): {', '.join(shown) or 'no effect'}.")
+    if hidden:
+        render.say(f"Would not show: {', '.join(hidden)}.")
+    for pair in found.pairs[:MOST_PAIRS]:
+        render.say(pair.sentence)
+    if len(found.pairs) > MOST_PAIRS:
+        more = (" = ".join(p.effects) for p in found.pairs[MOST_PAIRS:])
+        render.say(f"One entry, too: {', '.join(more)}.")
+
+
+def _document(
+    records: "tuple[Record, ...]",
+    findings: "tuple[Finding, ...]",
+    verdict: str,
+    told: "Isolability | None",
+) -> None:
+    effects = {} if told is None else {"effects": told.to_json()}
     render.document(
         {
+            **effects,
             "records": [_facts(r) for r in records],
             "read_as": decided(records),
             "findings": findings,

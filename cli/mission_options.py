@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sysid.plant.package import Package
     from sysid.vehicle.kinematics import Geometry
 
-accept_changes = partial(flag, "Take a plant package that was changed by hand.")
+accept_changes = partial(flag, "Take a plant package that was changed by hand.", advanced=True)
 """The flag of commands that take a plant package."""
 
 
@@ -31,7 +31,7 @@ class Driven:
     geometry: "Geometry | None"
 
 
-_driven = in_panel("On a log with a pose")
+_driven = in_panel("On a log with a pose", advanced=True)
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class DriveOptions:
             raise UsageError("--plant needs --mission; give the mission of the log")
         for path, option in ((self.mission, "--mission"), (self.plant, "--plant")):
             if path is not None and not path.exists():
-                raise UsageError(f"file not found: {path}; check the path after {option}")
+                raise UsageError(f"{path}: file not found; check {option}")
         lengths = None if self.geometry is None else given_lengths(self.geometry)
         if self.mission is not None:
             from sysid.robot.mission.spec import load_mission

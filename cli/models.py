@@ -1,4 +1,4 @@
-"""``sysid models``: list, show or remove the models of the workspace."""
+"""``sysid models``: list or remove the models of the workspace."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -14,36 +14,32 @@ if TYPE_CHECKING:
     from sysid.workspace.store import StoredModel
 
 
-BEST = "best"
-"""Name of the model that a command takes by default."""
-
-
 class Action(StrEnum):
     """What to do with the models."""
 
     LIST = "list"
-    SHOW = "show"
     REMOVE = "remove"
 
 
 @command
 def models(
-    action: Action = argument(None, "What to do.", default=Action.LIST),
+    action: Action = argument("[list|remove]", "What to do.", default=Action.LIST),
     id: str | None = argument(
-        "[ID]", "Id of the model, its beginning, or best (the default of export).", default=None
+        "[ID]",
+        "Id of the model to remove, or its beginning.",
+        default=None,
+        autocompletion=reading.stored_models,
     ),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """List, show or remove the models of the workspace."""
+    """List the models of the workspace, or remove one."""
     if (id is None) != (action is Action.LIST):
         complaint = "takes no ID" if id else "needs the ID of a model"
         raise UsageError(f"sysid models {action.value} {complaint}; `sysid models` lists them")
     store = Workspace(workspace)
     if action is Action.LIST or id is None:
         (_list_document if json else _list)(*store.readable(), store.root)
-    elif action is Action.SHOW:
-        (_document if json else _show)(store.chosen(None if id == BEST else id))
     else:
         removed = store.remove(id)
         if json:
@@ -52,7 +48,8 @@ def models(
             render.say(f"Removed {removed}.")
 
 
-def _summary(stored: "StoredModel") -> dict[str, Any]:
+def summary(stored: "StoredModel") -> dict[str, Any]:
+    """What a list says of a model."""
     model = stored.model
     return {
         "model": stored.id,
@@ -63,12 +60,12 @@ def _summary(stored: "StoredModel") -> dict[str, Any]:
         "outputs": [c.name for c in model.outputs],
         "sample_time_s": model.dt,
         "stable": model.stable,
-        "fit_percent": _fit_percent(stored.report),
+        "fit_percent": fit_percent(stored.report),
         "data": [s.name for s in model.provenance.data],
     }
 
 
-def _fit_percent(report: dict[str, Any]) -> dict[str, float | None]:
+def fit_percent(report: dict[str, Any]) -> dict[str, float | None]:
     """Free-run fits on validation data, else on estimation data."""
     for part in ("validation", "estimation"):
         figures = report.get(part)
@@ -79,7 +76,7 @@ def _fit_percent(report: dict[str, Any]) -> dict[str, float | None]:
 
 def _list_document(stored: "list[StoredModel]", unreadable: dict[str, str], _root: Path) -> None:
     left_out = [{"model": id, "reason": reason} for id, reason in unreadable.items()]
-    render.document({"models": [_summary(s) for s in stored], "unreadable": left_out})
+    render.document({"models": [summary(s) for s in stored], "unreadable": left_out})
 
 
 def _list(stored: "list[StoredModel]", unreadable: dict[str, str], root: Path) -> None:
@@ -97,61 +94,7 @@ def _list(stored: "list[StoredModel]", unreadable: dict[str, str], root: Path) -
             s["stable"],
             ", ".join(s["data"]),
         )
-        for s in map(_summary, stored)
+        for s in map(summary, stored)
     ]
     render.table(("model", "orders", "channels", "fit [%]", "stable", "data"), rows)
     render.cautions(unreadable.values())
-
-
-def _document(stored: "StoredModel") -> None:
-    model = stored.model
-    content = {
-        "parameters": model.parameter_table(),
-        "poles": model.structure.properties(model.theta, model.dt).get("poles", []),
-        "report": stored.report,
-    }
-    render.document(_summary(stored) | content)
-
-
-def _show(stored: "StoredModel") -> None:
-    model = stored.model
-    render.say(f"{stored.id}: {model.structure.traits.title}", "bold")
-    level = model.operating_point_sentence()
-    if level:
-        render.say(level)
-    for line in model.equations():
-        render.say(f"  {line}")
-    for sentence in _steps(stored):
-        render.say(f"  {sentence}")
-    for name, fit in _fit_percent(stored.report).items():
-        render.say(f"  Fit of {name} in free run: {render.number(fit, 4)} %.")
-    poles = model.structure.properties(model.theta, model.dt).get("poles", [])
-    if poles:
-        render.say(f"  Poles at {', '.join(_pole(p) for p in poles)}.")
-    render.parameters(model)
-    if model.termination.value not in model.warnings:
-        render.say(model.termination.value)
-    for warning in model.warnings:
-        render.say(f"Warning: {warning}", "yellow")
-    render.say(f"Stored in {stored.path}", "dim")
-
-
-def _steps(stored: "StoredModel") -> "tuple[str, ...]":
-    """Step responses of the model in words; computed again for models of older versions."""
-    from sysid.data.schema import checked
-    from sysid.estimation.assessment.own_motion import own_modes
-    from sysid.estimation.assessment.step_response import StepResponse, step_responses
-    from sysid.report.step_words import mode_sentences, step_sentences
-
-    if not stored.model.inputs:
-        return mode_sentences(own_modes(stored.model))
-
-    kept = stored.report.get("step_response")
-    if kept is None:
-        return step_sentences(step_responses(stored.model))
-    return step_sentences(checked(tuple[StepResponse, ...], kept))
-
-
-def _pole(pole: dict[str, float]) -> str:
-    place = render.number(pole["re"], 4)
-    return place if not pole["im"] else f"{place} {pole['im']:+.4g}i"

@@ -16,7 +16,7 @@ what that returns, as a rule an object of the library.
 
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import partial
 from typing import Annotated, Any, TypeVar, get_type_hints
@@ -31,13 +31,19 @@ Parse = Callable[[Any], Any]
 
 @dataclass(frozen=True)
 class Declared:
-    """What typer is told of a parameter; ``parse`` reads or checks a value that was given."""
+    """What typer is told of a parameter.
+
+    Attributes:
+        parse: reads or checks a value that was given.
+        advanced: whether only ``--help-all`` shows it.
+    """
 
     kind: Callable[..., Any]
     names: tuple[str, ...]
     words: Mapping[str, Any]
     parse: Parse | None = None
     read_as: Any = None
+    advanced: bool = False
 
 
 def option(
@@ -47,19 +53,21 @@ def option(
     default: Any = None,
     parse: Parse | None = None,
     kind: Any = None,
+    advanced: bool = False,
     **more: Any,
 ) -> Any:
     """An option, called as its field or parameter unless names are given.
 
     Args:
         metavar: what stands for its value in the help; None for a flag.
-        names: what is typed, such as ``-o`` and ``--out``.
+        names: what is typed, such as ``-v`` and ``--val``.
         parse: what the command gets of a value that is not the default.
         kind: what typer reads where ``parse`` makes something else of it.
+        advanced: whether only ``--help-all`` shows it.
         more: further words for typer, such as ``min``.
     """
     words = {"metavar": metavar, "help": help, **more}
-    declared = Declared(typer.Option, names, words, parse, kind)
+    declared = Declared(typer.Option, names, words, parse, kind, advanced)
     return field(default=default, metadata={"declared": declared})
 
 
@@ -68,23 +76,28 @@ def flag(help: str, *names: str, **more: Any) -> Any:
     return option(None, help, *names, default=False, **more)
 
 
-def argument(metavar: str | None, help: str, default: Any = MISSING) -> Any:
+def argument(metavar: str | None, help: str, default: Any = MISSING, **more: Any) -> Any:
     """A value that is given by its place; needed unless it has a default."""
-    declared = Declared(typer.Argument, (), {"metavar": metavar, "help": help})
+    declared = Declared(typer.Argument, (), {"metavar": metavar, "help": help, **more})
     return field(default=default, metadata={"declared": declared})
 
 
-def in_panel(panel: str) -> Callable[..., Any]:
+def in_panel(panel: str, advanced: bool = False) -> Callable[..., Any]:
     """:func:`option` in a panel of the help."""
-    return partial(option, rich_help_panel=panel)
+    return partial(option, rich_help_panel=panel, advanced=advanced)
 
 
 @dataclass(frozen=True)
 class Group:
-    """Options that become one object; of the fields of ``of`` those named in ``only``, or all."""
+    """Options that become one object; of the fields of ``of`` those named in ``only``, or all.
+
+    Attributes:
+        hidden: whether only ``--help-all`` shows any of them.
+    """
 
     of: type[Any]
     only: tuple[str, ...]
+    hidden: bool = False
 
     def parameters(self) -> list[inspect.Parameter]:
         """The options as parameters."""
@@ -93,6 +106,12 @@ class Group:
         declared = {f.name: f for f in fields(self.of)}
         return [_parameter(name, hints[name], declared[name]) for name in wanted]
 
+    def advanced(self) -> set[str]:
+        """Names of the options that only ``--help-all`` shows."""
+        of_class = {f.name: f for f in fields(self.of)}
+        names = self.only or (*of_class,)
+        return {*names} if self.hidden else _advanced((name, of_class[name]) for name in names)
+
     def built(self, values: Mapping[str, Any]) -> Any:
         """The object, of the values by their names."""
         declared = {f.name: f for f in fields(self.of)}
@@ -100,9 +119,9 @@ class Group:
         return made.made() if hasattr(made, "made") else made
 
 
-def group(of: type[Any], *only: str) -> Any:
+def group(of: type[Any], *only: str, hidden: bool = False) -> Any:
     """A parameter of a command that is made of the options of a dataclass."""
-    return Group(of, only)
+    return Group(of, only, hidden)
 
 
 def changed(options: Any) -> dict[str, Any]:
@@ -112,18 +131,25 @@ def changed(options: Any) -> dict[str, Any]:
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """A command as typer reads it, of a function whose parameters are declared as options."""
-    parameters: list[inspect.Parameter] = []
+    """A command as typer reads it, of a function whose parameters are declared as options.
+
+    A field that two groups share is one option, whose value both get. The names of the parameters
+    that only ``--help-all`` shows stand in its attribute ``advanced``.
+    """
+    parameters: dict[str, inspect.Parameter] = {}
+    advanced: set[str] = set()
     groups: dict[str, tuple[Group, list[str]]] = {}
     own: dict[str, Any] = {}
     for name, place in inspect.signature(function).parameters.items():
         if isinstance(place.default, Group):
             parts = place.default.parameters()
             groups[name] = place.default, [p.name for p in parts]
-            parameters += parts
+            parameters |= {p.name: p for p in parts}
+            advanced |= place.default.advanced()
         else:
             own[name] = place.default
-            parameters.append(_parameter(name, function.__annotations__[name], place.default))
+            parameters[name] = _parameter(name, function.__annotations__[name], place.default)
+            advanced |= _advanced([(name, place.default)])
 
     def run(**given: Any) -> None:
         values = {name: _parsed(declared, given[name]) for name, declared in own.items()}
@@ -133,9 +159,14 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
     for name in ("__name__", "__doc__", "__module__"):
         setattr(run, name, getattr(function, name))
-    run.__annotations__ = {p.name: p.annotation for p in parameters}
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in parameters.values()}
+    run.__signature__ = inspect.Signature([*parameters.values()])  # type: ignore[attr-defined]
+    run.advanced = frozenset(advanced)  # type: ignore[attr-defined]
     return run
+
+
+def _advanced(declared: "Iterable[tuple[str, Field[Any]]]") -> set[str]:
+    return {name for name, field in declared if field.metadata["declared"].advanced}
 
 
 def _parameter(name: str, kind: Any, declared: "Field[Any]") -> inspect.Parameter:

@@ -1,5 +1,6 @@
 """What reading the logs of a command decided, each with the option that decides otherwise."""
 
+import sys
 import textwrap
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
@@ -32,17 +33,24 @@ def decided(records: "Iterable[Record | SensorLog]", *more: "Decision") -> list[
     ]
 
 
-def show_decisions(decisions: Sequence[dict[str, str]]) -> None:
-    """Print decisions in a few lines: those on the first log, on others where they differ."""
+def decisions_in_words(decisions: Sequence[dict[str, str]]) -> str:
+    """Decisions in a sentence: those on the first log, on others where they differ."""
     parts: list[str] = []
     for d in decisions:
         text = f"{d['what']} {d['value']} ({d['change']})"
         if text not in parts:
             first = d["log"] == decisions[0]["log"]
             parts.append(text if first else f"in {d['log']} {text}")
-    if parts:
-        text = f"Read as: {'; '.join(parts)}"
-        for line in textwrap.wrap(
-            text, WIDTH, subsequent_indent="  ", max_lines=LINES, break_on_hyphens=False
-        ):
-            render.say(line, "dim")
+    return f"Read as: {'; '.join(parts)}" if parts else ""
+
+
+def show_decisions(decisions: Sequence[dict[str, str]]) -> None:
+    """Print decisions in a few lines."""
+    for line in textwrap.wrap(
+        decisions_in_words(decisions),
+        min(WIDTH, render.columns(sys.stdout) or WIDTH),
+        subsequent_indent="  ",
+        max_lines=LINES,
+        break_on_hyphens=False,
+    ):
+        render.note(line)

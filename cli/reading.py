@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
 
@@ -15,8 +15,21 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
 
 LOGS = argument("LOG...", "CSV, Parquet, JSON, MATLAB or bag; several are several experiments.")
-JSON = flag("Print one JSON document on stdout.")
-WORKSPACE = option("DIR", "Workspace folder with the stored models.", default=Path(".sysid"))
+FULL = flag("Print everything, not only what fits a screen.")
+JSON = flag("Print one JSON document.")
+WORKSPACE = option("DIR", "Workspace folder [.sysid].", "-w", "--workspace", default=Path(".sysid"))
+
+
+def stored_models(incomplete: str) -> list[str]:
+    """Ids of the workspace that a shell may complete; that of another folder is not known there."""
+    folder = WORKSPACE.default / "models"
+    ids = sorted(path.stem for path in folder.glob("*.json"))
+    return [id for id in ids if id.startswith(incomplete)]
+
+
+def model(help: str) -> Any:
+    """The option that names a model of the workspace."""
+    return option("ID", help, "-m", "--model", autocompletion=stored_models)
 
 
 def _resolved(given: Sequence[str]) -> tuple[str, ...]:
@@ -79,7 +92,9 @@ def _mapped(given: Sequence[str]) -> dict[str, str]:
     return mapping_of(given)
 
 
-_reading, _preparing = in_panel("Reading the log"), in_panel("Preparing the log")
+_reading = in_panel("Reading the log")
+_reading_more = in_panel("Reading the log", advanced=True)
+_preparing = in_panel("Preparing the log", advanced=True)
 
 
 @dataclass(frozen=True)
@@ -89,13 +104,14 @@ class Reading:
     inputs: list[str] | None = _reading(
         "NAME",
         "Input columns, a,b or repeated; none for a log without inputs [found by name].",
+        "-u",
         "--input",
         parse=_names,
     )
     outputs: list[str] | None = _reading(
-        "NAME", "Output columns, a,b or repeated [found by name].", "--output", parse=_names
+        "NAME", "Output columns, a,b or repeated [found by name].", "-y", "--output", parse=_names
     )
-    time: str | None = _reading("NAME", "Time column, or either of a date and a time of day.")
+    time: str | None = _reading_more("NAME", "Time column, or either of a date and a time of day.")
     ts: float | None = _reading("SECONDS", "Sample time, where no column of the log is its clock.")
     units: list[str] | None = _reading(
         "NAME=UNIT",
@@ -105,58 +121,58 @@ class Reading:
         parse=units_of,
     )
     pwm_max: float | None = _reading("VALUE", "Command at full drive in the file, e.g. 255.")
-    delimiter: str | None = _reading("SIGN", "Delimiter, or tab [detected].")
-    decimal: str | None = _reading("SIGN", "'.' or ',' [detected].")
-    encoding: str | None = _reading(
+    delimiter: str | None = _reading_more("SIGN", "Delimiter, or tab [detected].")
+    decimal: str | None = _reading_more("SIGN", "'.' or ',' [detected].")
+    encoding: str | None = _reading_more(
         "NAME", "Encoding of a text, such as cp1252 or shift_jis [detected]."
     )
-    resample: str = _reading(
+    resample: str = _reading_more(
         "POLICY",
         "Treatment of jitter, gaps and empty cells: auto, hold, refuse, fill or split.",
         default="auto",
     )
-    unwrap: list[str] | None = _reading(
+    unwrap: list[str] | None = _reading_more(
         "PERIOD",
         "Period of a counter that starts over, e.g. 65536 or NAME=4096; NAME=none keeps its "
         "jumps [detected].",
         parse=periods,
     )
-    speed_of: list[str] | None = _reading(
+    speed_of: list[str] | None = _reading_more(
         "NAME", "Output that is a position or counter; its speed is modelled.", parse=_names
     )
-    held: str = _reading(
+    held: str = _reading_more(
         "HOW",
         "Sensors slower than the log: auto reads the log at their rate, keep takes every row, N "
         "takes one sample every N rows.",
         default="auto",
     )
-    join: list[str] | None = _reading(
+    join: list[str] | None = _reading_more(
         "FILE",
         "File with more columns of the same drive, such as a camera's pose, joined by time; "
         "LOG=FILE for one of several logs.",
         parse=_resolved,
     )
-    join_offset: float | None = _reading(
+    join_offset: float | None = _reading_more(
         "SECONDS", "Time of the log minus time of the joined file [estimated from wheels and pose]."
     )
-    map: list[str] | None = _reading(
+    map: list[str] | None = _reading_more(
         "NAME=/TOPIC.FIELD",
         "Column of a bag: omega_l=/joint_states.velocity[left], pose=/odom; repeatable, or a YAML "
         "file. `sysid inspect BAG` proposes a mapping.",
         parse=_mapped,
     )
-    stamps: str = _reading(
+    stamps: str = _reading_more(
         "WHICH",
         "Clock of a bag's topics: auto (the sender's if usable), header or received.",
         default="auto",
     )
-    latency: list[str] | None = _reading(
+    latency: list[str] | None = _reading_more(
         "HOW", "Latency of a bag's topics: remove (as estimated), or /topic=SECONDS.", parse=_names
     )
-    strict: bool = _reading(
+    strict: bool = _reading_more(
         None, "Refuse lines that are no rows of the table, instead of skipping.", default=False
     )
-    missing: list[str] | None = _reading(
+    missing: list[str] | None = _reading_more(
         "NUMBER",
         "Number that stands for a missing measurement, e.g. -999; none keeps all [detected].",
         parse=_names,

@@ -5,7 +5,9 @@ Results go to stdout, everything about them (warnings, progress, errors) to stde
 """
 
 import math
+import os
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from threading import Event, Thread
@@ -15,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from sysid.data import documents
 from sysid.outside_text import visible
 
-from .field_options import with_options
+from .field_options import running, with_options
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -24,7 +26,8 @@ if TYPE_CHECKING:
     from sysid.structures.model import Model, ParameterEstimate
 
 _PIPE_WIDTH = 120
-"""Columns of a table that is piped into a file, where no terminal says how wide it is."""
+"""Columns of a table that is piped into a file, where neither a terminal nor COLUMNS says how wide
+it is; sentences are not wrapped there."""
 
 _LONGEST_NAME = 30
 """Letters up to which the first column of a table is never broken into lines."""
@@ -39,9 +42,37 @@ def document(value: Any) -> None:
     sys.stdout.write(documents.text(shown, ascii_only="utf" not in encoding))
 
 
+def quiet() -> bool:
+    """Whether the line asks for results and warnings only (``-q``)."""
+    context = running()
+    return context is not None and context.obj is not None and bool(context.obj.quiet)
+
+
+def columns(stream: Any) -> int | None:
+    """The width that COLUMNS or the terminal of a stream says; None for a pipe."""
+    with suppress(KeyError, ValueError):
+        if (said := int(os.environ["COLUMNS"])) > 0:
+            return said
+    try:
+        return os.get_terminal_size(stream.fileno()).columns or None if stream.isatty() else None
+    except (OSError, ValueError):
+        return None
+
+
 def say(sentence: str, style: str = "") -> None:
-    """Print a line of a result on stdout."""
+    """Print a line of a result on stdout, wrapped between words."""
     _print(sentence, sys.stdout, style)
+
+
+def command(line: str) -> None:
+    """Print a command to paste on stdout, as one line however long it is."""
+    _print(line, sys.stdout, "", wrapped=False)
+
+
+def note(sentence: str) -> None:
+    """Print what a quiet line leaves out, dim on stdout."""
+    if not quiet():
+        _print(sentence, sys.stdout, "dim")
 
 
 def warn(sentence: str) -> None:
@@ -119,11 +150,12 @@ def findings(verdicts: "Sequence[Finding]") -> None:
     console = _console(sys.stdout)
     for finding in verdicts:
         word = finding.severity.word
-        line = Text(f"{word:>8}  ", style=_STYLES[word])
-        line.append(_shown(finding.sentence), style="not bold default")
+        head = f"{word:>8}  "
+        line = Text(_wrapped(head + _shown(finding.sentence), sys.stdout, " " * len(head)))
+        line.stylize(_STYLES[word], 0, len(head))
         console.print(line, soft_wrap=True)
         if finding.advice:
-            console.print(Text(" " * 10 + _shown(finding.advice), style="dim"), soft_wrap=True)
+            _print(" " * len(head) + finding.advice, sys.stdout, "dim")
 
 
 READING_LINES = 8
@@ -133,10 +165,10 @@ READING_LINES = 8
 def reading(lines: Sequence[str]) -> None:
     """Print notes on how logs were read, one dim line each; sysid inspect shows the rest."""
     for line in lines[:READING_LINES]:
-        say(line, "dim")
+        note(line)
     if len(lines) > READING_LINES:
         more = len(lines) - READING_LINES
-        say(f"{more} more notes on how the logs were read: sysid inspect.", "dim")
+        note(f"{more} more notes on how the logs were read: sysid inspect.")
 
 
 def number(value: float | None, digits: int = 5) -> str:
@@ -149,30 +181,42 @@ def number(value: float | None, digits: int = 5) -> str:
 
 
 def parameters(model: "Model") -> None:
-    """Print the parameters of a model, with standard errors or why there are none."""
+    """Print the parameters of a model, with 95 % intervals or why there are none.
+
+    A question mark stands where the interval holds zero.
+    """
+    from sysid.estimation.assessment.delta_method import NORMAL
+
     rows = []
     for p in model.parameter_table():
         sure = p.visited and not (p.fixed or p.at_bound) and p.value and math.isfinite(p.std_error)
-        share = f"{100.0 * p.std_error / abs(p.value):.2g} %" if sure else ""
+        share = f"{100.0 * NORMAL * p.std_error / abs(p.value):.2g} %" if sure else ""
         value = number(p.value if p.visited else None, 6)
-        rows.append([p.name, value, standard_error(p), share, p.unit])
-    table(["parameter", "value", "± std. error", "relative", "unit"], rows)
+        rows.append([p.name, value, interval(p), share, p.unit])
+    table(["parameter", "value", "± 95 %", "relative", "unit"], rows)
 
 
-def standard_error(p: "ParameterEstimate") -> str:
-    """A parameter's standard error, or in words why it has none."""
+def interval(p: "ParameterEstimate") -> str:
+    """Half of a parameter's 95 % interval, marked where it holds zero, or why there is none."""
     if not p.visited:
         return "not excited"
     if p.fixed:
         return "fixed"
     if p.at_bound:
         return "at its bound"
-    return number(p.std_error, 3) if math.isfinite(p.std_error) else "not determined"
+    if not math.isfinite(p.std_error):
+        return "not determined"
+    from sysid.estimation.assessment.delta_method import NORMAL
+
+    reach = NORMAL * p.std_error
+    return f"{number(reach, 3)}{'' if abs(p.value) > reach else ' ?'}"
 
 
 @contextmanager
 def progress(label: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
     """Show a bar on stderr while the block runs; a line every ten seconds where it is piped.
+
+    Nothing is shown of what takes less than a second.
 
     Args:
         total: number of steps; None when unknown.
@@ -202,16 +246,53 @@ def stages(label: str, *, known: bool = True) -> Iterator[Callable[[str, float |
     Yields:
         A function that takes what is being done and which share is over, 0 to 1.
     """
-    if not sys.stderr.isatty():
-        with _spoken(label) as show_line:
-            yield show_line
+    if quiet():
+        yield lambda what, share: None
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    with _bar(label, known) if sys.stderr.isatty() else _spoken(label) as show:
+        furthest = 0.0
 
-    columns = (BarColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
-    with Progress(*columns, console=_console(sys.stderr), transient=True) as bar:
-        task = bar.add_task(label, total=1.0 if known else None)
+        def forward(what: str, share: float | None) -> None:
+            nonlocal furthest
+            furthest = max(furthest, share or 0.0)
+            show(what, None if share is None else furthest)
+
+        yield forward
+
+
+DRAWN_AFTER = 1.0
+"""Seconds after which a bar appears: what is quicker than that needs none."""
+
+
+@contextmanager
+def _bar(label: str, known: bool) -> Iterator[Callable[[str, float | None], None]]:
+    """A bar on the terminal, with the share and the time left where the share is known."""
+    from rich import progress as bars
+
+    shown = (
+        (bars.TaskProgressColumn(), bars.TimeRemainingColumn(compact=True), bars.TextColumn("left"))
+        if known
+        else (bars.TimeElapsedColumn(),)
+    )
+    what = bars.TextColumn("{task.description}", markup=False)
+    bar = bars.Progress(
+        bars.BarColumn(20), *shown, what, console=_console(sys.stderr), transient=True
+    )
+    task = bar.add_task(label, total=1.0 if known else None)
+    over = Event()
+
+    def appear() -> None:
+        if not over.wait(DRAWN_AFTER):
+            bar.start()
+
+    thread = Thread(target=appear, daemon=True)
+    thread.start()
+    try:
         yield lambda what, share: bar.update(task, completed=share, description=what)
+    finally:
+        over.set()
+        thread.join()
+        bar.stop()
 
 
 @contextmanager
@@ -239,7 +320,10 @@ SPOKEN_EVERY = 10.0
 
 @contextmanager
 def _spoken(label: str) -> Iterator[Callable[[str, float | None], None]]:
-    """A line on stderr now and then while the block runs: what is done, how far, since when."""
+    """A line on stderr now and then while the block runs: what is done, how far, how long yet.
+
+    A share that has not grown is not said again.
+    """
     now: tuple[str, float | None] = (label, None)
     over = Event()
 
@@ -248,12 +332,17 @@ def _spoken(label: str) -> Iterator[Callable[[str, float | None], None]]:
         now = (what, share)
 
     def write_lines() -> None:
-        started = monotonic()
+        started, said = monotonic(), (label, 0)
         while not over.wait(SPOKEN_EVERY):
             what, share = now
-            far = "" if share is None else f", {100.0 * share:.0f} % done"
+            seconds, percent = monotonic() - started, round(100.0 * (share or 0.0))
+            far = ""
+            if percent and (what, percent) != said:
+                left = seconds * (1.0 / (share or 1.0) - 1.0)
+                far = f", {percent} % done, about {left:.0f} s left"
+                said = what, percent
             with suppress(OSError, ValueError):  # whoever reads may have gone
-                sys.stderr.write(f"{what}: {monotonic() - started:.0f} s{far}\n")
+                sys.stderr.write(f"{what}: {seconds:.0f} s{far}\n")
                 sys.stderr.flush()
 
     thread = Thread(target=write_lines, daemon=True)
@@ -279,17 +368,31 @@ def _shown(text: str) -> str:
     return visible(with_options(text))
 
 
-def _print(sentence: str, stream: Any, style: str) -> None:
+def _print(sentence: str, stream: Any, style: str, wrapped: bool = True) -> None:
     from rich.text import Text
 
+    text = _shown(sentence)
+    if wrapped:
+        indent = text[: len(text) - len(text.lstrip(" "))]
+        text = _wrapped(text, stream, indent + "  " * text.startswith("! "))
     # Text, not markup: a sentence may hold [x, y] or a file called [red].csv
-    _console(stream).print(Text(_shown(sentence), style=style), soft_wrap=True)
+    _console(stream).print(Text(text, style=style), soft_wrap=True)
+
+
+def _wrapped(text: str, stream: Any, indent: str) -> str:
+    """Lines of the width of a stream, broken between words only."""
+    width = columns(stream)
+    if width is None or len(text) <= width:
+        return text
+    return textwrap.fill(
+        text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _console(stream: Any) -> "Console":
     from rich.console import Console
 
-    width = None if stream.isatty() else _PIPE_WIDTH
+    width = columns(stream) or _PIPE_WIDTH
     return Console(file=stream, width=width, highlight=False, markup=False, emoji=False)
 
 

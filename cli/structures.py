@@ -44,7 +44,7 @@ def structures(
         if facts[part]:
             headings = (part.removesuffix("s"), *columns[1:])
             render.table(headings, [[row[k] for k in columns] for row in facts[part]])
-    render.say(f"sysid fit LOG --structure {facts['name']} {facts['example']}".rstrip())
+    render.command(f"sysid fit LOG --structure {facts['name']} {facts['example']}".rstrip())
 
 
 def _facts(cls: "type[NamedStructure]") -> dict[str, Any]:

@@ -41,13 +41,32 @@ def make_folder(path: Path, option: str) -> None:
 
 def picture(help: str) -> Any:
     """The option ``--plot``, refused before the work where it cannot be drawn."""
-    return option("FILE", help, "--plot", parse=check_picture)
+    return picture_target(help, "-p", "--plot")
+
+
+def picture_target(help: str, *names: str) -> Any:
+    """An option for a picture to write, refused before the work where it cannot be drawn."""
+    return option("FILE", help, *names, parse=lambda path: check_picture(path, names[-1]))
+
+
+def check_picture(path: Path, option: str = "--plot") -> Path:
+    """Refuse a picture that cannot be drawn.
+
+    Raises:
+        UsageError: the folder does not exist, or the name ends in nothing that can be drawn.
+    """
+    from sysid.report.plots import picture_format
+
+    picture_format(path)
+    check(path, option, new_folder=False)
+    return path
 
 
 def target(
     metavar: str,
     help: str,
-    *names: str,
+    name: str = "-o",
+    *,
     new_folder: bool = True,
     suffixes: tuple[str, ...] = (),
     **more: Any,
@@ -55,31 +74,18 @@ def target(
     """An option for a file or folder to write, refused before the work where that cannot be.
 
     Args:
-        names: what is typed, as of :func:`option`; messages take the first.
+        name: what is typed.
         new_folder: whether the last folder on the way may be new.
         suffixes: what a name may end in; anything without any.
     """
 
     def checked(path: Path) -> Path:
         if suffixes and path.suffix.lower() not in suffixes:
-            raise UsageError(f"{names[0]} {path}: name a file that ends in {suffixes[0]}")
-        check(path, names[0], new_folder)
+            raise UsageError(f"{name} {path}: name a file that ends in {suffixes[0]}")
+        check(path, name, new_folder)
         return path
 
-    return option(metavar, help, *names, parse=checked, **more)
+    return option(metavar, help, name, parse=checked, **more)
 
 
 YAML = (".yaml", ".yml")
-
-
-def check_picture(path: Path) -> Path:
-    """Refuse a ``--plot`` that cannot be drawn.
-
-    Raises:
-        UsageError: the folder does not exist, or the name ends neither in .svg nor in .png.
-    """
-    from sysid.report.plots import picture_format
-
-    picture_format(path)
-    check(path, "--plot", new_folder=False)
-    return path

@@ -25,9 +25,11 @@ HEAD = """# Commands
 
 Written by `python docs/generate_commands.py` from the commands themselves: do not edit.
 
-`sysid COMMAND --help` shows the same in the terminal. `--debug` anywhere on a line shows where an
-error arose, `sysid --version` the version, and `sysid --workspace DIR COMMAND` is the same as
-`--workspace DIR` behind the command. What `--json` prints is described in [files.md](files.md).
+`sysid COMMAND --help`, or `sysid help COMMAND`, shows on one screen what is typed often, and
+`--help-all` every option. Anywhere on a line `-q` leaves results and warnings only, `--debug` shows
+where an error arose. `sysid -V` prints the version, `sysid -w DIR COMMAND` is the same as `-w DIR`
+behind the command, `sysid --install-completion` lets the Tab key complete commands, options and
+models. What `--json` prints is described in [files.md](files.md).
 
 Exit codes: 0 done; 1 the data or the model cannot serve; 2 wrong use; 130 interrupted. A mission
 that does not arrive is a result, not an error: its exit code is 0.
@@ -106,17 +108,14 @@ def _parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
         required = parameter.default is inspect.Parameter.empty
         default = "" if required or parameter.default in (None, False) else parameter.default
         default = default.value if isinstance(default, Enum) else default
-        choices = _choices(kind)
         if argument:
             names = (info.metavar or name.upper(),)
             if not required and not names[0].startswith("["):
                 names = (f"[{names[0]}]",)
         else:
             names = _spelled(info) or (f"--{name.replace('_', '-')}",)
-        value = info.metavar or ("|".join(choices) if choices else name.upper())
+        value = info.metavar or name.upper()
         words = (info.help or "").strip()
-        if choices and (argument or info.metavar):
-            words = f"{words} One of {', '.join(choices)}."
         found.append(
             Parameter(
                 names=names,
@@ -142,10 +141,6 @@ def _spelled(info: Any) -> tuple[str, ...]:
     """The option names given in the code; typer keeps the first one as a default value."""
     first = (info.default,) if isinstance(info.default, str) else ()
     return tuple(n for n in (*first, *(info.param_decls or ())) if n.startswith("-"))
-
-
-def _choices(kind: Any) -> list[str]:
-    return [str(k.value) for k in kind] if isinstance(kind, type) and issubclass(kind, Enum) else []
 
 
 def _option(p: Parameter) -> str:

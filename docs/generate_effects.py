@@ -17,7 +17,10 @@ Written by `python docs/generate_effects.py` from the catalogue itself: do not e
 
 What `sysid diagnose` can select and add. Each track obeys τ ω̇ = T − ω with T = K d; d is the
 command in units of full drive, so that torques count in units of the speed they hold. An effect
-changes one place of that chain and does nothing at its null value. Units: `drive` is a share of
+changes one place of that chain and does nothing at its null value. The order is: command, torque
+of the drive (supply, bridge, winding), loads from outside (weights, slopes, the other track),
+friction, speed, measurement; a weight does not fade with the winding, and friction holds what is
+lighter than itself ([0034](decisions/0034-friction-comes-last.md)). Units: `drive` is a share of
 full drive, `speed` the unit of the output, `1` a pure number. *Ties*: effects that many logs
 cannot distinguish from it. *Undone*: a mission can compensate it (`control.compensate`, see
 [control.md](control.md#compensating-identified-effects)).
@@ -53,19 +56,25 @@ def page() -> str:
         parts.append(f"## {stage.capitalize()}: {where}\n")
         parts.append(table(HEADER, [_row(e) for e in of_stage]))
         parts.append("To show it:\n")
-        parts.append("\n".join(f"- `{e.id}`: {e.experiment}" for e in of_stage) + "\n")
+        parts.append("\n".join(f"- `{e.id}`: {e.texts.experiment}" for e in of_stage) + "\n")
     return "\n".join([*parts, SAMPLES, OWN])
 
 
 def _row(e: Effect) -> list[str]:
     parameters = ", ".join(f"`{p.name}` [{p.unit or '1'}]" for p in e.parameters)
-    ties = ", ".join(f"`{id}`" for id in e.ties)
+    ties = ", ".join(f"`{id}`" for id in e.hints.ties)
     undone = "yes" if e.inverse else ""
     return [
         f"`{e.id}`",
-        e.equation,
+        e.texts.equation,
         parameters,
-        " ".join([e.sentence, *(law.sentence for law in e.laws if law.sentence), e.looks_like]),
+        " ".join(
+            [
+                e.texts.sentence,
+                *(law.sentence for law in e.laws if law.sentence),
+                e.texts.looks_like,
+            ]
+        ),
         ties,
         undone,
     ]

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.cosim.connection import Asked, Ended, Message, Seen
-from sysid.cosim.level import Level
+from sysid.cosim.connection import Asked, Ended, Level, Message, Seen
 from sysid.cosim.robot import Pace, play_robot
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground

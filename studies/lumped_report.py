@@ -21,7 +21,7 @@ from studies.runner import REPORTS
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import SysidError
 from sysid.estimation.selection.comparison import Ranking
-from sysid.export.c.counting import operations
+from sysid.export.c.report import operations
 from sysid.export.c.step import c_step
 from sysid.report.markdown import table
 from sysid.structures.model import Model
@@ -144,9 +144,9 @@ def models() -> dict[str, Model]:
         made["bench, one drive"] = bench_model(
             drive, (), DT, (log.input_names[0], log.output_names[0])
         )
-    made["dc-motor, fitted"] = sysid.fit("dc-motor", log)
+    made["dc-motor, fitted"] = sysid.fit(log, "dc-motor")
     for name, orders in BLACK_BOXES.items():
-        made[name] = sysid.fit(name, log, orders)
+        made[name] = sysid.fit(log, name, orders)
     return {k: m for k, m in made.items() if m is not None}
 
 
@@ -227,8 +227,8 @@ def write(folder: Path) -> Mapping[str, str]:
     judged: dict[str, Ranking] = {}
     for name, (low, high, seed) in LOGS.items():
         held, _ = record(name, levels(low, high, 40.0, seed), seed)
-        judged[name] = sysid.compare(made, held, "fit", name=name)
-    bic = sysid.compare(made, log, "bic", name="the log of the fits")
+        judged[name] = sysid.compare(held, made, "fit", name=name)
+    bic = sysid.compare(log, made, "bic", name="the log of the fits")
     times = json.loads(TIMES.read_text(encoding="utf-8")) if TIMES.is_file() else {}
     rows = []
     for name, model in made.items():
@@ -296,7 +296,7 @@ def _number(value: float | None) -> str:
 
 def measure() -> None:
     """Write what a step took into ``TIMES``: two digits, the quickest of several rounds."""
-    ranking = sysid.compare(models(), log_of_fits()[0], "fit", name="the log of the fits")
+    ranking = sysid.compare(log_of_fits()[0], models(), "fit", name="the log of the fits")
     found = {
         x.contender.id: float(f"{1e6 * x.step_time:.2g}")
         for x in ranking.lines

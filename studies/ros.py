@@ -108,7 +108,7 @@ def line(kind: str, role: str, lock: bool, level: str, log: Path, work: Path) ->
     said = ["--lock-step"] if lock and role == "robot" else []
     place = ["--plant", str(work / "plant"), "--workspace", str(work / "w")]
     words = [str(SYSID), verb, str(MISSION), "--ros", "--topic-level", level, *place, *said]
-    return [*words, "--log", str(log)]
+    return [*words, "-o", str(log)]
 
 
 def end_of(log: Path) -> tuple[float, float, float]:
@@ -153,7 +153,7 @@ def main() -> int:
         command(SYSID, "fit", FIT, "--structure", "oe", "--workspace", work / "w")
         formats = ("--format", "json,ros", "--controller", MISSION)
         command(SYSID, "export", "--workspace", work / "w", *formats, "-o", work / "plant")
-        drive = ("--plant", work / "plant", "--workspace", work / "w", "--log", work / "one.csv")
+        drive = ("--plant", work / "plant", "--workspace", work / "w", "-o", work / "one.csv")
         command(SYSID, "simulate", MISSION, *drive)
         built(work)
         t0, x0, y0 = end_of(work / "one.csv")

@@ -110,7 +110,7 @@ class Run:
 
 def ties() -> list[tuple[str, str]]:
     """Pairs of the catalogue, each once."""
-    found = {tuple(sorted((e.id, t))) for e in catalogue().values() for t in e.ties}
+    found = {tuple(sorted((e.id, t))) for e in catalogue().values() for t in e.hints.ties}
     return sorted((a, b) for a, b in found)
 
 
@@ -189,7 +189,7 @@ def _schedule(
         if for_tie and e["schedule"]:
             return [(row[0], *(v / logs.FULL for v in row[1:])) for row in e["schedule"]], True
     largest = float(np.max(np.abs(log.command))) / logs.FULL
-    rows = about(truth).programmes[0].rows
+    rows = about(truth).hints.programmes[0].rows
     return [(t, *(v * largest for v in shares)) for t, *shares in rows], False
 
 
@@ -227,7 +227,7 @@ def report(runs: Sequence[Run]) -> str:
 
 def _open_tie(tie: Sequence[str], why: str) -> str:
     """A tie that no command resolves: why, and what a diagnosis says helps."""
-    hand = next(about(e).by_hand for e in tie if about(e).by_hand)
+    hand = next(about(e).texts.by_hand for e in tie if about(e).by_hand)
     return f'- `{"` = `".join(tie)}`: {why} The diagnosis says: "{hand}"'
 
 

@@ -27,7 +27,7 @@ MISSION = "obstacles_6_3"
 HEAD = """# Tours
 
 `sysid fit LOG --val LOG_val`, then for every criterion
-`sysid compare --criteria …`, `sysid export`, `sysid simulate {mission}.yaml`, all with default
+`sysid compare --criterion …`, `sysid export`, `sysid simulate {mission}.yaml`, all with default
 options. Doubts: what the commands say about a leading model that does not settle within the log or
 whose search was given up.
 
@@ -41,7 +41,7 @@ def one(log: str) -> list[list[str]]:
         place = ["--workspace", folder]
         _run("fit", path(log), "--val", path(f"{log}_val"), *place, "--json")
         for criterion in BUILT_IN:
-            ranking = _run("compare", "--criteria", criterion, *place, "--json")
+            ranking = _run("compare", "--criterion", criterion, *place, "--json")
             best = ranking["best"]
             (line,) = [x for x in ranking["ranking"] if x["model"] == best]
             said = any(best in note for note in ranking["notes"])

@@ -4,9 +4,9 @@ Everything a script needs is here, imported when it is first used (PEP 562):
 
     import sysid
 
-    record = sysid.read_log("log.csv")
-    model = sysid.fit("oe", record, orders="nb=2 nf=2 nk=1")
-    print(model.equations(), model.poles())
+    model = sysid.fit("log.csv", "oe", orders="nb=2 nf=2 nk=1")
+    print(model.summary())
+    model.plot.bode("val.csv")
 """
 
 from importlib import import_module
@@ -24,8 +24,9 @@ _NAMES = {
     "sysid.fitting.options": ("FitOptions",),
     "sysid.fitting.problem": ("Focus",),
     "sysid.interface": (
-        *("compare", "diagnose", "fit", "fit_vehicle", "identify", "inspect", "load_model"),
-        *("localize", "plan", "simulate", "simulate_runs", "structure", "tune"),
+        *("compare", "diagnose", "fit", "fit_vehicle", "frequency_response", "from_dataframe"),
+        *("identify", "inspect", "load_model", "localize", "plan", "simulate", "simulate_runs"),
+        *("step_response", "structure", "tune"),
     ),
     "sysid.plant.package": ("load_plant",),
     "sysid.robot.mission.spec": ("Mission", "load_mission"),
@@ -60,6 +61,8 @@ if TYPE_CHECKING:
     from sysid.interface import diagnose as diagnose
     from sysid.interface import fit as fit
     from sysid.interface import fit_vehicle as fit_vehicle
+    from sysid.interface import frequency_response as frequency_response
+    from sysid.interface import from_dataframe as from_dataframe
     from sysid.interface import identify as identify
     from sysid.interface import inspect as inspect
     from sysid.interface import load_model as load_model
@@ -67,6 +70,7 @@ if TYPE_CHECKING:
     from sysid.interface import plan as plan
     from sysid.interface import simulate as simulate
     from sysid.interface import simulate_runs as simulate_runs
+    from sysid.interface import step_response as step_response
     from sysid.interface import structure as structure
     from sysid.interface import tune as tune
     from sysid.plant.package import load_plant as load_plant
@@ -94,4 +98,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_PLACES})
+    return __all__

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.data.finding import Finding
 from sysid.data.inspection import inspect_records
+from sysid.data.io import read_log, read_logs
 from sysid.data.record import Record
 from sysid.errors import UsageError
 from sysid.estimation import pem
@@ -18,8 +19,11 @@ from sysid.structures.orders import parse_orders
 from sysid.structures.registry import structure_class
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from sysid.data.reading.read_options import ReadOptions
     from sysid.diagnosis.diagnosis import Diagnosis
+    from sysid.estimation.assessment.responses import FrequencyCurve, ResponseCurve
     from sysid.estimation.selection.comparison import Ranking
     from sysid.robot.calibration.dynamic_motors import KnownMotors
     from sysid.robot.calibration.vehicle_fit import VehicleFit
@@ -32,12 +36,43 @@ if TYPE_CHECKING:
     from sysid.structures.plant import Plant
     from sysid.vehicle.kinematics import Geometry
 
-Records = Record | Sequence[Record]
+Log = "Record | str | Path | DataFrame"
+"""A log: as it was read, its file, or a table with a column of time."""
+
+Records = Any
+"""One log or several, each a :data:`Log`."""
+
 Orders = str | Mapping[str, Any]
 
 
 def _several(records: Records) -> tuple[Record, ...]:
-    return (records,) if isinstance(records, Record) else tuple(records)
+    """Records of logs however they are given; files and tables are read as ``read_log`` does."""
+    if isinstance(records, Record):
+        return (records,)
+    if isinstance(records, str | Path):
+        return read_logs([records])
+    if hasattr(records, "to_csv"):
+        return (from_dataframe(records),)
+    return tuple(r for log in records for r in _several(log))
+
+
+def from_dataframe(frame: "DataFrame", **options: Any) -> Record:
+    """A table as a record: columns are told apart as those of a CSV file are.
+
+    Args:
+        frame: a column of time, or ``ts`` among the options; an index with a name is a column.
+        options: fields of :class:`ReadOptions`: inputs, outputs, units, ts …
+
+    Raises:
+        DataError: the table cannot serve; where and why is in the sentence.
+        UsageError: an option does not fit it.
+    """
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "table.csv"
+        frame.to_csv(file, index=frame.index.name is not None)
+        return read_log(file, **options)
 
 
 def inspect(records: Records) -> tuple[Finding, ...]:
@@ -46,13 +81,13 @@ def inspect(records: Records) -> tuple[Finding, ...]:
 
 
 def structure(
-    name: str, records: Records, orders: Orders, options: Mapping[str, str] | None = None
+    records: Records, name: str, orders: Orders, options: Mapping[str, str] | None = None
 ) -> Structure:
     """A structure with orders, for the channels of a log.
 
     Args:
-        name: as ``sysid structures`` lists them, e.g. ``oe``.
         records: whose number of inputs and outputs counts.
+        name: as ``sysid structures`` lists them, e.g. ``oe``.
         orders: text such as ``"nb=2 nf=2 nk=1"``, or a mapping; a matrix by output and input
             where there are several.
         options: of the structure, as text.
@@ -66,8 +101,8 @@ def structure(
 
 
 def fit(
-    structure_or_name: Structure | str,
     records: Records,
+    structure_or_name: Structure | str,
     orders: Orders | None = None,
     options: FitOptions | None = None,
     *,
@@ -79,8 +114,8 @@ def fit(
     samples of the records, as ``sysid fit`` does.
 
     Args:
+        records: experiments with equal channels and sample time: records, files or tables.
         structure_or_name: a structure with its orders, or a name such as ``"oe"``.
-        records: experiments with equal channels and sample time.
         orders: for a name: text such as ``"nb=2 nf=2 nk=1"``, or a mapping; None searches them.
         options: focus, initial states, loss, constraints.
         detrend: treatment of offsets: auto, none, level, mean or linear.
@@ -94,7 +129,7 @@ def fit(
     if isinstance(structure_or_name, Structure):
         return pem.fit(structure_or_name, _several(records), given, detrend=detrend)
     if orders is not None:
-        made = structure(structure_or_name, records, orders, given.structure_options)
+        made = structure(records, structure_or_name, orders, given.structure_options)
         return pem.fit(made, _several(records), given, detrend=detrend)
     request = Request((structure_or_name,), options=given, detrend=detrend)
     return identify_request(_several(records), (), request).assessments[0].model
@@ -143,14 +178,14 @@ def identify(
 
 
 def compare(
-    models: Mapping[str, Model], records: Records, criterion: str = "fit", *, name: str = "the log"
+    records: Records, models: Mapping[str, Model], criterion: str = "fit", *, name: str = "the log"
 ) -> "Ranking":
     """Rank models on a log that none of them was fitted to.
 
     Args:
-        models: by the name to be shown.
         records: what judges; information criteria are of the data each model was fitted to, so
             with these give the estimation data.
+        models: by the name to be shown.
         criterion: fit, rmse, aic, bic …
         name: what the data are called in words.
 
@@ -164,6 +199,34 @@ def compare(
     judged_on = _several(records)
     contenders = [Contender(key, model, judged_on, {}) for key, model in models.items()]
     return rank(contenders, criterion, (judged_on, name))
+
+
+def step_response(model: Model, *, seconds: float | None = None) -> "tuple[ResponseCurve, ...]":
+    """Responses to a step of each input by path, with standard errors.
+
+    Args:
+        seconds: how long; until every output has settled unless given.
+
+    Raises:
+        ModelError: the model has no inputs.
+    """
+    from sysid.estimation.assessment.responses import step_curves
+
+    return step_curves(model, seconds=seconds)
+
+
+def frequency_response(model: Model, frequencies: Any = None) -> "tuple[FrequencyCurve, ...]":
+    """Frequency responses of a linear model by path, with standard errors of gain and phase.
+
+    Args:
+        frequencies: ω [rad/s]; 100 over three decades unless given.
+
+    Raises:
+        ModelError: the model is not linear or has no inputs.
+    """
+    from sysid.estimation.assessment.responses import frequency_curves
+
+    return frequency_curves(model, frequencies)
 
 
 def load_model(path: str | Path, accept_changes: bool = False) -> Model:
@@ -338,7 +401,7 @@ def diagnose(
     from sysid.effects.measured import read_measured
 
     if mission is not None and not Path(mission).is_file():
-        raise UsageError(f"mission file not found: {mission}; give its path")
+        raise UsageError(f"{mission}: file not found")
     return search(
         _several(records),
         None if validation is None else _several(validation),

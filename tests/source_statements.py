@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 
@@ -14,5 +15,6 @@ def statements(node: ast.AST) -> Iterator[ast.stmt]:
             yield from statements(child)
 
 
-def statements_of(path: Path) -> Iterator[ast.stmt]:
-    return statements(ast.parse(path.read_text(encoding="utf-8")))
+@cache
+def statements_of(path: Path) -> tuple[ast.stmt, ...]:
+    return tuple(statements(ast.parse(path.read_text(encoding="utf-8"))))

@@ -40,7 +40,7 @@ def bundled(log: str) -> Record:
 @cache
 def published_model(orders: str = ORDERS) -> Model:
     """The structure that the thesis accepted, a NARX wavelet network, from ``multilevel``."""
-    return sysid.fit("narx-wavelet", bundled("multilevel"), orders)
+    return sysid.fit(bundled("multilevel"), "narx-wavelet", orders)
 
 
 class TwinRobot:

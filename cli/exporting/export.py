@@ -12,13 +12,12 @@ from ..options import command, option
 
 @command
 def export(
-    model: str | None = option("ID", "Which model [best of the last comparison or fit]."),
-    output: Path | None = targets.target(
-        "DIR|FILE.zip", "Output path [WORKSPACE/plant].", "-o", "--out"
-    ),
+    model: str | None = reading.model("Which model [of the last diagnosis, comparison or fit]."),
+    output: Path | None = targets.target("DIR|FILE.zip", "Output path [WORKSPACE/plant]."),
     formats: str | None = option(
         "NAME[,NAME]",
         "Formats; json is the package alone [json,c; c is left out where it is impossible].",
+        "-f",
         "--format",
     ),
     controller: Path | None = option(

@@ -21,7 +21,7 @@ def verify(
     ),
     json: bool = reading.JSON,
 ) -> None:
-    """Replay the self-test of a plant package on every installed runtime."""
+    """Replay a package's self-test on every installed runtime."""
     from sysid.export.verification.verify import verify as replayed
 
     with render.progress(f"Verifying {package}"):

@@ -8,6 +8,7 @@ from sysid.errors import UsageError
 from ..options import in_panel
 
 _following = in_panel("Following")
+_following_more = in_panel("Following", advanced=True)
 
 
 @dataclass(frozen=True)
@@ -20,17 +21,19 @@ class Following:
 
     follow: bool = _following(
         None,
-        "Follow one LOG while it is written (a file, - for the standard input, a pipe, or a "
-        "ROS topic) until Ctrl-C, and keep the model.",
+        "Follow one LOG while it is written, until Ctrl-C; a file, - for the standard input, a "
+        "pipe, or a ROS topic. The model is kept.",
         default=False,
     )
-    seconds: float | None = _following("SECONDS", "End following after so long.", "--for")
-    idle: float | None = _following("SECONDS", "End following after this time without a new row.")
-    every: float = _following("SECONDS", "Time between two updates.", default=1.0)
-    forgetting: float = _following(
+    seconds: float | None = _following_more("SECONDS", "End following after so long.", "--for")
+    idle: float | None = _following_more(
+        "SECONDS", "End following after this time without a new row."
+    )
+    every: float = _following_more("SECONDS", "Time between two updates.", default=1.0)
+    forgetting: float = _following_more(
         "FACTOR", "Forgetting factor per row; 0.999 remembers 1000 rows, 1 all.", default=1.0
     )
-    false_alarms: float = _following(
+    false_alarms: float = _following_more(
         "CHANCE", "Probability of a false alarm while the plant does not change.", default=0.01
     )
 

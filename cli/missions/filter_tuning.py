@@ -1,4 +1,4 @@
-"""``sysid tune --navigation``: the noise of a mission's filter, estimated from a log."""
+"""``sysid tune --noise-from``: the noise of a mission's filter, estimated from a log."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,7 +33,7 @@ def tune_filter(
             {**given.navigation.model_dump(exclude_unset=True), **noise}  # type: ignore[attr-defined]
         )
         tuned = given.model_copy(update={"navigation": law})
-        facts["to"] = write_mission(mission, to, tuned, "navigation")
+        facts["output"] = write_mission(mission, to, tuned, "navigation")
     render.document(facts) if json else _show(log.name, tuning, facts)
 
 
@@ -62,4 +62,4 @@ def _show(name: str, tuning: "FilterTuning", facts: dict[str, Any]) -> None:
     render.table((name, "before", "after"), pairs)
     render.say(tuning.sentence)
     render.cautions(facts["warnings"])
-    render.files(facts, to="Mission")
+    render.files(facts, output="Mission")

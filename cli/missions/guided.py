@@ -39,7 +39,7 @@ def facts_of(
     from sysid.robot.mission.result import write_log
 
     log, plot, bag = files
-    targets.make_folder(log, "--log")
+    targets.make_folder(log, "-o")
     facts = result.summary() | {"seed": seed, "log": write_log(result, log)}
     if bag is not None:
         from sysid.data.bags.drive import write_drive

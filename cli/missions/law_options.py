@@ -11,7 +11,7 @@ from ..options import changed, in_panel
 if TYPE_CHECKING:
     from sysid.robot.mission.spec import Mission
 
-_law_option = in_panel("Laws instead of the mission's")
+_law_option = in_panel("Laws instead of the mission's", advanced=True)
 NAVIGATION = partial(_law_option, "KIND", "Navigation, e.g. odometry.")
 GUIDANCE = partial(_law_option, "KIND", "Guidance, e.g. field.")
 

@@ -39,26 +39,26 @@ def localize(
         "Column that holds a measurement (omega_l, gyro_z, mag_x, vo_x, fix_x, …)."
     ),
     read: "ReadOptions" = sensor_reading(),
-    to: Path | None = targets.target(
-        "FILE", "CSV to write [WORKSPACE/missions/NAME_localized.csv].", "--to"
+    output: Path | None = targets.target(
+        "FILE", "CSV to write [WORKSPACE/missions/NAME_localized.csv]."
     ),
     plot: Path | None = targets.picture("Draw the path: .svg or .png."),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Localize a robot from a log of its sensors: its path, with the uncertainty."""
+    """Localize a robot from a log of its sensors, with uncertainty."""
     from sysid.robot.mission.localize import localize as follow
     from sysid.robot.mission.registry import kind_of
     from sysid.robot.mission.result import write_columns
     from sysid.robot.mission.spec import load_mission
 
-    target = to or Workspace(workspace).missions_dir / f"{log.stem}_localized.csv"
+    target = output or Workspace(workspace).missions_dir / f"{log.stem}_localized.csv"
     if target.exists() and log.exists() and target.samefile(log):
-        raise UsageError(f"--to {target} would overwrite the log; name another file")
+        raise UsageError(f"-o {target} would overwrite the log; name another file")
     given = LawChoice(navigation=navigation).applied(load_mission(mission))
     with render.progress(f"Following {log.name}"):
         localization = follow(log, given, sensor or {}, read)
-    targets.make_folder(target, "--to")
+    targets.make_folder(target, "-o")
     facts: dict[str, Any] = {
         "navigation": kind_of("navigation", given.navigation),
         "output": write_columns(localization.columns, target),

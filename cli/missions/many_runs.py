@@ -34,21 +34,23 @@ class Repeats:
         measured: log of a drive to lay over the runs; None for none.
     """
 
-    runs: int | None = option("N", "Number of simulated runs, each with its own draws.")
+    runs: int | None = option("N", "Number of runs, each with its own draws.", "-n", "--runs")
     seed: int | None = option(
         "N",
-        "Seed of the runs [0]; without --runs, of the sensor noise or of the run to replay.",
+        "Seed of the runs; without --runs, of the sensor noise or of the run to replay [0].",
         min=0,
     )
     vary: tuple[str, ...] | None = option(
         "LIST",
-        "Quantities that vary: parameters, noise, start, obstacles, friction, soil, "
-        "mass, models [as the mission says].",
+        "Quantities that vary; parameters, noise, start, obstacles, friction, soil, mass, models "
+        "[as the mission says].",
         parse=_names,
         kind=str | None,
     )
     scheduler: str | None = option(
-        "WHO", "With --runs: processes, or the address of a Dask scheduler [threads]."
+        "WHO",
+        "With --runs: processes, or the address of a Dask scheduler [threads].",
+        advanced=True,
     )
     measured: Path | None = option(
         "LOG", "Log of a measured drive of this mission, with its pose, to compare with the runs."
@@ -155,7 +157,7 @@ def drive_many(
         batch = simulate_runs(
             mission, models, runs, how.seed or 0, how.vary, how.scheduler, advance
         )
-    targets.make_folder(table, "--log")
+    targets.make_folder(table, "-o")
     facts = {
         "runs": batch.summary(),
         "log": write_runs(batch, table),
@@ -193,7 +195,7 @@ def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
     render.say(f"Worst: {worst}")
     again = f" --vary {','.join(how.vary)}" if how.vary else ""
     first = batch["worst"][0]["seed"]
-    render.say(f"Replay one: sysid simulate {path} --seed {first}{again}")
+    render.command(f"Replay one: sysid simulate {path} --seed {first}{again}")
     show_files(facts)
 
 

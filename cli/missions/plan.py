@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.workspace.store import Workspace
 
 from .. import reading, render, targets
-from ..field_options import Command
+from ..command_help import Command
 from ..options import argument, command, option
 from .law_options import GUIDANCE, LawChoice
 
@@ -27,7 +27,7 @@ class PlotMayStandAlone(Command):
         for k, word in enumerate(args):
             filled.append(word)
             following = args[k + 1] if k + 1 < len(args) else "--"
-            if word == "--plot" and following.startswith("-"):
+            if word in ("-p", "--plot") and following.startswith("-"):
                 filled.append(str(_IN_WORKSPACE))
         return super().parse_args(ctx, filled)
 
@@ -39,12 +39,14 @@ def plan(
         "[FILE]",
         "Draw field lines, potential, forces and speeds: .svg or .png "
         "[WORKSPACE/missions/NAME_plan.svg].",
+        "-p",
+        "--plot",
     ),
     guidance: str | None = GUIDANCE(),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Show where the guidance of a mission leads, and where it would end, without a plant."""
+    """Show where a mission's guidance leads, without a plant."""
     if plot is not None and plot != _IN_WORKSPACE:
         targets.check_picture(plot)
     from sysid.robot.mission.plan import plan as follow

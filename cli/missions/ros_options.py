@@ -8,9 +8,9 @@ from sysid.errors import UsageError
 from ..options import changed, in_panel
 
 if TYPE_CHECKING:
-    from sysid.cosim.level import Level
+    from sysid.cosim.connection import Level
 
-_node = in_panel("As a node of ROS 1")
+_node = in_panel("As a node of ROS 1", advanced=True)
 
 REFERENCES = "/simulink_references"
 LEVELS = ("references", "pwm")
@@ -25,14 +25,13 @@ def _topic(name: str) -> str:
 
 
 @dataclass(frozen=True)
-class OverRos:
-    """How a command takes part in ROS.
+class Topic:
+    """What two nodes agree on.
 
     Raises:
-        UsageError: an option is given without ``--ros``, or cannot be.
+        UsageError: an option cannot be.
     """
 
-    ros: bool = _node(None, "Be one of two nodes of ROS 1.", default=False)
     topic: str | None = _node(
         "NAME", f"Topic for the references of guidance [{REFERENCES}].", parse=_topic
     )
@@ -45,9 +44,6 @@ class OverRos:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
-        for name in changed(self):
-            if not self.ros:
-                raise UsageError(f"--{name.replace('_', '-')} belongs to --ros; add --ros")
         if self.topic_level not in (None, *LEVELS):
             raise UsageError(
                 f"--topic-level {self.topic_level} is unknown; choose {' or '.join(LEVELS)}"
@@ -63,9 +59,27 @@ class OverRos:
     @property
     def cut(self) -> "Level":
         """Where the loops run."""
-        from sysid.cosim.level import Level
+        from sysid.cosim.connection import Level
 
         return Level(self.topic_level or LEVELS[0])
+
+
+@dataclass(frozen=True)
+class OverRos(Topic):
+    """Whether and how a mission is guided over ROS.
+
+    Raises:
+        UsageError: an option is given without ``--ros``, or cannot be.
+    """
+
+    ros: bool = _node(None, "Guide the robot of another node of ROS 1.", default=False)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        Topic.__post_init__(self)
+        for name in changed(self):
+            if not self.ros:
+                raise UsageError(f"--{name.replace('_', '-')} belongs to --ros; add --ros")
 
     def refuse_for_log(self, log: object) -> None:
         """A log is replayed without nodes.

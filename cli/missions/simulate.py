@@ -29,26 +29,24 @@ def simulate(
     mission: Path = argument("MISSION|LOG", "A mission (YAML), or a log to replay."),
     plant: Path | None = option("PATH", "Plant package, folder or zip [WORKSPACE/plant]."),
     plot: Path | None = targets.picture("Draw the result: .svg or .png."),
-    log: Path | None = targets.target(
-        "FILE", "CSV to write [WORKSPACE/missions/NAME.csv].", "--log"
-    ),
+    output: Path | None = targets.target("FILE", "CSV to write [WORKSPACE/missions/NAME.csv]."),
     bag: Path | None = targets.target(
         "FILE", "Also write a recording of ROS: .bag (ROS 1), .mcap, or a folder (ROS 2).", "--bag"
     ),
     accept_changes: bool = changes_accepted(),
-    read: "ReadOptions" = group(reading.Reading),
+    read: "ReadOptions" = group(reading.Reading, hidden=True),
     laws: LawChoice = group(LawChoice),
     how: Repeats = group(Repeats),
     over: OverRos = group(OverRos),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Drive the exported plant through a mission, once or many times, or replay a log through it.
+    """Drive the exported plant through a mission, or replay a log.
 
     With --runs every run has numbers of its own: plant parameters within their standard errors,
     sensor noise, start pose, obstacles, friction. The result gives outcomes with their
     probabilities. With --ros it guides a robot that publishes /clock and /odom, such as `sysid
-    plant`.
+    node`.
     """
 
     from sysid.data.reading.read_options import ReadOptions
@@ -66,9 +64,9 @@ def simulate(
         raise UsageError(f"--bag {bag} records one drive of a mission; omit --bag")
     kind = "_replay" if not drives else "" if how.runs is None else "_runs"
     name = f"{mission.stem}{kind}.csv"
-    target = log or place.missions_dir / name
+    target = output or place.missions_dir / name
     if target.exists() and mission.exists() and target.samefile(mission):
-        raise UsageError(f"--log {target} would overwrite the input; name another file")
+        raise UsageError(f"-o {target} would overwrite the input; name another file")
     if over.ros:
         facts = _guided(mission, package, (target, plot, bag), laws, how, over)
     elif drives:

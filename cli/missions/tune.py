@@ -25,11 +25,10 @@ if TYPE_CHECKING:
 class Effort:
     """How much is driven: sets of gains, plants for each, and the seed of all of it."""
 
-    trials: int = option("N", "Sets of gains to drive.", "--trials", "--runs", default=256)
-    robust: int = option(
+    trials: int = option("N", "Sets of gains to drive.", default=256)
+    plants: int = option(
         "N",
-        "Number of plants for each set of gains, drawn from the parameter covariance; 1: "
-        "the estimated plant.",
+        "Plants for each set of gains, drawn from the parameter covariance; 1: the estimated one.",
         default=8,
     )
     seed: int = option("N", "Of sets, plants and sensor noise.", default=0)
@@ -39,10 +38,9 @@ class Effort:
 class Outputs:
     """Files to write; None for those not asked for: the mission with the gains, a picture."""
 
-    to: Path | None = targets.target(
+    output: Path | None = targets.target(
         "FILE",
         "Write the mission with the proposed gains: .yaml.",
-        "--to",
         new_folder=False,
         suffixes=targets.YAML,
     )
@@ -66,21 +64,22 @@ def tune(
     loop: Loop = group(Loop),
     how: Effort = group(Effort),
     files: Outputs = group(Outputs),
-    navigation: Path | None = option(
+    noise_from: Path | None = option(
         "LOG", "Estimate the filter's noise from this sensor log instead."
     ),
     sensor: dict[str, str] | None = sensor_option(
-        "With --navigation: column that holds a measurement."
+        "With --noise-from: column that holds a measurement."
     ),
     read: "ReadOptions" = sensor_reading(),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Tune the gains of a mission's controller: sets to choose from, one of them proposed.
+    """Tune the gains of a mission's controller.
 
-    Every set drives steps of speed and yaw, and the mission, with several plants; the worst counts.
-    Beside them stand the present gains, and those that rules read off the plant. With --navigation
-    it is the noise of the mission's filter that is tuned, to a log of its sensors.
+    There are sets to choose from, one of them proposed. Every set drives steps of speed and yaw,
+    and the mission, with several plants; the worst counts. Beside them stand the present gains, and
+    those that rules read off the plant. With --noise-from it is the noise of the mission's filter
+    that is tuned, to a log of its sensors.
     """
     from sysid.data.reading.read_options import ReadOptions
     from sysid.robot.mission.spec import load_mission
@@ -88,26 +87,26 @@ def tune(
     from sysid.robot.mission.tuning.search import tune as search
     from sysid.robot.mission.tuning.written import write_mission
 
-    if files.to is not None and files.to.exists() and files.to.samefile(mission):
-        raise UsageError(f"--to {files.to} would overwrite the mission; name another file")
-    if navigation is not None:
+    if files.output is not None and files.output.exists() and files.output.samefile(mission):
+        raise UsageError(f"-o {files.output} would overwrite the mission; name another file")
+    if noise_from is not None:
         unused = (("plant", loop.plant), ("control", loop.control), ("plot", files.plot))
         for name, value in unused:
             if value is not None:
-                raise UsageError(f"--navigation tunes a filter; omit --{name}")
-        tune_filter(mission, navigation, sensor or {}, read, files.to, json)
+                raise UsageError(f"--noise-from tunes a filter; omit --{name}")
+        tune_filter(mission, noise_from, sensor or {}, read, files.output, json)
         return
     if sensor or read != ReadOptions():
-        raise UsageError("options that read a log belong to --navigation LOG")
-    options = SearchOptions(how.trials, how.robust, how.seed)
+        raise UsageError("options that read a log belong to --noise-from LOG")
+    options = SearchOptions(how.trials, how.plants, how.seed)
     given = LawChoice(control=loop.control).applied(load_mission(mission))
     package = load_plant(Workspace(workspace), loop.plant, loop.accept_changes)
     with render.progress(f"Driving {mission.name}", how.trials) as advance:
         tuning = search(given, package.model(), options, advance)
     facts: dict[str, Any] = tuning.summary()
     facts["warnings"] = [*package.notes, *tuning.notes]
-    if files.to is not None:
-        facts["to"] = write_mission(mission, files.to, tuning.mission)
+    if files.output is not None:
+        facts["output"] = write_mission(mission, files.output, tuning.mission)
     if files.plot is not None:
         from sysid.report.missions.tuning import draw_tuning
 
@@ -131,7 +130,7 @@ def _show(name: str, tuning: "Tuning", facts: dict[str, Any]) -> None:
     )
     render.say(tuning.sentence)
     render.cautions(facts["warnings"])
-    render.files(facts, to="Mission", plot="Picture")
+    render.files(facts, output="Mission", plot="Picture")
 
 
 _COLUMNS = (

@@ -2,7 +2,11 @@
 
 import typer
 
+from ..command_help import Group
+
 bench = typer.Typer(
+    cls=Group,
+    rich_markup_mode=None,
     no_args_is_help=True,
-    help="Characterise a robot's parts on the test bench: motor, inertia, power supply.",
+    help="Characterise motor, inertia and power supply.",
 )

@@ -40,6 +40,7 @@ def motor(
         "HOW",
         "separate: one experiment at a time; joint: all at once; auto: joint if a drive "
         "log is given.",
+        "--estimation",
         default="auto",
     ),
     pulses_per_turn: float = option(
@@ -47,13 +48,17 @@ def motor(
     ),
     read: "ReadOptions" = group(reading.Reading, "units"),
     ts: float | None = option("SECONDS", "Sample time of the model [drive's, or 0.1]."),
-    inputs: str | None = option("NAME", "The model's input [drive's, or voltage].", "--input"),
-    outputs: str | None = option("NAME", "The model's output [drive's, or omega].", "--output"),
+    inputs: str | None = option(
+        "NAME", "The model's input [drive's, or voltage].", "-u", "--input"
+    ),
+    outputs: str | None = option(
+        "NAME", "The model's output [drive's, or omega].", "-y", "--output"
+    ),
     plot: Path | None = targets.picture("Draw the characteristics: .svg or .png."),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Characterise a DC motor: R, Kem, Kc, f, C0, J with errors, and a model of it."""
+    """Characterise a DC motor: R, Kem, Kc, f, C0, J with errors."""
     from sysid.testbench.motor.characterise import MotorOptions, characterise_motor
     from sysid.testbench.motor.model import bench_model
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sysid.testbench.pendulum.inertia import Hanging
     from sysid.testbench.pendulum.study import PendulumStudy
 
-_hanging = in_panel("The suspended body [the thesis's robot]")
+_hanging = in_panel("The suspended body [the thesis's robot]", advanced=True)
 
 
 def _std_errors(given: Sequence[str]) -> dict[str, float]:
@@ -38,7 +38,7 @@ class Hung:
     g: float | None = _hanging("M_S2", "Acceleration of gravity.")
     errors: list[str] | None = _hanging(
         "NAME=VALUE",
-        "Standard error of one of these or of the period: l=0.002; repeat (or a,b) for more "
+        "Standard error of one of these or of the period; l=0.002, repeat (or a,b) for more "
         "[1 mm, 1 g, 1e-4 kg m², 0.005 m/s², 5 ms].",
         "--std-error",
         parse=_std_errors,
@@ -66,14 +66,14 @@ def pendulum(
         default=None,
     ),
     period: float | None = option("SECONDS", "The period, where there is no log."),
-    amplitude: float | None = option("DEG", "Amplitude that belongs to --period [10]."),
+    amplitude: float | None = option("DEG", "Amplitude of the swing of --period [10].", "--swing"),
     size: str | None = option(
         "LxW", "Length and width of the body in m, to compare J with a box of its mass."
     ),
     body: "tuple[Hanging, float | None]" = group(Hung),
     steps: "Preparation" = group(reading.Preparing, "trim"),
     outputs: str | None = in_panel("Reading the log")(
-        "NAME", "Column of the angle [found by name].", "--output"
+        "NAME", "Column of the angle [found by name].", "-y", "--output"
     ),
     read: "ReadOptions" = group(
         reading.Reading, "time", "ts", "units", "delimiter", "decimal", "map", "stamps", "latency"
@@ -81,7 +81,7 @@ def pendulum(
     plot: Path | None = targets.picture("Draw swing, fit and periods: .svg, .png."),
     json: bool = reading.JSON,
 ) -> None:
-    """Inertia of a robot from its free swing on a bar (thesis 2.51, 5.7), with its error.
+    """Find the inertia of a robot from its free swing on a bar.
 
     Each log is fitted with a fading swing; periods counted without a model check it. Give a log,
     or the period that was read off one.
@@ -122,7 +122,7 @@ def _study(
             amplitude=study.AMPLITUDE if amplitude is None else math.radians(amplitude),
             size=box,
         )
-    for name, value in (("--amplitude", amplitude), ("--std-error period", error)):
+    for name, value in (("--swing", amplitude), ("--std-error period", error)):
         if value is not None:
             raise UsageError(f"{name} belongs to --period; a log already contains it")
     seconds = steps.trim_start, steps.trim_end

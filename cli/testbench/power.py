@@ -4,12 +4,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sysid.errors import UsageError
+
 from .. import reading, render, targets
 from ..options import argument, command, group, option
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.testbench.power.study import PowerBench
+
+
+JSON = ".json"
+
+
+def _checked(paths: list[Path]) -> list[Path]:
+    for path in paths:
+        if path.suffix.lower() not in (JSON, *targets.YAML):
+            raise UsageError(f"-o {path}: name a file that ends in {JSON} or {targets.YAML[0]}")
+        targets.check(path, "-o", new_folder=False)
+    return paths
 
 
 @command
@@ -22,25 +35,18 @@ def power(
     full_current: float | None = option(
         "A", "Current of both motors at full drive [the largest of the logs]."
     ),
-    to: Path | None = targets.target(
-        "MISSION",
-        "Mission in which to fill in vehicle.supply: .yaml.",
-        "--to",
-        suffixes=targets.YAML,
-    ),
-    output: Path | None = targets.target(
+    output: list[Path] | None = option(
         "FILE",
-        "Write it for sysid diagnose --bench.",
+        "A .json for sysid diagnose --bench, or a mission (.yaml) in which to fill in "
+        "vehicle.supply; repeatable.",
         "-o",
-        "--out",
-        new_folder=False,
-        suffixes=(".json",),
+        parse=_checked,
     ),
     plot: Path | None = targets.picture("Draw data and fits: .svg or .png."),
     read: "ReadOptions" = group(reading.Reading, "units", "pwm_max", "map", "stamps", "latency"),
     json: bool = reading.JSON,
 ) -> None:
-    """Battery from rests and loads, H-bridge from a staircase of PWM, with standard errors.
+    """Characterise battery and H-bridge from logs of the bench.
 
     Open-circuit voltage, resistance and slow recovery apart; dead band, jump, drop and gain of each
     direction. What was measured can fill a mission's vehicle.supply and bound a diagnosis.
@@ -52,10 +58,11 @@ def power(
     bags = replace(read, units={}, pwm_max=None)
     bench = bench_power(files, read.units, read.pwm_max, full_current, bags)
     facts: dict[str, Any] = bench.summary()
-    if output is not None:
-        facts["file"] = write_atomic(output, text(facts))
-    if to is not None:
-        facts["mission"] = write_supply(to, bench)
+    for path in output or ():
+        if path.suffix.lower() == JSON:
+            facts["file"] = write_atomic(path, text(facts))
+        else:
+            facts["mission"] = write_supply(path, bench)
     if plot is not None:
         from sysid.report.bench import draw_power
 

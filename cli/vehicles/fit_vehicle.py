@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
-from .. import reading, render, targets
+from .. import fit_options, reading, render, targets
 from ..mission_options import given_lengths
 from ..options import argument, command, group, option
 from ..read_as import decided
@@ -34,24 +34,24 @@ class Files:
     """
 
     output: Path | None = _yaml(
-        "Write the vehicle as sections of a mission (.yaml).", "-o", "--out"
+        "Write the vehicle as sections of a mission, or --mission with it (.yaml)."
     )
-    mission: Path | None = option("M.yaml", "Mission to write again with --to.")
-    to: Path | None = _yaml("Write the mission with the fitted vehicle.", "--to")
+    mission: Path | None = option("M.yaml", "Mission to write with the fitted vehicle, by -o.")
     plot: Path | None = targets.picture("Draw paths and slip: .svg or .png.")
     returns: Path | None = option(
-        "FILE", "Instead of logs: where squares driven both ways ended (direction, x, y)."
+        "FILE",
+        "Instead of logs: where squares driven both ways ended (direction, x, y).",
+        advanced=True,
     )
-    side: float | None = option("M", "Side of these squares [m].")
+    side: float | None = option("M", "Side of these squares.", advanced=True)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
-        to, mission = self.to, self.mission
-        if (to is None) != (mission is None):
-            lacks = "--to FILE to write to" if mission else "--mission M.yaml to write it from"
-            raise UsageError(f"a mission with the new vehicle needs {lacks}, too")
+        to, mission = self.output, self.mission
+        if mission is not None and to is None:
+            raise UsageError(f"{mission} is written again with the new vehicle: add -o FILE")
         if to is not None and mission is not None and to.exists() and to.samefile(mission):
-            raise UsageError(f"--to {to} would overwrite the mission; name another file")
+            raise UsageError(f"-o {to} would overwrite the mission; name another file")
         if (self.returns is None) != (self.side is None):
             lacks = "--returns FILE" if self.side else "--side, the squares' side in metres"
             raise UsageError(f"squares need {lacks}, too")
@@ -65,9 +65,10 @@ class Torque:
         "MODEL",
         "Motors of --motion dynamic: id of a dc-motor (of `sysid bench motor`), or a "
         ".yaml with resistance, back_emf, torque_constant, viscous, inertia, friction, gear.",
+        advanced=True,
     )
     torque_constant: float | None = option(
-        "NM", "Torque at the wheel per unit of the command or current, if known."
+        "NM", "Torque at the wheel per unit of the command or current, if known.", advanced=True
     )
     workspace: Path = reading.WORKSPACE
 
@@ -103,12 +104,12 @@ def fit_vehicle(
     ),
     geometry: str | None = option(
         "r=M,B=M",
-        "Wheel or sprocket radius and distance of wheels or tracks [m], r=0.30,B=1.08, "
-        "or a file written by -o [the bundled robot's]; the basis of `before`.",
+        "Radius and distance of wheels or tracks in m, r=0.30,B=1.08; or a file written by -o. "
+        "The basis of `before` [the bundled robot's].",
     ),
     motion: str = option("KIND", "What moves it: slip or dynamic.", default="slip"),
-    validation: list[Path] | None = option(
-        "LOG", "Validation log; repeat for more [the last 30 % of the logs].", "--val"
+    validation: list[Path] | None = fit_options.validation(
+        "Validation log; repeatable [the last 30 % of the logs]."
     ),
     files: Files = group(Files),
     drive: Torque = group(Torque),
@@ -116,11 +117,11 @@ def fit_vehicle(
     read: "ReadOptions" = group(reading.Reading),
     json: bool = reading.JSON,
 ) -> None:
-    """Find radii, width, slip, lags and lever arm of a vehicle from logs that hold its pose.
+    """Find radii, width, slip and lags from logs with a pose.
 
-    With --motion dynamic its mass, yaw inertia, frictions and thrust stiffness. Each with its
-    standard error, and a sentence if a log does not determine it. Judged on windows of two seconds
-    that were not used.
+    And the lever arm; with --motion dynamic mass, yaw inertia, frictions and thrust stiffness.
+    Each with its standard error, and a sentence if a log does not determine it. Judged on windows
+    of two seconds that were not used.
     """
     given = None if geometry is None else given_lengths(geometry)
     if files.returns is not None and files.side is not None:
@@ -182,9 +183,11 @@ def _written(files: Files, fitted: "VehicleFit", name: str) -> dict[str, Any]:
 
     document: dict[str, Any] = {}
     if files.output is not None:
-        document["output"] = write_sections(files.output, fitted.mission)
-    if files.mission is not None and files.to is not None:
-        document["to"] = write_vehicle(files.mission, files.to, fitted.mission)
+        document["output"] = (
+            write_sections(files.output, fitted.mission)
+            if files.mission is None
+            else write_vehicle(files.mission, files.output, fitted.mission)
+        )
     if files.plot is not None:
         from sysid.report.vehicles import draw_vehicle_fit
 

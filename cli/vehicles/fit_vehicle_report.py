@@ -33,7 +33,7 @@ def show(fitted: "VehicleFit", document: dict[str, Any]) -> None:
     render.cautions(document["notes"])
     acting = fitted.acting
     render.say(f"As a vehicle without slip: r = {acting.r:.4g} m, B = {acting.B:.4g} m.")
-    render.files(document, output="Vehicle", to="Mission", plot="Picture")
+    render.files(document, output="Vehicle", plot="Picture")
 
 
 def show_squares(squares: "SquareResult") -> None:

@@ -54,7 +54,7 @@ def soil(
     plot: Path | None = targets.picture("Draw shear, pull and turning (svg or png)."),
     json: bool = reading.JSON,
 ) -> None:
-    """List soils with their sources, or assess a tracked vehicle on one."""
+    """List soils with their sources, or assess a vehicle on one."""
     from sysid.vehicle.ground.assessment import RADII, SLIPS, assess
 
     if ground is None and vehicle is None and not soil_numbers:

@@ -35,7 +35,7 @@ def vehicle(
     ),
     json: bool = reading.JSON,
 ) -> None:
-    """Say what the wheels of a vehicle let it do, and turn motions into wheel speeds and back."""
+    """Show a vehicle's mobility, turn motion into wheel speeds."""
     from sysid.vehicle.wheels.description import load_vehicle
     from sysid.vehicle.wheels.summary import forward_document, inverse_document, summary
 

@@ -1,6 +1,7 @@
 """Messages between the two halves of a mission, and their protocol; queues implement it."""
 
 import queue
+from enum import StrEnum
 from typing import NamedTuple, Protocol
 
 from sysid.errors import ModelError
@@ -108,3 +109,12 @@ def joined() -> tuple[QueuePort, QueuePort]:
     there: queue.Queue[Message] = queue.Queue()
     back: queue.Queue[Message] = queue.Queue()
     return QueuePort(there, back), QueuePort(back, there)
+
+
+class Level(StrEnum):
+    """What the guidance half sends to the robot half."""
+
+    REFERENCES = "references"
+    """V_d [m/s] and ψ_d [rad]; the speed and yaw loops run in the robot half."""
+    PWM = "pwm"
+    """PWM of both tracks [µs]; the loops run in the guidance half."""

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from sysid.cosim.connection import BROKEN_OFF, Ended, Port, Seen
+from sysid.cosim.connection import BROKEN_OFF, Ended, Level, Port, Seen
 from sysid.cosim.connection import Asked as AskedOf
-from sysid.cosim.level import Level
 from sysid.data.record import Array, Channel
 from sysid.effects.ground import Ground
 from sysid.errors import ModelError

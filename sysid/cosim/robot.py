@@ -11,9 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from sysid.cosim.connection import BROKEN_OFF, Asked, Ended, Port, Seen, SilenceError
+from sysid.cosim.connection import BROKEN_OFF, Asked, Ended, Level, Port, Seen, SilenceError
 from sysid.cosim.guiding import PATIENCE
-from sysid.cosim.level import Level
 from sysid.data.record import PWM_FULL_SCALE
 from sysid.errors import ModelError, UsageError
 from sysid.robot.mission.contracts import (

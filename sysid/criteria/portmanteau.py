@@ -5,8 +5,7 @@ residuals are, or may be, correlated with by construction: the Jacobian J of wha
 these very data, the mean of each record, and optionally other lags of the same signals
 ("nuisance"). The rest Z̃ gives c = Z̃ᵀε and C = Z̃ᵀΣ̂Z̃. What was estimated from other data is not
 removed but adds its uncertainty, Z̃ᵀGP GᵀZ̃ with G the gradient and P the parameters' covariance.
-Z is built in blocks of rows and never held as a whole; of long records it is not built at all, see
-``lag_sums``.
+Z is built in blocks of rows and never held as a whole.
 
 For a picture the statistic is shared out among the lags, d = U e with |e|² = cᵀC⁺c and U the
 orthonormal matrix that brings d closest to the standardised c/√C (zero-phase whitening): each d is
@@ -14,7 +13,7 @@ standard normal for a right model, and their squares add up to the statistic, wh
 correlations do not (Kessy, Lewin & Strimmer 2018, "ZCA-cor").
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +23,6 @@ from scipy.linalg.lapack import dgeqrf
 
 from sysid.criteria.coloured import BLOCK, AutoRegression
 from sysid.criteria.fit import Array
-from sysid.criteria.lag_sums import LONG, autocovariance, lag_sums
 
 Mask = NDArray[np.bool_]
 
@@ -35,9 +33,6 @@ ENERGY_TOLERANCE = 1e-8
 """An instrument (or combination) with less than this share of its energy left counts as removed."""
 COLOUR_TOLERANCE = 1e-12
 """Eigenvalues of C, relative to the largest, below which C is singular to working precision."""
-WELL_CONDITIONED = 1e-8
-"""Smallest eigenvalue of the nuisance lags' products, relative to the largest, from which products
-alone say what these lags predict: more than half of the digits are left."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +91,7 @@ def score(trial: Trial) -> Score:
     if basis is None:
         basis = orthonormal(trial.jacobian, trial.keep, trial.centred)
     scale = _column_scale(trial)
-    c, energy, covariance, borrowed = _from_sums(trial, basis, scale) or _by_blocks(
-        trial, basis, scale
-    )
+    c, energy, covariance, borrowed = _by_blocks(trial, basis, scale)
     return _quadratic_form(trial, c, covariance + borrowed @ borrowed.T, energy)
 
 
@@ -106,71 +99,8 @@ Products = tuple[Array, Array, Array, Array]
 """Z̃ᵀε, Z̃ᵀZ̃, Z̃ᵀΣ̂Z̃ and Z̃ᵀG√P."""
 
 
-def _from_sums(trial: Trial, basis: Sequence[Array], scale: Array) -> Products | None:
-    """The products of long records whose instruments have no gaps, from sums over lags.
-
-    None where a record is short or has gaps, the noise has a long memory, or the nuisance lags are
-    nearly collinear, so that products of Z, J and the means would not leave enough digits.
-    """
-    asked = [*trial.tested, *trial.nuisance]
-    lags = range(min(asked), max(asked) + 1)
-    windows = [_only_window(rows) for rows in trial.rows]
-    R = autocovariance(trial.noise)
-    if R is None or len(lags) != len(asked) or min(map(len, trial.errors)) < LONG:
-        return None
-    if any(b - a < LONG // 2 for a, b in windows):
-        return None
-    m, n, q = trial.signals[0].shape[1], len(asked), basis[0].shape[1]
-    place = np.array([j * n + k - lags[0] for j in range(m) for k in asked])
-    place = np.concatenate([place, m * n + np.arange(q + 1)])
-    weight = np.concatenate([scale, np.ones(q + 1)])
-    sums = []
-    for r, window in enumerate(windows):
-        V = [*basis[r].T, trial.keep[r]]
-        W = [trial.errors[r], *(trial.uncertain[r].T if trial.uncertain else ())]
-        found = lag_sums(trial.signals[r], lags, window, R, V, W)
-        square = np.outer(weight, weight)
-        sums.append(
-            (
-                found.plain[np.ix_(place, place)] * square,
-                found.coloured[np.ix_(place, place)] * square,
-                found.against[place] * weight[:, None],
-            )
-        )
-    shadows = sum(plain[m * n : -1, : m * n] for plain, _, _ in sums)
-    energy, covariance = np.zeros((m * n, m * n)), np.zeros((m * n, m * n))
-    against, taken = np.zeros((m * n, sums[0][2].shape[1])), 0.0
-    for plain, coloured, further in sums:
-        mean = plain[-1:, : m * n] / plain[-1, -1] * trial.centred
-        clear = np.vstack([np.eye(m * n), -shadows, -mean])
-        energy += clear.T @ plain @ clear
-        covariance += clear.T @ coloured @ clear
-        against += clear.T @ further
-        taken += float(np.trace(coloured[m * n : -1, m * n : -1]))
-        taken += float(coloured[-1, -1] / plain[-1, -1])
-    nuisance = _nuisance(trial)
-    if nuisance.any():
-        values = np.linalg.eigvalsh(energy[np.ix_(nuisance, nuisance)])
-        if not values[0] > WELL_CONDITIONED * values[-1]:
-            return None
-    mix = _without_nuisance(energy, nuisance)
-    energy, covariance, against = mix.T @ energy @ mix, mix.T @ covariance @ mix, mix.T @ against
-    if trial.noise is None:
-        covariance = energy * _variance(trial)
-    else:
-        covariance = covariance * _absorbed(trial.noise, trial.keep, taken)
-    return against[:, 0], energy, covariance, against[:, 1:]
-
-
-def _only_window(rows: Mask) -> tuple[int, int]:
-    """First row and one past the last one where all between them are kept, else nothing."""
-    kept = np.flatnonzero(rows)
-    whole = len(kept) > 0 and int(kept[-1]) + 1 - int(kept[0]) == len(kept)
-    return (int(kept[0]), int(kept[-1]) + 1) if whole else (0, 0)
-
-
 def _by_blocks(trial: Trial, basis: Sequence[Array], scale: Array) -> Products:
-    """The products of any records, from their instruments block by block."""
+    """The products of the instruments, block by block."""
     shadows, means = _projections(trial, basis, scale)
 
     def instruments(r: int, start: int, stop: int) -> Array:
@@ -180,13 +110,8 @@ def _by_blocks(trial: Trial, basis: Sequence[Array], scale: Array) -> Products:
         block[~trial.keep[r][start:stop]] = 0.0
         return block
 
-    nuisance = _nuisance(trial)
-    gram = np.zeros((len(nuisance), len(nuisance)))
-    for where in _blocks(trial) if nuisance.any() else ():
-        block = instruments(*where)
-        gram += block.T @ block
-    weights = _without_nuisance(gram, nuisance)
-    c = np.zeros(weights.shape[1])
+    weights = _without_nuisance(trial, instruments)
+    c = np.zeros(len(scale) if weights is None else weights.shape[1])
     energy = np.zeros((len(c), len(c)))
     covariance = np.zeros_like(energy)
     width = trial.uncertain[0].shape[1] if trial.uncertain else 0
@@ -195,7 +120,8 @@ def _by_blocks(trial: Trial, basis: Sequence[Array], scale: Array) -> Products:
 
         def last_to_first(r: int = r) -> Iterator[Array]:
             for _, start, stop in reversed(list(_blocks(trial, r))):
-                block = instruments(r, start, stop) @ weights
+                block = instruments(r, start, stop)
+                block = block if weights is None else block @ weights
                 c[:] += block.T @ trial.errors[r][start:stop]
                 energy[:] += block.T @ block
                 if trial.uncertain:
@@ -208,43 +134,32 @@ def _by_blocks(trial: Trial, basis: Sequence[Array], scale: Array) -> Products:
             for _ in last_to_first():
                 pass
     if trial.noise is None:
-        return c, energy, energy * _variance(trial), borrowed
-    taken = _taken(trial.noise, trial.keep, basis)
-    return c, energy, covariance * _absorbed(trial.noise, trial.keep, taken), borrowed
+        samples = sum(int(k.sum()) for k in trial.keep)
+        return c, energy, energy * sum(float(e @ e) for e in trial.errors) / samples, borrowed
+    return c, energy, covariance * _absorbed(trial.noise, trial.keep, basis), borrowed
 
 
-def _variance(trial: Trial) -> float:
-    """Mean square of the residuals."""
-    return sum(float(e @ e) for e in trial.errors) / sum(int(k.sum()) for k in trial.keep)
+def _without_nuisance(trial: Trial, instruments: Callable[[int, int, int], Array]) -> Array | None:
+    """Of all lags the combinations that the nuisance lags do not predict, (lags, tested).
 
-
-def _nuisance(trial: Trial) -> Mask:
-    """Which of all instruments are nuisance lags."""
+    None where there are none of these.
+    """
+    if not trial.nuisance:
+        return None
     lags = len(trial.tested) + len(trial.nuisance)
-    return np.tile(np.arange(lags), trial.signals[0].shape[1]) >= len(trial.tested)
-
-
-def _without_nuisance(gram: Array, nuisance: Mask) -> Array:
-    """Of all lags the combinations that the nuisance lags do not predict, (lags, tested)."""
+    nuisance = np.tile(np.arange(lags), trial.signals[0].shape[1]) >= len(trial.tested)
+    gram = np.zeros((len(nuisance), len(nuisance)))
+    for where in _blocks(trial):
+        block = instruments(*where)
+        gram += block.T @ block
     weights = np.eye(len(nuisance))[:, ~nuisance]
-    if nuisance.any():
-        weights[nuisance] = (
-            -_pseudo_inverse(gram[np.ix_(nuisance, nuisance)]) @ gram[np.ix_(nuisance, ~nuisance)]
-        )
+    weights[nuisance] = (
+        -_pseudo_inverse(gram[np.ix_(nuisance, nuisance)]) @ gram[np.ix_(nuisance, ~nuisance)]
+    )
     return weights
 
 
-def _taken(noise: AutoRegression, keep: Sequence[Mask], basis: Sequence[Array]) -> float:
-    """tr PΣ with the projector P on a basis and the records' means."""
-    taken = 0.0
-    for q, k in zip(basis, keep, strict=True):
-        if k.any():
-            mean = np.where(k, 1.0, 0.0)[:, None] / np.sqrt(k.sum())
-            taken += float(np.trace(noise.gram(np.hstack([q, mean]))))
-    return taken
-
-
-def _absorbed(noise: AutoRegression, keep: Sequence[Mask], taken: float) -> float:
+def _absorbed(noise: AutoRegression, keep: Sequence[Mask], basis: Sequence[Array]) -> float:
     """How much more variance the noise v has than the residuals ε = (I − P)v that show it.
 
     tr Σ / tr (I − P)Σ, with the projector P on J and the records' means: N/(N − n) for white
@@ -255,8 +170,13 @@ def _absorbed(noise: AutoRegression, keep: Sequence[Mask], taken: float) -> floa
     Args:
         noise: model of v.
         keep: rows that count.
-        taken: tr PΣ.
+        basis: of J, orthonormal.
     """
+    taken = 0.0
+    for q, k in zip(basis, keep, strict=True):
+        if k.any():
+            mean = np.where(k, 1.0, 0.0)[:, None] / np.sqrt(k.sum())
+            taken += float(np.trace(noise.gram(np.hstack([q, mean]))))
     total = sum(int(k.sum()) for k in keep) * noise.stationary_variance
     return 1.0 / max(1.0 - taken / total, 0.5) if total > 0.0 else 1.0
 

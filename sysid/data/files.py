@@ -75,7 +75,7 @@ def read_bytes(path: str | Path) -> bytes:
     except IsADirectoryError:
         raise UsageError(f"{path} is a folder; name the log file inside it") from None
     except FileNotFoundError:
-        raise UsageError(f"file not found: {path}; check the path{_beside(path)}") from None
+        raise UsageError(f"{path}: file not found{_beside(path)}") from None
     except PermissionError:
         raise DataError(f"{path} is not readable; change its permissions") from None
     except OSError as error:
@@ -257,4 +257,4 @@ def _beside(path: Path) -> str:
     except OSError:
         return ""
     near = difflib.get_close_matches(path.name, names, n=1, cutoff=0.75)
-    return f" (did you mean {path.parent / near[0]}?)" if near else ""
+    return f"; did you mean {path.parent / near[0]}?" if near else ""

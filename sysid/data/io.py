@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -66,14 +67,19 @@ class LogFile:
         return tuple(f.text for f in self.findings)
 
 
-def read_log(path: str | Path, options: ReadOptions | None = None) -> Record:
+def read_log(path: str | Path, options: ReadOptions | None = None, **fields: Any) -> Record:
     """One log file as one record.
+
+    Args:
+        fields: of the options, instead of them: ``read_log(path, inputs="u", outputs="y")``.
 
     Raises:
         DataError: the file cannot serve; where and why is in the sentence.
         UsageError: there is no such file, or an option does not fit it.
     """
-    log = read_file(path, options)
+    if options is not None and fields:
+        raise UsageError("give `options` or its fields, not both")
+    log = read_file(path, ReadOptions(**fields) if fields else options)
     if len(log.records) > 1:
         raise DataError(
             f"{log.path.name} holds {len(log.records)} experiments after splitting; "

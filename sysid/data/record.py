@@ -250,6 +250,17 @@ class Record:
             return np.ones(len(self), dtype=bool)
         return np.asarray(np.all(self.weights == 1.0, axis=1))
 
+    def to_frame(self) -> Any:
+        """A pandas ``DataFrame`` over time [s]: inputs, outputs and the pose, in the units here."""
+        from pandas import DataFrame, Index
+
+        columns = dict(
+            zip((*self.input_names, *self.output_names), np.hstack([self.u, self.y]).T, strict=True)
+        )
+        if self.pose is not None:
+            columns |= dict(zip(("x", "y", "psi"), self.pose.T, strict=True))
+        return DataFrame(columns, index=Index(self.t, name="t"))
+
     def rows(self, start: int, stop: int) -> "Record":
         """The samples ``start`` ≤ k < ``stop`` as a record of their own (same hash, later t0)."""
         start, stop, _ = slice(start, stop).indices(len(self))

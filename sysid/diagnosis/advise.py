@@ -37,13 +37,13 @@ def experiment_between(
     """
     ids = tuple(tied)
     record = search.estimation[0]
-    programmes = list(dict.fromkeys(p for id in ids for p in about(id).programmes))
+    programmes = list(dict.fromkeys(p for id in ids for p in about(id).hints.programmes))
     best, least = programmes[0], -1.0
     for programme in programmes:
         apart = _apart(search, list(tied.values()), programme.rows, floor)
         if apart > least * 1.1:
             best, least = programme, apart
-    hand = next((about(id).by_hand for id in ids if about(id).by_hand), "")
+    hand = next((about(id).texts.by_hand for id in ids if about(id).texts.by_hand), "")
     if hand and 0.0 <= least < FAINT:
         purpose = f"No command distinguishes {_listed(ids)}: the models would differ by "
         return Experiment(f"{purpose}{least:.1g} times the noise. {hand}", ids, (), ())
@@ -57,7 +57,7 @@ def experiment_between(
 
 def experiment_on_ground(ids: tuple[str, ...], record: Record, scales: Array) -> Experiment:
     """The schedule that the catalogue lists first for a tie between tracks and ground."""
-    programme = about(ids[0]).programmes[0]
+    programme = about(ids[0]).hints.programmes[0]
     return _written(f"To distinguish {_listed(ids)}:", ids, programme, record, scales)
 
 
@@ -68,8 +68,8 @@ def next_experiments(
     grouped: dict[Programme, list[str]] = {}
     one_way = bool(all(np.min(record.u, axis=0) >= 0.0)) and not record.is_robot_log
     for id in undetectable:
-        if is_known(id) and not (one_way and about(id).reverses):
-            grouped.setdefault(about(id).programmes[0], []).append(id)
+        if is_known(id) and not (one_way and about(id).hints.reverses):
+            grouped.setdefault(about(id).hints.programmes[0], []).append(id)
     largest = sorted(grouped.items(), key=lambda item: -len(item[1]))[:most]
     return tuple(
         _written(f"This log cannot show {_listed(ids)};", tuple(ids), programme, record, scales)

@@ -19,16 +19,18 @@ from sysid.diagnosis.diagnosis import (
     Trace,
 )
 from sysid.diagnosis.gap import ChannelGap, Gap, with_path
+from sysid.diagnosis.isolability import isolability_of
 from sysid.diagnosis.long_logs import InFull
 from sysid.diagnosis.policies import VERDICT
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis
 from sysid.diagnosis.pose.ground_model import with_ground
+from sysid.diagnosis.rules.final_model import final_evidence, measured
+from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.search.detectable import detectable
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
 from sysid.diagnosis.session import DiagnosisSession, SelectionResult
 from sysid.diagnosis.several.constancy import several_logs
 from sysid.diagnosis.shapes.grading import FoundShape, curves_of, proven
-from sysid.diagnosis.validation.acceptance import final_evidence
 from sysid.diagnosis.validation.excess_error import ExcessError, excess_error
 from sysid.diagnosis.validation.explain import described, explain
 from sysid.diagnosis.validation.jitter import detect_jitter
@@ -85,7 +87,7 @@ def _confirmed(
 ) -> tuple[Selection, tuple[RejectedEffect, ...], InFull | None]:
     """The accepted effects, the rejected ones, and both models on all samples of long logs."""
     session = result.session
-    selection, rejected = session.confirmed(result.selection)
+    selection, rejected = confirmed(session, result.selection)
     if judged is None:
         return selection, rejected, None
     whole = judged(session, selection)
@@ -94,8 +96,8 @@ def _confirmed(
         least = min(rests, key=lambda id: rests[id].gap.after)
         if rests[least].gap.after > whole.gap.after:
             break
-        rejected += (RejectedEffect(least, ONLY_IN_PIECES),)
-        selection = session.measured(session.base.search.without_effect(selection, least))
+        rejected += (RejectedEffect(least, ONLY_IN_PIECES, "only-in-pieces"),)
+        selection = measured(session.base, session.base.search.without_effect(selection, least))
         whole = judged(session, selection)
     return selection, rejected, whole
 
@@ -138,21 +140,20 @@ class _Assembly:
             and not poor
         )
         old, new = self.models()
-        tests = (("before", session.origin.before), ("after", remaining.structure))
+        tests = (("before", session.before), ("after", remaining.structure))
         diagnosis = Diagnosis(
             verdict=verdict,
             story=poor or told,
             undecided=undecided(remaining) if silent and remaining.above_noise else "",
             unfollowed=poor,
-            base_words=session.origin.base.words,
-            baseline_words=base.words if session.given is not None else "",
+            base_words=base.words,
             effects=effects,
             excess_error=self.excess_error() if remaining.structured else None,
             shapes=self.shapes,
             curves=self.curves(),
             minor=tuple(dict.fromkeys(id for id, _ in selection.minor)),
             candidates=(*selection.candidates, *(pose.candidates if pose is not None else ())),
-            where=self.where(session.origin.base.model),
+            where=self.where(base.model),
             where_after=regions,
             gap=gap,
             detectable=unseen,
@@ -165,6 +166,7 @@ class _Assembly:
             traces=traces,
             geometry=pose.geometry if pose is not None else None,
             several=several_logs(session, selection),
+            isolability=isolability_of(base),
         )
         nothing = remaining.structure is None and not (selection.effects or self.shapes)
         if not nothing or not (poor or verdict == "unexplained"):
@@ -193,7 +195,7 @@ class _Assembly:
     @cached_property
     def remaining(self) -> Remaining:
         """What remains in its errors."""
-        after = self.session.origin.before
+        after = self.session.before
         if self.selection.selected:
             after = self.session.residual_structure(self.selection, after=True)
         names = self.session.base.parts.holdout[0].output_names
@@ -259,11 +261,7 @@ class _Assembly:
 
     def traces(self) -> tuple[Trace, ...]:
         """Records with the runs of the original and the augmented model."""
-        traces, given = findings.traces(self.session.base, self.selection), self.session.given
-        if given is None:
-            return traces
-        original = findings.traces(given.base, given.nothing)
-        return tuple(replace(t, before=o.before) for t, o in zip(traces, original, strict=True))
+        return findings.traces(self.session.base, self.selection)
 
     def unseen(self, named: Sequence[str]) -> dict[str, float | None]:
         """Sizes that effects which were not found would have needed."""
@@ -271,7 +269,9 @@ class _Assembly:
         single = base.parts.estimation[0].ny == 1
         offered = [e for e in base.search.model.effects if e.id not in NOT_NAMED]
         rest = [
-            e for e in offered if not (single and e.couples) and not (base.search.level and e.level)
+            e
+            for e in offered
+            if not (single and e.couples) and not (base.search.level and e.hints.level)
         ]
         ids = [e.id for e in (*rest, QUANTISATION, DROPOUTS) if e.id not in named]
         smallest = detectable(base.search, self.selection.final, ids)
@@ -305,10 +305,10 @@ class _Assembly:
         session, selection, pose = self.session, self.selection, self.pose
         base, records = session.base, session.base.parts.estimation
         said = list(findings.absorbed(base, selection))
-        if session.given is not None:
+        if self.model is not None and self.model.fitted_to(records):
             said.append(
-                "The original model has absorbed part of what is missing. The effects are added to "
-                "the baseline instead, whose held-out error is then smaller."
+                "The given model was fitted to this log and may have absorbed what is missing from "
+                "it. Without `model` effects are added to a baseline that has not."
             )
         if base.in_loop:
             said.append(

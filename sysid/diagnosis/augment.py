@@ -23,6 +23,9 @@ from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model, Provenance, Source
 from sysid.version import __version__
 
+MOST_STEPS, SETTLED = 1000, 1e-4
+"""Samples in which a servo settles to a speed, and the change in one below which it has."""
+
 
 def effects_of(base: Base, candidate: CandidateModel) -> tuple[str, ...]:
     """The effects of the augmented structure: those of the base, then the accepted ones."""
@@ -84,7 +87,31 @@ def values_of(
             full = float(full_drive(base.parts.estimation)[p.track]) / gain
             command = base.search.estimation[0].inputs[p.track].unit
             values.append(shown.times(full, command, f"{p.name}_command{tag}"))
+        if shown.visited and p.of.as_rate:
+            speed = value * _speed_of_error(base, candidate, p.track)
+            held = Value(f"speed{tag}", speed, None, f"{words}/s")  # its error is the core's, too
+            values.append(replace(held, in_file=_in_file(base, held, p.track)))
     return tuple(values)
+
+
+def _speed_of_error(base: Base, candidate: CandidateModel, track: int) -> float:
+    """Speed at which a servo settles that answers to an error of 1 for ever [1/s].
+
+    Stepped from rest; the closed form by the slopes of B and F at 1 fails where a pole and a zero
+    cancel there.
+    """
+    _, f, tail = base.search.model.core(candidate.q, track)
+    b = np.concatenate([[1.0 + f.sum() - tail.sum()], tail])
+    x, speed, slope = np.zeros(len(f)), 0.0, 0.0
+    for _ in range(MOST_STEPS):
+        following = np.append(x[1:], 0.0) - f * x[0]
+        torque = (0.5 * (x[0] + following[0]) + 1.0) / (1.0 - 0.5 * b[0])
+        following = following + b * torque
+        before, slope = slope, float(following[0] - x[0])
+        x, speed = following, slope / base.search.estimation[0].dt
+        if abs(slope - before) < SETTLED * abs(slope):
+            break
+    return speed
 
 
 def _acting(base: Base, candidate: CandidateModel, id: str) -> tuple[str, ...]:
@@ -107,7 +134,11 @@ def _in_file(base: Base, value: Value, track: int) -> Value | None:
         channel = first.inputs[track]
         size = float(full_drive(base.parts.estimation)[track]) / channel.scale
         unit = value.unit.replace("drive", channel.file_words or channel.unit or channel.name)
-    elif channel.unit and value.unit in (channel.unit, f"1/{channel.unit}") and size != 1.0:
+    elif (
+        channel.unit
+        and value.unit in (channel.unit, f"1/{channel.unit}", f"{channel.unit}/s")
+        and size != 1.0
+    ):
         unit = value.unit.replace(channel.unit, unit)
     else:
         return None

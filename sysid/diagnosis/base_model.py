@@ -17,8 +17,10 @@ from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import logs_of
 from sysid.diagnosis.search.selection import CandidateModel
-from sysid.effects.base import Effect, Place, is_of_servo, of_motor, of_servo
+from sysid.diagnosis.servo_delay import servo_delay
+from sysid.effects.base import Effect, is_of_servo, of_motor, of_servo
 from sysid.effects.by_log import for_logs
+from sysid.effects.catalogue import in_chain
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError, ModelError
 from sysid.estimation.assessment.figures import Start, outputs
@@ -143,6 +145,13 @@ class Base:
     sampled: bool = False
     driven: Callable[[Record], Record] = lambda record: record
 
+    @property
+    def poles(self) -> Array:
+        """Discrete poles of all its cores."""
+        model = self.search.model
+        cores = (model.core(self.model.q, i) for i in range(model.tracks))
+        return np.concatenate([np.roots([1.0, *f]) for _, f, _ in cores])
+
     def with_sampling(self, like: CandidateModel) -> "Base":
         """The base with a sampling lag, fitted from the shares of a candidate."""
         search = self.search.holding(SAMPLING.id)
@@ -195,7 +204,9 @@ def fit_baseline(
         if not on_rate:
             linear, delay = _linear(parts.facts.without_repeats)
             order = int(np.max(linear.structure.order_values()["nf"]))
-            order = max(order, LEAST_OF_SERVO if _is_servo(first) else 1)
+            if _is_servo(first):
+                order = max(order, LEAST_OF_SERVO)
+                delay = servo_delay(estimation, parts.facts.noise, delay)
         level = not may_lack_sign(estimation)
         order = min(order if level else LARGEST_ORDER, highest)
         late = "one sample" if delay == 1 else f"{delay} samples"
@@ -249,7 +260,7 @@ def given_base(
     first = _require_tracks(estimation)
     scales = full_drive(estimation)
     every = (*parts.estimation, *parts.holdout)
-    runs = {id(r): outputs(model, r, None, _start(model, r)) for r in every}
+    runs = {id(r): outputs(model, r, None, start_of(model, r)) for r in every}
     if not all(np.isfinite(v).all() for v in runs.values()):
         raise ModelError("the model is unstable on this log; run sysid compare")
     effects = _with_logs(_possible(effects, first), parts, level=False)
@@ -263,7 +274,7 @@ def given_base(
 
     def driven(r: Record) -> Record:
         run = runs.get(id(r))
-        run = outputs(model, r, None, _start(model, r)) if run is None else run
+        run = outputs(model, r, None, start_of(model, r)) if run is None else run
         return replace(r, u=given.drive(run))
 
     in_loop = parts.facts.at_own_rate.surely_closed_loop
@@ -294,16 +305,20 @@ def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
     and its loop has lags of its own.
     """
     servo = _is_servo(first)
-    effects = [of_servo(e) if servo else of_motor(e) for e in effects]
+    effects = [
+        of_servo(e) if servo else of_motor(e) for e in effects if servo or not is_of_servo(e)
+    ]
     if servo:
         effects = [
-            e for e in effects if is_of_servo(e) or e.level or not (e.of_motion or e.exchanges)
+            e
+            for e in effects
+            if is_of_servo(e) or e.hints.level or not (e.of_motion or e.hints.exchanges)
         ]
     if any(c.unit in POSITIONS for c in first.outputs):
         effects = [e for e in effects if not e.waves]
     if any(may_move(c.name, c.unit) for c in first.outputs):
         return tuple(effects)
-    return tuple(e for e in effects if e.level or not e.of_motion)
+    return tuple(e for e in effects if e.hints.level or not e.of_motion)
 
 
 def _is_servo(first: Record) -> bool:
@@ -313,17 +328,13 @@ def _is_servo(first: Record) -> bool:
 
 
 def _with_logs(effects: Sequence[Effect], parts: Parts, level: bool) -> tuple[Effect, ...]:
-    """Effects, and what may differ between logs where they are searched on several.
-
-    That acts on the torque before anything else does: friction feels the load.
-    """
+    """Effects, and what may differ between logs where they are searched on several."""
     logs = logs_of(parts.estimation, parts.holdout)
     by_log = for_logs(len(logs.names), level) if len(set(logs.estimation)) > 1 else ()
-    before = [e for e in effects if e.place is Place.COMMAND]
-    return (*before, *by_log, *(e for e in effects if e.place is not Place.COMMAND))
+    return in_chain((*effects, *by_log))
 
 
-def _start(model: Model, record: Record) -> Start:
+def start_of(model: Model, record: Record) -> Start:
     """Where a given model begins to run on a record."""
     offsets = model.detrend.u_offset, model.detrend.y_offset
     return Start.ZERO if begins_at_rest(*offsets, record.y) else Start.ESTIMATED

@@ -14,14 +14,14 @@ from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.assembly import assemble
 from sysid.diagnosis.base_model import fit_baseline, full_drive, given_base
 from sysid.diagnosis.diagnosis import Diagnosis
-from sysid.diagnosis.given_model import around_model, or_on_first_order, possible
+from sysid.diagnosis.first_order import or_on_first_order, possible
 from sysid.diagnosis.long_logs import searched_on
 from sysid.diagnosis.pose.correct_sensor import correct_sensor, resolve_ties_by_pose
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import DiagnosisSession, noise_of
 from sysid.diagnosis.several.constancy import with_ground
 from sysid.diagnosis.validation.mission import prove_on_mission
-from sysid.effects.catalogue import chain_effects
+from sysid.effects.catalogue import CHANGED, chain_effects
 from sysid.effects.measured import Measured, within
 from sysid.errors import DataError, UsageError
 from sysid.estimation.identify import shares_samples
@@ -54,7 +54,7 @@ def diagnose(
     Args:
         estimation: logs that effects are searched on.
         holdout: validation logs; None holds out blocks of the estimation logs.
-        model: the model that disagrees; None fits the baseline first.
+        model: the model that disagrees, taken as it is; None fits the baseline.
         mission: the mission that the logs drove: both models drive it again, and its geometry,
             where it gives one, is the vehicle's.
         geometry: the vehicle's lengths; None takes the mission's, and where that gives none those
@@ -84,11 +84,11 @@ def diagnose(
         base = given_base(model, facts, holdout_facts, effects)
     session = DiagnosisSession(base, noise_of(base), full_drive(facts.records), seed)
     say("testing the residuals", 0.06)
+    elsewhere = model is not None and not model.fitted_to(facts.records)
+    candidates = base.search.model.effects
+    result = session.searched((*candidates, CHANGED) if elsewhere else candidates, say)
     if model is None:
-        result = session.searched(base.search.model.effects, say)
         result = or_on_first_order(result, facts, holdout_facts, say)
-    else:
-        result = around_model(model, session, facts, holdout_facts, say)
     say("validation", 0.72)
     if geometry is None and mission is not None:
         geometry = load_mission(mission).vehicle.given_geometry

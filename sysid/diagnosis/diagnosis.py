@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array, Record
@@ -13,8 +13,12 @@ from sysid.diagnosis.validation.excess_error import ExcessError
 from sysid.diagnosis.validation.localise import Region
 from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.robot.calibration.geometry import GeometryEstimate
 from sysid.structures.model import Model
+
+if TYPE_CHECKING:
+    from sysid.diagnosis.isolability import Isolability
 
 OF_THE_LOG = {
     QUANTISATION.id: "its measurements are coarse",
@@ -72,7 +76,7 @@ class Value:
 
     @property
     def words(self) -> str:
-        """What is known beside the value: an error, an interval, or why there is none."""
+        """What is known beside the value: a 95 % interval or half of it, or why there is none."""
         if not self.visited:
             return "not seen in this log"
         if self.interval is not None:
@@ -84,7 +88,15 @@ class Value:
             return f"{low:.4g} to {high:.4g}"
         if self.bounded:
             return "on the bound of the search"
-        return "" if self.std_error is None else f"± {self.std_error:.2g}"
+        return "" if self.std_error is None else f"± {NORMAL * self.std_error:.2g}"
+
+    @property
+    def ends(self) -> tuple[float | None, float | None] | None:
+        """The 95 % interval; an end that the log leaves open is None, as is all where unknown."""
+        if self.interval is not None or self.std_error is None or self.bounded:
+            return self.interval
+        reach = NORMAL * self.std_error
+        return self.value - reach, self.value + reach
 
     @property
     def shown(self) -> str:
@@ -172,10 +184,15 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class RejectedEffect:
-    """An effect that was selected first and rejected later, with the reason."""
+    """An effect that was selected first and rejected later, with the reason.
+
+    Attributes:
+        rule: the rule that spoke, by its name in the ledger.
+    """
 
     id: str
     reason: str
+    rule: str = ""
 
 
 @dataclass(frozen=True)
@@ -212,6 +229,28 @@ class Trace:
     counted: Array
 
 
+@dataclass(frozen=True)
+class Against:
+    """A model that the result is compared with: its free run on the held-out data.
+
+    Attributes:
+        name: what it is called: its structure, or its name in a workspace.
+        rmse: of each output, in its unit.
+    """
+
+    name: str
+    rmse: dict[str, float]
+
+    def sentence(self, gap: Gap) -> str:
+        """How far its errors are from those of the original and of the augmented model."""
+        parts = (
+            f"{v:.3g} on {name} ({gap.channels[name].rmse_before:.3g} before, "
+            f"{gap.channels[name].rmse_after:.3g} after)"
+            for name, v in self.rmse.items()
+        )
+        return f"{self.name} has a held-out error of {', '.join(parts)}."
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """Where a model and a log disagree, what is missing, and the proof.
@@ -224,8 +263,9 @@ class Diagnosis:
         detectable: per effect the smallest size this log would have shown, None where it cannot.
         description: a sparse description of what no effect explains, empty without one.
         path: proof on a mission's path, JSON-able, empty without one.
-        baseline_words: the base that the effects were added to where that is not the original
-            model.
+        isolability: which effects the log could show and tell apart.
+        against: what another model of the same channels makes of the held-out data, if one was
+            given to compare with.
         geometry: the vehicle's lengths, where nobody gave them and the pose contradicts those
             that are assumed.
         changes: what changes within a log, and when, in sentences.
@@ -257,7 +297,8 @@ class Diagnosis:
     traces: tuple[Trace, ...] = ()
     path: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
-    baseline_words: str = ""
+    against: Against | None = None
+    isolability: "Isolability | None" = None
     changes: tuple[str, ...] = ()
     geometry: GeometryEstimate | None = None
     unfollowed: str = ""
@@ -286,7 +327,8 @@ class Diagnosis:
                 "story": self.story,
                 "changes": self.changes,
                 "base": self.base_words,
-                "added_to": self.baseline_words or self.base_words,
+                "against": self.against,
+                "isolability": self.isolability,
                 "geometry": self.geometry,
                 "effects": self.effects,
                 "shapes": self.shapes,

@@ -65,17 +65,18 @@ def _law_in_words(e: Effect, values: Sequence[Value]) -> str:
 
 def _by_sign(e: Effect, values: Sequence[Value]) -> str:
     """What the effect is; where its first parameter has the other sign, what that is."""
-    if not e.opposite or not e.parameters:
-        return e.sentence
+    if not e.texts.opposite or not e.parameters:
+        return e.texts.sentence
     first = e.parameters[0]
     first_values = [v for v in values if v.name.partition("[")[0] == first.name and v.visited]
     below = [v for v in first_values if v.value < first.null]
     if not below:
-        return e.sentence
+        return e.texts.sentence
     if len(below) == len(first_values):
-        return e.opposite
+        return e.texts.opposite
     where = ", ".join(v.name.partition("[")[2].rstrip("]") for v in below)
-    return f"{e.sentence} On {where} the opposite: {e.opposite[:1].lower()}{e.opposite[1:]}"
+    opposite = e.texts.opposite
+    return f"{e.texts.sentence} On {where} the opposite: {opposite[:1].lower()}{opposite[1:]}"
 
 
 def indistinct_edges(
@@ -105,7 +106,7 @@ def indistinct_edges(
         ends = " and ".join(f"{sign * v * scales[i]:.4g}" for v in (below[-1], above[0]))
         warnings.append(
             f"{name} has no command between {ends}{f' {unit}' if unit else ''}, so this log does "
-            f"not determine {about(p.owner).between_edges}"
+            f"not determine {about(p.owner).texts.between_edges}"
         )
     return tuple(warnings)
 

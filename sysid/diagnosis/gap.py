@@ -40,7 +40,7 @@ class Gap:
         before, after: gaps, summed over outputs.
         noise_floor: floor of all outputs in the same units.
         closed_percent: 100 (1 − after/before).
-        interval: 90 % interval of that share (block bootstrap).
+        interval: 95 % interval of that share (block bootstrap).
         parts: the share closed [%] of each part, by what it is; empty where there is but one.
     """
 
@@ -100,11 +100,11 @@ def measure_gap(
 
 
 def interval_of_closed(blocks: Array, seed: int) -> tuple[float, float]:
-    """90 % interval of 100 (1 − after/before) by a bootstrap over blocks of both sums, (n, 2)."""
+    """95 % interval of 100 (1 − after/before) by a bootstrap over blocks of both sums, (n, 2)."""
     drawn = np.random.default_rng(seed).integers(0, len(blocks), (REPLICATES, len(blocks)))
     before, after = blocks[drawn].sum(axis=1).T
     remains = np.divide(after, before, where=before > 0.0, out=np.ones(REPLICATES))
-    low, high = np.quantile(np.minimum(100.0 * (1.0 - remains), 100.0), [0.05, 0.95]).tolist()
+    low, high = np.quantile(np.minimum(100.0 * (1.0 - remains), 100.0), [0.025, 0.975]).tolist()
     return low, high
 
 

@@ -112,8 +112,7 @@ class WholeLogs:
 
     def judged(self, session: DiagnosisSession, selection: Selection) -> InFull:
         """Free runs of the original and the augmented model over whole logs."""
-        origin = session.origin.base
-        before = _runs(origin, origin.model, self.records)
+        before = _runs(session.base, session.base.model, self.records)
         after = before
         if selection.selected:
             after = _runs(session.base, selection.final, self.records)

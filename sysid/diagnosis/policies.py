@@ -27,9 +27,6 @@ class AcceptanceRule:
             must take ``of_remainder`` of what is left; otherwise it corrects the other's law.
         of_remainder: a third effect that takes more than this share of what the others leave above
             the noise is not redundant, however small its share of the whole gap.
-        unrivalled: an effect that scores so many times more than any other beside the same model,
-            and beyond chance more, is no stand-in: a stand-in has rivals. An effect that others
-            wait for need not meet ``in_loop`` then.
         touched: an effect touches a block when its predictions move by this share of the error.
         alike: runs that differ by less than this share of the remaining error are the same
             explanation.
@@ -38,7 +35,8 @@ class AcceptanceRule:
         known_tie: the same for effects that the catalogue lists as ties.
         chance_tie: the same where the paired t is below ``t``: the difference may be chance.
         least_gain, most_gain: factors within which the gain of the base must stay; small commands
-            that hardly leave a dead zone make it far too small.
+            that hardly leave a dead zone make it far too small (a weight on the shaft leaves no
+            gain at all, and has no upper factor).
         as_good: fewer effects on a simpler base are preferred up to this ratio of held-out errors.
     """
 
@@ -54,7 +52,6 @@ class AcceptanceRule:
     look_alike: float = 0.10
     of_remainder: float = 0.5
     minor: float = 0.98
-    unrivalled: float = 2.0
     touched: float = 0.02
     alike: float = 0.25
     tie: float = 1.02
@@ -176,6 +173,7 @@ class SearchBudget:
         polish: iterations of a model that is kept.
         coarse: gain of an iteration, as a share of the cost, at which candidates rest.
         leading: leading effects that are searched with most care where gradients say little.
+        pairs: effects that are tried in pairs where none is accepted alone.
         law: a law of an effect is fitted in full while its cost is within this multiple of that of
             its best law.
         promising: a candidate is fitted in full when its first iterations bring some track's cost
@@ -193,6 +191,7 @@ class SearchBudget:
     polish: int = 30
     coarse: float = 1e-4
     leading: int = 4
+    pairs: int = 3
     law: float = 1.5
     promising: float = 0.95
     phases: int = 24

@@ -1,6 +1,6 @@
 """One diagnosis session: whether errors need an explanation, and which effects explain them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,27 +9,18 @@ import numpy as np
 from sysid.data.column_words import may_move
 from sysid.data.record import Array
 from sysid.diagnosis.base_model import Base
-from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.gap import Gap, measure_gap
 from sysid.diagnosis.policies import RULE, VERDICT
+from sysid.diagnosis.rules.linear_motion import LinearRival, linear_rival
 from sysid.diagnosis.search.forward_selection import Progress
-from sysid.diagnosis.search.intervals import intervals_of
 from sysid.diagnosis.search.selection import (
     CandidateModel,
     Selection,
     moved_to_base,
 )
 from sysid.diagnosis.shapes.fitted import FittedShape
-from sysid.diagnosis.shapes.grading import better_shape, shapes_around
-from sysid.diagnosis.validation.acceptance import final_evidence, uncertain_parameters, weakest
-from sysid.diagnosis.validation.exchange import with_exchanged_lags
+from sysid.diagnosis.shapes.grading import shapes_around
 from sysid.diagnosis.validation.jitter import Jitter, detect_jitter, rows_without_jitter
-from sysid.diagnosis.validation.linear_rival import (
-    LinearRival,
-    linear_motion,
-    linear_rival,
-    worse_than_rival,
-)
 from sysid.diagnosis.validation.model_error import (
     MIN_SAMPLES,
     ResidualStructure,
@@ -37,26 +28,19 @@ from sysid.diagnosis.validation.model_error import (
     structured,
 )
 from sysid.diagnosis.validation.noise import NoiseFloor, floor_of
-from sysid.effects.base import Effect, Place
-from sysid.effects.catalogue import about
+from sysid.effects.base import Effect
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import DataError
 
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisSession:
-    """One diagnosis in progress.
-
-    Attributes:
-        given: the session of the model that was given, where that had absorbed so much that effects
-            are added to the baseline.
-    """
+    """One diagnosis in progress."""
 
     base: Base
     noise: NoiseFloor
     scales: Array
     seed: int
-    given: "DiagnosisSession | None" = None
     jitter: tuple[Jitter, ...] = ()
 
     @property
@@ -69,11 +53,6 @@ class DiagnosisSession:
         """Before anything is named."""
         candidate = self.base.model
         return Selection(candidate, candidate, (), (), ())
-
-    @property
-    def origin(self) -> "DiagnosisSession":
-        """The session of the original model."""
-        return self.given or self
 
     @cached_property
     def before(self) -> ResidualStructure | None:
@@ -204,7 +183,7 @@ class DiagnosisSession:
 
     def gap(self, selection: Selection) -> Gap:
         """The gap on held-out data before and after."""
-        before, after = self.origin.base.model, selection.final
+        before, after = self.base.model, selection.final
         return self.gap_of(before.errors.holdout, after.errors.holdout)
 
     def gap_of(self, before: Sequence[Array], after: Sequence[Array]) -> Gap:
@@ -232,41 +211,10 @@ class DiagnosisSession:
         """Every shape without physics around a candidate model, most evidence first."""
         return shapes_around(self.base.search, candidate, self.floor, self.moves)
 
-    def confirmed(self, selection: Selection) -> tuple[Selection, tuple[RejectedEffect, ...]]:
-        """The accepted effects of the final model, and the rejected ones, each with the reason."""
-        rejected = []
-        while (instead := shape_instead(self, selection)) is not None:
-            rejected.append(instead)
-            selection = self.base.search.without_effect(selection, instead.id)
-        selection = self.measured(selection)
-        while (least := self._objection(selection)) is not None:
-            rejected.append(least)
-            selection = self.measured(self.base.search.without_effect(selection, least.id))
-        return selection, tuple(rejected)
-
-    def _objection(self, selection: Selection) -> RejectedEffect | None:
-        """What the first rule that objects says of an accepted effect."""
-        said = (rule(self, selection) for rule in OBJECTIONS if selection.selected)
-        return next((objection for objection in said if objection is not None), None)
-
     @cached_property
     def linear_rival(self) -> LinearRival:
         """What linear motion of a higher order explains."""
         return linear_rival(self.base)
-
-    def measured(self, selection: Selection) -> Selection:
-        """With likelihood intervals where gradients cannot judge; estimates may move slightly."""
-        if not selection.selected:
-            return selection
-        uncertain = uncertain_parameters(self.base, selection)
-        final, intervals = intervals_of(self.base.search, selection.final, uncertain)
-        # a ragged likelihood may lead away from an accepted set
-        for candidate in (final, selection.final):
-            widened = {k: i.holding(float(candidate.q[k])) for k, i in intervals.items()}
-            measured = replace(selection, final=candidate, intervals=widened)
-            if weakest(self.base, measured) is None:
-                break
-        return with_exchanged_lags(self.base, measured)
 
     def unexplained(self, selection: Selection) -> bool:
         """Whether the augmented model leaves structure, and errors far above the noise."""
@@ -282,17 +230,10 @@ class DiagnosisSession:
         return bool(selection.selected) and float(np.sqrt(np.mean(new / old))) < below
 
 
-def poles_of(base: Base) -> Array:
-    """Discrete poles of all cores of the base."""
-    model = base.search.model
-    cores = (model.core(base.model.q, i) for i in range(model.tracks))
-    return np.concatenate([np.roots([1.0, *f]) for _, f, _ in cores])
-
-
 def noise_of(base: Base) -> NoiseFloor:
     """Measurement noise from all logs of a diagnosis and the errors that its base leaves there."""
     parts, errors = base.parts, base.model.errors
-    slow = float(np.max(np.abs(poles_of(base)), initial=0.0))
+    slow = float(np.max(np.abs(base.poles), initial=0.0))
     if parts.holdout_facts is parts.facts:  # blocks of the same logs: together they are whole
         pairs = zip(errors.estimation, errors.holdout, strict=True)
         residuals = [np.where(np.isfinite(a), a, b) for a, b in pairs]
@@ -310,80 +251,3 @@ class SelectionResult:
 
     session: DiagnosisSession
     selection: Selection
-
-
-def shape_instead(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
-    """An effect that a shape of another place, or of time, explains better; alone, or all together.
-
-    Of all together the weakest goes first: the others are asked again.
-    """
-    selected = selection.selected
-    tracks = [p.track for p in session.base.search.model.parameters]
-    weakest_first = tuple(sorted(selected, key=lambda n: -n.evidence.delta_bic))
-    single = [((n,), n.rest) for n in weakest_first]
-    together = [(weakest_first, selection.base)] if len(selected) > 1 else []
-    for names, without in (*together, *single):
-        shape = better_shape(session.shapes(without), selection, names, without, tracks)
-        if shape is not None:
-            sentence, _ = shape.says()
-            return RejectedEffect(names[0].id, f"a shape without physics explains more: {sentence}")
-    return None
-
-
-def behind_linear_motion(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
-    """The weakest effect that explains less than linear motion does, where one is not linear."""
-    if all(linear_motion(session.base, selection, n) for n in selection.selected):
-        return None
-    return worse_than_rival(session.base, session.linear_rival, selection)
-
-
-def unconfirmed(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
-    """The effect that too few held-out samples confirm, where they cannot be tested at all."""
-    if not selection.effects or session.residual_structure(selection, after=True) is not None:
-        return None
-    chances = {n.id: final_evidence(session.base, selection, n).p_value for n in selection.effects}
-    id, p = max(chances.items(), key=lambda pair: pair[1])
-    too_few = f"the held-out samples are too few to confirm it (p = {p:.2g})"
-    return RejectedEffect(id, too_few) if p >= RULE.p else None
-
-
-def stand_in(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
-    """The last effect where all may stand in for physics outside the catalogue.
-
-    Outflow, radiation and boiling are none of its effects, and bend like a dead zone. Without
-    friction and gears beside it, an effect of the actuator or sensor explains nearly all. Nor is
-    the stiffness of a spring one of its effects: beside what swings long, the same is asked of all
-    but what a sensor does.
-    """
-    moves = session.moves
-    by_sensor = all(about(n.id).place is Place.READING for n in selection.selected)
-    if moves and (by_sensor or least_damping(session.base) >= VERDICT.min_damping):
-        return None
-    structure = session.residual_structure(selection, after=True)
-    if not structured(structure) or session.gap(selection).closed_percent >= VERDICT.nearly_all:
-        return None
-    last = min(selection.selected, key=lambda n: -n.evidence.delta_bic)
-    return RejectedEffect(
-        last.id,
-        "the remaining errors are correlated with the command, and the catalogue covers motion "
-        "rather than processes: other physics may look like it",
-    )
-
-
-def least_damping(base: Base) -> float:
-    """The least damping ratio ζ of its poles, ln z = −ζ ω₀ Δt ± …; 1 where none swings."""
-    z = poles_of(base)
-    swinging = z[(np.abs(z.imag) > 0.0) & (np.abs(z) > 0.0)].astype(complex)
-    s = np.log(swinging)
-    return float(np.min(-s.real / np.abs(s), initial=1.0))
-
-
-Objection = Callable[[DiagnosisSession, Selection], RejectedEffect | None]
-
-OBJECTIONS: tuple[Objection, ...] = (
-    lambda session, selection: weakest(session.base, selection),
-    behind_linear_motion,
-    unconfirmed,
-    stand_in,
-)
-"""Rules that may reject an accepted effect, in the order in which they are asked."""

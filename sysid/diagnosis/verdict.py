@@ -96,8 +96,8 @@ def story(
         rest = f" What remains has a shape: {_shapes(shapes)}." if shapes else ""
         return f"Missing: {', '.join(missing)}.{_what_remains(remaining)}{rest}"
     if verdict == "shape-found":
-        found = f"Shape known, physics open: {_shapes(shapes)}."
-        return f"{found} No effect of the catalogue explains it."
+        known = f"Shape known, physics open: {_shapes(shapes)}."
+        return f"{known} No effect of the catalogue explains it."
     if verdict == "unexplained" and remaining.structure is None:
         return too_short(remaining)
     if verdict == "unexplained":

@@ -4,7 +4,18 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Law, Past, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Hints,
+    Law,
+    Memory,
+    Place,
+    Signal,
+    State,
+    Texts,
+)
 from sysid.effects.lag import ENDLESS, lagging_drive
 from sysid.effects.programmes import (
     COASTING,
@@ -93,11 +104,6 @@ def _delay(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, Stat
     return out, line[:-1]
 
 
-def _delay_on(xp: Any, d: Signal, past: Past, p: P, c: Context) -> Signal:
-    whole, old = p["whole"], p["old"]
-    return (1.0 - old) * past(d, whole) + old * past(d, whole + 1.0)
-
-
 def _out_of_dead_zone(xp: Any, d: Signal, p: P, c: Context) -> Signal:
     """d → sign(d)(δ± + |d| − j); of what lies within the jump, the nearer of 0 and j."""
     width = xp.where(d >= 0.0, p["plus"], p["minus"])
@@ -140,10 +146,12 @@ INPUT_DELAY = Effect(
     "input-delay",
     "actuator",
     Place.COMMAND,
-    "d(t − θ)",
-    "The command takes effect later than in the model.",
-    "Every response starts late by the same time, at all levels.",
-    "Steps at irregular instants.",
+    Texts(
+        "d(t − θ)",
+        "The command takes effect later than in the model.",
+        "Every response starts late by the same time, at all levels.",
+        "Steps at irregular instants.",
+    ),
     (
         EffectParameter(
             "delay",
@@ -160,10 +168,14 @@ INPUT_DELAY = Effect(
     ),
     _delay,
     _between,
-    states=DELAY_LINE,
-    on_past=_delay_on,
-    programmes=(REVERSALS, LEVELS),
-    beyond_sampling=True,
+    memory=Memory(
+        DELAY_LINE,
+        of_inputs=True,
+    ),
+    hints=Hints(
+        programmes=(REVERSALS, LEVELS),
+        beyond_sampling=True,
+    ),
 )
 
 
@@ -186,29 +198,35 @@ EFFECTS = (
         "input-saturation",
         "actuator",
         Place.COMMAND,
-        "d → clip(d, −s−, s+)",
-        "Beyond some command the drive does not increase.",
-        "Large commands of different size reach one and the same speed.",
-        "Steps at 60, 80, 90 and 100 % of full drive in both directions.",
+        Texts(
+            "d → clip(d, −s−, s+)",
+            "Beyond some command the drive does not increase.",
+            "Large commands of different size reach one and the same speed.",
+            "Steps at 60, 80, 90 and 100 % of full drive in both directions.",
+        ),
         (
             EffectParameter("plus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), kinks=True),
             EffectParameter("minus", "drive", 1e3, 0.1, 0.999, (0.6, 0.8), kinks=True),
         ),
         _saturation,
         inverse=lambda xp, d, p, c: _saturation(xp, d, (), p, c)[0],
-        ties=("sensor-saturation",),
-        programmes=(TOP, LEVELS),
-        weakens=True,
+        hints=Hints(
+            ties=("sensor-saturation",),
+            programmes=(TOP, LEVELS),
+            weakens=True,
+        ),
     ),
     Effect(
         "twist-limit",
         "actuator",
         Place.COMMAND,
-        "(d_l + d_r)/2 → clip(·, ±f), (d_r − d_l)/2 → clip(·, ±t), or d → d min(1, s/max |d|)",
-        "The drive limits forward speed and turning rate, not each side: a controller of its own "
-        "takes the commands apart and puts them together again.",
-        "A side falls short of its command, the more so the more the other one differs.",
-        "Steps from slow to full drive: straight, turning on the spot, and both at once.",
+        Texts(
+            "(d_l + d_r)/2 → clip(·, ±f), (d_r − d_l)/2 → clip(·, ±t), or d → d min(1, s/max |d|)",
+            "The drive limits forward speed and turning rate, not each side: a controller of its "
+            "own takes the commands apart and puts them together again.",
+            "A side falls short of its command, the more so the more the other one differs.",
+            "Steps from slow to full drive: straight, turning on the spot, and both at once.",
+        ),
         (
             EffectParameter("forward", "drive", 1e3, 0.05, 0.999, (0.4, 0.7, 0.4, 0.7), kinks=True),
             EffectParameter(
@@ -228,9 +246,6 @@ EFFECTS = (
         shared=True,
         couples=True,
         inverse=lambda xp, d, p, c: _twist(xp, d, (), p, c)[0],
-        ties=("input-saturation", "cross-coupling", "inertial-coupling"),
-        programmes=(ONE_AND_OTHER, TOP),
-        weakens=True,
         laws=(
             Law(("forward", "turning"), choices={"keeps_curve": 0.0}),
             Law(
@@ -240,15 +255,24 @@ EFFECTS = (
                 "share, and the curve stays.",
             ),
         ),
+        hints=Hints(
+            ties=("input-saturation", "cross-coupling", "inertial-coupling"),
+            programmes=(ONE_AND_OTHER, TOP),
+            weakens=True,
+        ),
     ),
     Effect(
         "dead-zone",
         "actuator",
         Place.COMMAND,
-        "d → sign(d)(max(|d| − δ±, 0) + j·[|d| > δ±])",
-        "Small commands do nothing, larger ones are short by that much.",
-        "No motion at small commands; steady speed is a straight line that misses zero.",
-        "A slow staircase through zero in both directions.",
+        Texts(
+            "d → sign(d)(max(|d| − δ±, 0) + j·[|d| > δ±])",
+            "Small commands do nothing, larger ones are short by that much.",
+            "No motion at small commands; steady speed is a straight line that misses zero.",
+            "A slow staircase through zero in both directions.",
+            between_edges="the edge of the dead zone and the jump there; only their difference is "
+            "known.",
+        ),
         (
             _EDGE,
             replace(_EDGE, name="minus", edge=-1, at_null=False, measured_as="dead_band_backward"),
@@ -265,30 +289,29 @@ EFFECTS = (
         ),
         _dead_zone,
         inverse=_out_of_dead_zone,
-        ties=("coulomb-friction", "stiction"),
-        programmes=(STAIRCASE, RAMPS, COASTING),
-        weakens=True,
-        between_edges="the edge of the dead zone and the jump there; only their difference is "
-        "known.",
+        hints=Hints(
+            ties=("coulomb-friction", "stiction", "dead-time"),
+            programmes=(STAIRCASE, RAMPS, COASTING),
+            weakens=True,
+        ),
     ),
     Effect(
         "concave-gain",
         "actuator",
         Place.COMMAND,
-        "d → d(1 − κ|d|), or d(1 − κ d²)",
-        "The static gain falls with the size of the command.",
-        "Steady speed against command bends towards the command axis.",
-        "Steps at many levels in both directions.",
+        Texts(
+            "d → d(1 − κ|d|), or d(1 − κ d²)",
+            "The static gain falls with the size of the command.",
+            "Steady speed against command bends towards the command axis.",
+            "Steps at many levels in both directions.",
+            opposite="The static gain rises with the size of the command.",
+        ),
         (
             EffectParameter("kappa", "1/drive", 0.0, -0.9, 0.95, (0.3, -0.2) * 2),
             EffectParameter("cubic", "", 0.0, 0.0, 1.0, (0.0,) * 2 + (1.0,) * 2, choice=True),
         ),
         _concave,
         inverse=_out_of_concave,
-        ties=("supply-sag",),
-        opposite="The static gain rises with the size of the command.",
-        programmes=(LEVELS, ONE_AND_OTHER, COASTING),
-        weakens=True,
         laws=(
             Law(("kappa",), choices={"cubic": 0.0}),
             Law(
@@ -298,49 +321,71 @@ EFFECTS = (
                 "makes it: small commands respond evenly.",
             ),
         ),
+        hints=Hints(
+            ties=("supply-sag",),
+            programmes=(LEVELS, ONE_AND_OTHER, COASTING),
+            weakens=True,
+        ),
     ),
     Effect(
         "direction-asymmetry",
         "actuator",
         Place.COMMAND,
-        "d → ρ d for d < 0",
-        "The drive is stronger in one direction than in the other.",
-        "Equal commands of either sign reach different speeds.",
-        "Steps of equal size in both directions.",
+        Texts(
+            "d → ρ d for d < 0",
+            "The drive is stronger in one direction than in the other.",
+            "Equal commands of either sign reach different speeds.",
+            "Steps of equal size in both directions.",
+        ),
         (EffectParameter("rho", "", 1.0, 0.3, 3.0, (0.85, 1.15)),),
         _direction,
         inverse=_out_of_direction,
-        programmes=(LEVELS, COASTING),
-        reverses=True,
+        hints=Hints(
+            programmes=(LEVELS, COASTING),
+            reverses=True,
+        ),
     ),
     Effect(
         "rate-limit",
         "actuator",
         Place.COMMAND,
-        "|ḋ| ≤ r",
-        "The drive cannot change faster than some rate.",
-        "Large steps are ramps; small steps are not affected.",
-        "Steps of very different size.",
+        Texts(
+            "|ḋ| ≤ r",
+            "The drive cannot change faster than some rate.",
+            "Large steps are ramps; small steps are not affected.",
+            "Steps of very different size.",
+        ),
         (EffectParameter("rate", "drive/s", 1e12, 0.05, 100.0, (0.4, 1.0, 3.0, 8.0), kinks=True),),
         _rate_limit,
-        states=1,
-        programmes=(TOP, REVERSALS),
+        memory=Memory(
+            1,
+        ),
+        hints=Hints(
+            ties=("servo-speed-limit",),
+            programmes=(TOP, REVERSALS),
+        ),
     ),
     Effect(
         "actuator-lag",
         "actuator",
         Place.COMMAND,
-        "λ ḋ′ = d − d′",
-        "The drive follows the command with a lag of its own.",
-        "Responses start smoothly instead of with a kink.",
-        "Fast reversals sampled fast.",
+        Texts(
+            "λ ḋ′ = d − d′",
+            "The drive follows the command with a lag of its own.",
+            "Responses start smoothly instead of with a kink.",
+            "Fast reversals sampled fast.",
+        ),
         (EffectParameter("lag", "s", 0.0, 0.0, 40.0, (1.0, 6.0), in_samples=True),),
         _lag,
         lagging_drive,
-        states=1,
-        ties=("sensor-lag",),
-        programmes=(REVERSALS, TOP),
-        beyond_sampling=True,
-        exchanges="lag",
+        memory=Memory(
+            1,
+        ),
+        hints=Hints(
+            ties=("sensor-lag",),
+            programmes=(REVERSALS, TOP),
+            beyond_sampling=True,
+            exchanges="lag",
+        ),
     ),
 )

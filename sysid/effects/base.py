@@ -24,6 +24,23 @@ class Place(Enum):
     SAMPLES = "samples"
 
 
+class TorquePart(Enum):
+    """Which part of the torque an effect changes; they act in this order.
+
+    A weight does not fade with the winding, and dry friction answers to all that pulls: with the
+    weight behind it a shaft that friction holds would creep for ever.
+    """
+
+    DRIVE = "what supply, bridge and motor make of the command"
+    LOAD = "what acts on the shaft from outside: weights, slopes, the other track"
+    FRICTION = "what resists the motion of the shaft"
+
+
+FRICTION_BEFORE_LOADS, ORDER = 1, 2
+"""Orders of the chain: that of older files, which name none, where weights and the fading of a warm
+motor act behind friction; and that of ``TorquePart``."""
+
+
 class StartsFrom(Enum):
     """What the search for an effect starts from; all but the first are read off the data."""
 
@@ -55,6 +72,8 @@ class Context:
         b: speed reached per unit of torque within the step.
         torque: torque of the step, in units of steady speed (T = K d).
         torque_other: that of the other track (zero where there is none).
+        driven: what the drive makes of the torque, before loads and friction; what loads take is
+            the difference to the signal that reaches the friction.
         drive: command as it was given, before any effect.
         turned: angle of the wheel, integrated from its speed [rad].
         counted: angle integrated from the measurements before this one [rad].
@@ -76,6 +95,7 @@ class Context:
     holds: Signal
     gain: Signal = 1.0
     log: Signal = 0.0
+    driven: Signal = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,6 +122,7 @@ class EffectParameter:
         edge: +1 or −1 for an edge on the axis of the command, upward or downward: between two
             neighbouring commands of a log its position is not determined.
         as_command: whether it is also shown as the command that just overcomes it.
+        as_rate: whether an error of a servo, it is also shown as the speed that this error holds.
         measured_as: key of a mission's ``vehicle.supply`` under which a bench measures it.
     """
 
@@ -120,6 +141,7 @@ class EffectParameter:
     at_limit: bool = False
     edge: int = 0
     as_command: bool = False
+    as_rate: bool = False
     measured_as: str = ""
 
     @property
@@ -160,7 +182,7 @@ Step = Callable[[Any, Signal, State, Mapping[str, Signal], Context], tuple[Signa
 Inverse = Callable[[Any, Signal, Mapping[str, Signal], Context], Signal]
 """(xp, signal that is wanted behind the effect, parameters, context) → signal in front of it.
 
-Of the context it may look at ``t``, ``w``, ``torque`` and ``torque_other``.
+Of the context it may look at ``t``, ``w``, ``torque``, ``torque_other`` and ``driven``.
 """
 
 Constants = Callable[[Any, Mapping[str, Signal], float, Signal], dict[str, Signal]]
@@ -168,9 +190,6 @@ Constants = Callable[[Any, Mapping[str, Signal], float, Signal], dict[str, Signa
 
 OnRecord = Callable[[Signal, Mapping[str, Signal], float], Signal]
 """(wheel speeds of a record (N, 2), parameters, dt) → the same behind the effect."""
-
-Past = Callable[[Signal, Signal], Signal]
-"""(signal over a record, whole samples a track) → the signal so much earlier."""
 
 Sideways = Callable[[Any, Signal, Signal, Mapping[str, Signal]], Signal]
 """(xp, forward speed [m/s], yaw rate [rad/s], parameters) → speed to the left [m/s]."""
@@ -218,52 +237,79 @@ def nothing(
 
 
 @dataclass(frozen=True)
-class Effect:
-    """One phenomenon of the catalogue.
+class Texts:
+    """An effect in words, for reports and documentation.
 
     Attributes:
-        id: its name, as in the catalogue.
-        stage: ``actuator``, ``motor``, ``vehicle`` or ``sensor``.
-        place: where in the chain its step acts.
         equation: what it does, as a formula.
         sentence: what it is, in plain words.
         looks_like: what it looks like in data.
         experiment: what a robot should do to show it.
-        parameters: each with unit, bounds and null value.
-        step: the one implementation, over numpy and jax.numpy alike.
-        constants: (xp, parameters, dt, kept) → further parameters that the step reads beside the
-            parameters and that do not change from step to step.
-        states: how many states it carries.
-        on_past: (xp, signal, past, parameters, context) → the effect on a whole record at once,
-            for one whose states are simply its own last inputs, newest first, or follow from the
-            commands alone.
-        on_record: the same between tracks and ground, for one with a memory: the effect on the
-            wheel speeds of a record that begins in steady motion, as fits need it often; None
-            takes one sample after the other.
-        sideways: between tracks and ground, the speed to the left that it gives the body, from what
-            the other effects leave of the speeds; None for none.
-        at_rest: (speed, drive) → its states in steady motion; None where every state then equals
-            the signal the effect acts on.
-        holds: (parameters) → torque with which it holds a track at standstill.
-        shared: whether all tracks share its parameters.
-        undone: (reading, parameters) → the reading without the effect, where that is known: what
-            a first reading says of the speed.
-        inverse: how the command, or the torque, is chosen so that what is wanted is left of it;
-            None where that is not possible, or not without knowing what comes.
-        ties: effects that many logs cannot distinguish from it.
-        by_hand: what distinguishes it from its ties where no command can, and what is then seen;
-            empty where commands suffice.
-        rare: whether one of its ties is preferred where a log cannot distinguish them.
-        couples: whether it ties tracks to each other: a single one cannot have it, and the search
-            moves the parameters of all tracks together, because those of one change the others'
-            runs.
         opposite: the sentence where the first parameter lies below its null value, for an effect
             that then does the opposite; empty where the sentence holds on both sides.
+        by_hand: what distinguishes it from its ties where no command can, and what is then seen;
+            empty where commands suffice.
+        between_edges: what a log does not determine where no command lies between the possible
+            positions of an ``edge``, as the end of a sentence.
+    """
+
+    equation: str
+    sentence: str
+    looks_like: str
+    experiment: str
+    opposite: str = ""
+    by_hand: str = ""
+    between_edges: str = ""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What an effect carries from step to step, for whoever runs the chain.
+
+    Attributes:
+        states: how many states.
+        at_rest: (speed, drive) → its states in steady motion; None where every state then equals
+            the signal the effect acts on.
+        of_inputs: whether its states are simply its own last inputs, or follow from the commands
+            alone: such an effect acts before others on a command, and after them on a reading.
+    """
+
+    states: int = 0
+    at_rest: Callable[[Signal, Signal], State] | None = None
+    of_inputs: bool = False
+
+
+@dataclass(frozen=True)
+class OnGround:
+    """What an effect between tracks and ground is to those that fit poses.
+
+    Attributes:
+        on_record: for one with a memory, the effect on the wheel speeds of a record that begins in
+            steady motion, as fits need it often; None takes one sample after the other.
+        sideways: the speed to the left that it gives the body, from what the other effects leave of
+            the speeds; None for none.
+        length: the length that its parameter scales; None for none.
+        in_numbers: the sentence with its parameter.
+    """
+
+    on_record: OnRecord | None = None
+    sideways: Sideways | None = None
+    length: Length | None = None
+    in_numbers: InNumbers | None = None
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What the search of a diagnosis knows of an effect before it sees a log.
+
+    Attributes:
+        ties: effects that many logs cannot distinguish from it.
+        rare: whether one of its ties is preferred where a log cannot distinguish them.
         programmes: commands that show it, the best first.
         starts_from: what the search for it starts from.
-        gathers: whether it comes on slowly over the log, and explains nothing that changes at once.
         weakens: whether a base without it has a smaller gain instead, so that the search starts
             from a larger one, too.
+        gathers: whether it comes on slowly over the log, and explains nothing that changes at once.
         level: whether it shifts torque or reading by a constant, which a base with a level of its
             own holds already: it is then not offered.
         beyond_sampling: whether it only shifts or smooths in time: up to half a sample it is how
@@ -272,40 +318,10 @@ class Effect:
             places.
         reverses: whether only commands of both signs can show it, so that an actuator without a
             negative side is not asked to.
-        waves: its waves over the wheel's angle; a law with one has it among its parameters.
-        between_edges: what a log does not determine where no command lies between the possible
-            positions of an ``edge``, as the end of a sentence.
-        length: between tracks and ground, the length that its parameter scales; None for none.
-        in_numbers: between tracks and ground, the sentence with its parameter.
-        laws: its laws where it has several, the simplest first. Between tracks and ground each is
-            reported by itself. In the chain one acts at a time: the data choose, and a later one
-            only where it is worth more than its parameters cost.
     """
 
-    id: str
-    stage: str
-    place: Place
-    equation: str
-    sentence: str
-    looks_like: str
-    experiment: str
-    parameters: tuple[EffectParameter, ...]
-    step: Step
-    constants: Constants | None = None
-    states: int = 0
-    on_past: Callable[[Any, Signal, Past, Mapping[str, Signal], Context], Signal] | None = None
-    on_record: OnRecord | None = None
-    sideways: Sideways | None = None
-    at_rest: Callable[[Signal, Signal], State] | None = None
-    holds: Callable[[Mapping[str, Signal]], Signal] | None = None
-    shared: bool = False
-    undone: Callable[[Signal, Mapping[str, Signal]], Signal] | None = None
-    inverse: Inverse | None = None
     ties: tuple[str, ...] = ()
-    by_hand: str = ""
     rare: bool = False
-    couples: bool = False
-    opposite: str = ""
     programmes: tuple[Programme, ...] = (LEVELS, REVERSALS)
     starts_from: StartsFrom = StartsFrom.LISTED
     weakens: bool = False
@@ -314,11 +330,58 @@ class Effect:
     beyond_sampling: bool = False
     exchanges: str = ""
     reverses: bool = False
-    waves: tuple[Wave, ...] = ()
-    between_edges: str = ""
-    length: Length | None = None
-    in_numbers: InNumbers | None = None
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One phenomenon of the catalogue: what every effect says, and optional traits.
+
+    Attributes:
+        id: its name, as in the catalogue.
+        stage: ``actuator``, ``motor``, ``vehicle`` or ``sensor``.
+        place: where in the chain its step acts.
+        texts: it in words.
+        parameters: each with unit, bounds and null value.
+        step: the one implementation, over numpy and jax.numpy alike.
+        constants: (xp, parameters, dt, kept) → further parameters that the step reads beside the
+            parameters and that do not change from step to step.
+        part: of an effect on the torque, which part of it: the order in which they act.
+        memory: what it carries from step to step.
+        holds: (parameters) → torque with which it holds a track at standstill.
+        undone: (reading, parameters) → the reading without the effect, where that is known: what
+            a first reading says of the speed.
+        inverse: how the command, or the torque, is chosen so that what is wanted is left of it;
+            None where that is not possible, or not without knowing what comes.
+        shared: whether all tracks share its parameters.
+        couples: whether it ties tracks to each other: a single one cannot have it, and the search
+            moves the parameters of all tracks together, because those of one change the others'
+            runs.
+        laws: its laws where it has several, the simplest first. Between tracks and ground each is
+            reported by itself. In the chain one acts at a time: the data choose, and a later one
+            only where it is worth more than its parameters cost.
+        waves: its waves over the wheel's angle; a law with one has it among its parameters.
+        on_ground: what it is to poses.
+        hints: what a search knows of it.
+    """
+
+    id: str
+    stage: str
+    place: Place
+    texts: Texts
+    parameters: tuple[EffectParameter, ...]
+    step: Step
+    constants: Constants | None = None
+    part: TorquePart = TorquePart.LOAD
+    memory: Memory = Memory()
+    holds: Callable[[Mapping[str, Signal]], Signal] | None = None
+    undone: Callable[[Signal, Mapping[str, Signal]], Signal] | None = None
+    inverse: Inverse | None = None
+    shared: bool = False
+    couples: bool = False
     laws: tuple[Law, ...] = ()
+    waves: tuple[Wave, ...] = ()
+    on_ground: OnGround = OnGround()
+    hints: Hints = Hints()
 
     @property
     def of_motion(self) -> bool:

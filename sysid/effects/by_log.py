@@ -8,7 +8,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Place,
+    Signal,
+    State,
+    Texts,
+    TorquePart,
+)
 
 P = Mapping[str, Signal]
 
@@ -39,15 +48,18 @@ GAIN_BY_LOG = Effect(
     "gain-by-log",
     "any",
     Place.TORQUE,
-    "T → (1 + g_log) T",
-    "The gain of the machine differs between logs: battery, temperature or load.",
-    "Every response is larger or smaller by one factor, from one log to the next.",
-    "The same steps with a battery that was charged.",
+    Texts(
+        "T → (1 + g_log) T",
+        "The gain of the machine differs between logs: battery, temperature or load.",
+        "Every response is larger or smaller by one factor, from one log to the next.",
+        "The same steps with a battery that was charged.",
+    ),
     tuple(
         EffectParameter(parameter_of_log(k), "1", 0.0, -0.7, 2.0, (0.08, -0.08))
         for k in range(1, MOST_LOGS)
     ),
     _gain,
+    part=TorquePart.DRIVE,
 )
 """The first log's gain is the model's own."""
 
@@ -55,10 +67,12 @@ LOAD_BY_LOG = Effect(
     "load-by-log",
     "any",
     Place.TORQUE,
-    "T → T − b_log",
-    "A constant load or zero point differs between logs: a slope, a cable, a cold sensor.",
-    "All measurements of one log are higher or lower than those of another.",
-    "The same steps in both directions on level ground.",
+    Texts(
+        "T → T − b_log",
+        "A constant load or zero point differs between logs: a slope, a cable, a cold sensor.",
+        "All measurements of one log are higher or lower than those of another.",
+        "The same steps in both directions on level ground.",
+    ),
     tuple(
         EffectParameter(parameter_of_log(k), "speed", 0.0, -0.8, 0.8, (0.05, -0.05))
         for k in range(MOST_LOGS)

@@ -1,6 +1,7 @@
 """The catalogue: every known effect by id, in the order in which the chain applies them."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import cache
 
 from sysid.effects import (
@@ -11,11 +12,21 @@ from sysid.effects import (
     ripple,
     samples,
     sensor,
+    servo,
     supply,
     transmission,
     vehicle,
 )
-from sysid.effects.base import Effect, Place, nothing
+from sysid.effects.base import (
+    FRICTION_BEFORE_LOADS,
+    ORDER,
+    Effect,
+    Hints,
+    Place,
+    Texts,
+    TorquePart,
+    nothing,
+)
 from sysid.effects.by_log import BY_LOG
 from sysid.effects.conformance import fault
 from sysid.effects.programmes import LEVELS, REPEAT
@@ -27,19 +38,35 @@ CHANGED = Effect(
     "changed-parameter",
     "any",
     Place.SAMPLES,
-    "K, τ → other values",
-    "The model is of another robot, or of this one in another state: its gain or time constant "
-    "differs on this log.",
-    "Every response is larger, smaller, faster or slower by one factor.",
-    "Steps of several sizes, on the log of the model and on this one.",
+    Texts(
+        "K, τ → other values",
+        "The model is of another robot, or of this one in another state: its gain or time constant "
+        "differs on this log.",
+        "Every response is larger, smaller, faster or slower by one factor.",
+        "Steps of several sizes, on the log of the model and on this one.",
+    ),
     (),
     nothing,
-    programmes=(LEVELS, REPEAT),
+    hints=Hints(
+        programmes=(LEVELS, REPEAT),
+    ),
 )
 """Competes with the effects when a model is given; it changes the model's own core."""
 
-STAGES = (actuator, supply, coupling, friction, motor, transmission, ripple, sensor, vehicle)
-"""Where effects with a step are, in the order in which they act within a place of the chain."""
+STAGES = (
+    actuator,
+    supply,
+    coupling,
+    friction,
+    motor,
+    transmission,
+    ripple,
+    servo,
+    sensor,
+    vehicle,
+)
+"""Where effects with a step are, in the order in which they act within a place of the chain (or a
+part of the torque)."""
 
 _WITHOUT_STEP = {e.id: e for e in (CHANGED, *samples.EFFECTS)}
 
@@ -103,13 +130,20 @@ def chain_effects() -> tuple[Effect, ...]:
     return in_chain(e for e in catalogue().values() if e.place not in (Place.POSE, Place.SAMPLES))
 
 
-def in_chain(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+def in_chain(effects: Iterable[Effect], order: int = ORDER) -> tuple[Effect, ...]:
     """Effects between command and reading in the order in which they act.
 
     Within the command delays come first and effects with memory last, within the reading effects
-    with memory come first: what has none can then be computed for a whole record at once.
+    with memory come first: what has none can then be computed for a whole record at once. Within
+    the torque the drive comes first, then loads, then friction.
+
+    Args:
+        order: ``ORDER``, or an earlier one, in which models were stored.
     """
-    return tuple(sorted(effects, key=_rank))
+    if order == FRICTION_BEFORE_LOADS:
+        # all that reaches the friction then counts as what the drive makes
+        effects = (replace(e, part=TorquePart.DRIVE) for e in effects)
+    return tuple(sorted(effects, key=lambda e: _rank(e, order)))
 
 
 def ground_effects() -> tuple[Effect, ...]:
@@ -117,6 +151,9 @@ def ground_effects() -> tuple[Effect, ...]:
     return tuple(e for e in catalogue().values() if e.place is Place.POSE)
 
 
-def _rank(e: Effect) -> tuple[int, int]:
-    memory = 0 if e.on_past else 2 if e.states else 1
-    return list(Place).index(e.place), -memory if e.place is Place.READING else memory
+def _rank(e: Effect, order: int) -> tuple[int, int]:
+    memory = 0 if e.memory.of_inputs else 2 if e.memory.states else 1
+    within = -memory if e.place is Place.READING else memory
+    if e.place is Place.TORQUE and order != FRICTION_BEFORE_LOADS:
+        within = list(TorquePart).index(e.part)
+    return list(Place).index(e.place), within

@@ -5,13 +5,13 @@ together, against the order in which the effects act.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.effects.base import Context, Effect, Place, Signal
+from sysid.effects.base import ORDER, Context, Effect, Place, Signal, TorquePart
 
 
 def can_be_compensated() -> tuple[str, ...]:
@@ -29,18 +29,20 @@ class Identified:
         parameters: effect → parameter → value of each track, (tracks,).
         gain: K, steady speed at full drive, (tracks,).
         full: command at full drive, (tracks,).
+        order: of the chain in which they act.
     """
 
     effects: tuple[str, ...] = ()
     parameters: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
     gain: Array = field(default_factory=lambda: np.zeros(0))
     full: Array = field(default_factory=lambda: np.zeros(0))
+    order: int = ORDER
 
     def on(self, tracks: Sequence[int]) -> "Identified":
         """The same for tracks in another order, or one of them twice."""
         at = list(tracks)
         own = {id: {n: v[at] for n, v in named.items()} for id, named in self.parameters.items()}
-        return Identified(self.effects, own, self.gain[at], self.full[at])
+        return Identified(self.effects, own, self.gain[at], self.full[at], self.order)
 
     def undone(
         self, ids: Sequence[str], wanted: Signal, speed: Signal, t: Signal, xp: Any
@@ -58,7 +60,12 @@ class Identified:
         """
         torque = self.gain * wanted
         context = self._context(torque, speed, t, xp)
-        for effect in reversed(self._chosen(ids, Place.TORQUE)):
+        effects = self._chosen(ids, Place.TORQUE)
+        driven = torque
+        for effect in reversed([e for e in effects if e.part is TorquePart.LOAD]):
+            driven = self._inverted(effect, driven, context, xp)
+        context = replace(context, driven=driven)
+        for effect in reversed(effects):
             torque = self._inverted(effect, torque, context, xp)
         drive = torque / self.gain
         added = drive - wanted
@@ -83,10 +90,11 @@ class Identified:
         return given - added
 
     def _chosen(self, ids: Sequence[str], place: Place) -> list[Effect]:
-        """In the order in which they act."""
-        from sysid.effects.catalogue import chain_effects
+        """In the order in which they act, which is that of ``effects``."""
+        from sysid.effects.catalogue import effect, in_chain
 
-        return [e for e in chain_effects() if e.id in ids and e.place is place]
+        chain = in_chain((effect(id) for id in self.effects), self.order)
+        return [e for e in chain if e.id in ids and e.place is place]
 
     def _inverted(self, effect: Effect, signal: Signal, context: Context, xp: Any) -> Signal:
         assert effect.inverse is not None  # asked before
@@ -109,4 +117,5 @@ class Identified:
             counted=none,
             holds=none,
             gain=self.gain,
+            driven=torque,
         )

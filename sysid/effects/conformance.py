@@ -63,19 +63,20 @@ def _instant(effect: Effect, rng: np.random.Generator) -> tuple[Signal, Context,
         b=np.full(2, 1.0 - KEPT),
         torque_other=signals["torque"][::-1],
         holds=np.zeros(2),
+        driven=signals["torque"],
         **signals,
     )
     signal = rng.uniform(-1.0, 1.0, 2)
-    if effect.at_rest is not None:
-        return signal, context, effect.at_rest(signal, context.drive)
-    return signal, context, (signal,) * effect.states
+    if effect.memory.at_rest is not None:
+        return signal, context, effect.memory.at_rest(signal, context.drive)
+    return signal, context, (signal,) * effect.memory.states
 
 
 def _times(
     factor: float, signal: Signal, context: Context, state: State
 ) -> tuple[Signal, State, Context]:
     """An instant at which all signals are so many times as large."""
-    moved = {n: factor * getattr(context, n) for n in (*_PER_TRACK, "torque_other")}
+    moved = {n: factor * getattr(context, n) for n in (*_PER_TRACK, "torque_other", "driven")}
     return factor * signal, tuple(factor * s for s in state), replace(context, **moved)
 
 
@@ -83,7 +84,7 @@ def _other_track_moved(context: Context, rng: np.random.Generator) -> Context:
     """The same instant for the first track, another one for the second."""
     change = np.array([0.0, 1.0])
     moved = {n: getattr(context, n) + change * rng.uniform(0.2, 1.0) for n in _PER_TRACK}
-    return replace(context, torque_other=moved["torque"][::-1], **moved)
+    return replace(context, torque_other=moved["torque"][::-1], driven=moved["torque"], **moved)
 
 
 def _stepped(

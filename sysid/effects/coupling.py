@@ -6,7 +6,18 @@ Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Hints,
+    Law,
+    Memory,
+    Place,
+    Signal,
+    State,
+    Texts,
+)
 from sysid.effects.programmes import ONE_AND_OTHER, REVERSALS
 
 P = Mapping[str, Signal]
@@ -111,17 +122,50 @@ def _mode(xp: Any, rate: Signal, wheel: Signal, body: Signal, damper: Signal) ->
     )
 
 
+ROUNDING = 1e-9
+"""Share of what friction takes below which a speed is zero."""
+
+
 def _inertia(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
+    """The coupled motion; dry friction of a track takes of the other one's push what it can hold.
+
+    The chain has stepped each track by itself. Where it stood, or its friction stopped it, the push
+    is added to the torque that friction had to hold: at most ``holds``, it stays and the other one
+    moves as if alone; beyond, it slides. A track that the push takes through zero feels friction
+    from the other side for the rest of the sample.
+    """
     if w.shape[-1] != 2:
         return w, s
-    deviation = c.w - (w - c.w_free) / c.b
-    # a track that sticks neither feels the other one nor moves it
-    stands = (w == 0.0) & (c.w == 0.0) & (xp.abs(c.torque) < c.holds)
-    stands = stands[..., :1] | stands[..., 1:]
+    (body,) = s
+    soft, hold = p["soft"] > 0.5, c.b * c.holds
+    stopped = xp.minimum(xp.abs(w), xp.abs(c.w)) < ROUNDING * hold
+    acting = (w - c.w_free) / c.b
+    change, _ = _pushed(xp, c.w - xp.where(stopped, c.torque, acting), body, p, c)
+    free = c.w_free + c.b * c.torque + change
+    stays = stopped & (xp.abs(free) <= hold)
+    stands = stays[..., :1] | stays[..., 1:]
+    acting = xp.where(stopped, c.torque - c.holds * xp.sign(free), acting)
+    change, carried = _pushed(xp, c.w - acting, body, p, c)
+    moved = c.w_free + c.b * acting + change
+    turned = (moved * c.w < 0.0) & (w * c.w > 0.0)
+    rest = moved / xp.where(turned, moved - c.w, 1.0)  # share of the sample behind zero
+    slowed = xp.maximum(xp.abs(moved) - 2.0 * rest * hold, 0.0) * xp.sign(moved)
+    moved = xp.where(turned, slowed, moved)
+    moved = xp.where(stands, xp.where(stays, 0.0, w), moved)
+    moved = xp.where((p["share"] == 0.0) & ~soft, w, moved)
+    return moved, (xp.where(stands | ~soft, moved, acting + carried),)
+
+
+def _pushed(xp: Any, deviation: Signal, body: Signal, p: P, c: Context) -> tuple[Signal, Signal]:
+    """What coupling changes in a sample, and the body's own deviation after it.
+
+    Args:
+        deviation: from the speeds that the torques hold.
+        body: its speeds at the tracks.
+    """
     # both less one is the other: turning the tracks round would cost most of a compiled step
     other = deviation[..., :1] + deviation[..., 1:] - deviation
     rigid = (p["own"] - (1.0 - c.b)) * deviation + p["other"] * other
-    (body,) = s
     behind = deviation + body - c.w
     mean, mean_behind = _of_both(deviation), _of_both(behind)
     turns, led = deviation - mean, behind - mean_behind
@@ -129,10 +173,7 @@ def _inertia(xp: Any, w: Signal, s: State, p: P, c: Context) -> tuple[Signal, St
     track = track + p["turning_of_track"] * turns + p["turning_of_body"] * led
     carried = p["straight_body_of_track"] * mean + p["straight_body_of_body"] * mean_behind
     carried = carried + p["turning_body_of_track"] * turns + p["turning_body_of_body"] * led
-    soft = p["soft"] > 0.5
-    coupled = xp.where(soft, track - p["alone"] * deviation, rigid)
-    moved = w + xp.where(stands | ((p["share"] == 0.0) & ~soft), 0.0, coupled)
-    return moved, (xp.where(stands | ~soft, moved, c.w - deviation + carried),)
+    return xp.where(p["soft"] > 0.5, track - p["alone"] * deviation, rigid), carried
 
 
 EFFECTS = (
@@ -140,10 +181,13 @@ EFFECTS = (
         "cross-coupling",
         "motor",
         Place.TORQUE,
-        "T → T − g T_other, or T → T − v δ or T − v δ/(1 + |δ|/s) with δ = (ω − ω_other)/2",
-        "One side's torque loads the other through the body.",
-        "A side gives way a little whenever the other one pulls.",
-        "One side at a constant command while the other steps.",
+        Texts(
+            "T → T − g T_other, or T → T − v δ or T − v δ/(1 + |δ|/s) with δ = (ω − ω_other)/2",
+            "One side's torque loads the other through the body.",
+            "A side gives way a little whenever the other one pulls.",
+            "One side at a constant command while the other steps.",
+            opposite="One side's torque helps the other through the body.",
+        ),
         (
             EffectParameter("share", "", 0.0, -0.6, 0.6, (0.1, -0.1) + (0.0,) * 3),
             EffectParameter("turning", "", 0.0, 0.0, 30.0, (0.0, 0.0, 0.3, 1.0, 3.0)),
@@ -166,18 +210,21 @@ EFFECTS = (
         ),
         inverse=_against_coupling,
         couples=True,
-        opposite="One side's torque helps the other through the body.",
-        programmes=(ONE_AND_OTHER, REVERSALS),
+        hints=Hints(
+            programmes=(ONE_AND_OTHER, REVERSALS),
+        ),
     ),
     Effect(
         "inertial-coupling",
         "motor",
         Place.SPEED,
-        "τ ω̇ = T − ω − m ω̇_other, m = μ √(τ τ_other), or with a body at z that follows through a "
-        "damper: ι τ ω̇ = T − ω − D (ω − z)",
-        "The body's mass and yaw inertia tie both sides: one speeds up, the other feels it.",
-        "A side twitches whenever the other one speeds up or slows down, not while it pulls.",
-        "One side at a constant command while the other steps, then both together and opposed.",
+        Texts(
+            "τ ω̇ = T − ω − m ω̇_other, m = μ √(τ τ_other), or with a body at z that follows "
+            "through a damper: ι τ ω̇ = T − ω − D (ω − z)",
+            "The body's mass and yaw inertia tie both sides: one speeds up, the other feels it.",
+            "A side twitches whenever the other one speeds up or slows down, not while it pulls.",
+            "One side at a constant command while the other steps, then both together and opposed.",
+        ),
         (
             EffectParameter("share", "", 0.0, -0.9, 0.9, (0.25, -0.25, 0.3, -0.4)),
             EffectParameter("wheel", "", 0.3, 0.01, 0.99, (0.3,) * 4, at_limit=True),
@@ -186,7 +233,9 @@ EFFECTS = (
         ),
         _inertia,
         _together,
-        states=1,
+        memory=Memory(
+            1,
+        ),
         laws=(
             Law(("share",), choices={"soft": 0.0}),
             Law(
@@ -197,6 +246,8 @@ EFFECTS = (
         ),
         shared=True,
         couples=True,
-        programmes=(ONE_AND_OTHER, REVERSALS),
+        hints=Hints(
+            programmes=(ONE_AND_OTHER, REVERSALS),
+        ),
     ),
 )

@@ -7,7 +7,18 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Hints,
+    Law,
+    Place,
+    Signal,
+    State,
+    Texts,
+    TorquePart,
+)
 from sysid.effects.programmes import COASTING, LEVELS, RAMPS, RESTS, STAIRCASE
 from sysid.effects.supply import USUAL_EMF
 
@@ -43,8 +54,16 @@ def _sticking(xp: Any, torque: Signal, level: Signal, hold: Signal, c: Context) 
 
 
 def _coulomb(xp: Any, torque: Signal, s: State, p: P, c: Context) -> tuple[Signal, State]:
-    # what speeds the track up is nearly all that is transmitted, as the back-emf takes the rest
-    level = p["level"] + p["of_load"] * xp.abs(torque - c.w)
+    """Dry friction c + s |M + L| of a contact between the torque M of the motor and a load L.
+
+    Of T = K d the back-emf takes nearly all of the viscous term 1, so that M = T − ω. The load
+    resists, L = T − (the signal that reaches the friction); as an external torque that helps the
+    motion it is T_e = −L, so that this is the published |M − T_e| (Duclusaud, Passault, Padois,
+    Ly: Extended friction models for the physics simulation of servo actuators, 2025, model M3).
+    What is left of both, M − L, only accelerates; a gear that holds a weight still carries it. Of a
+    load that rests it counts both sides: there s is half of a share of the motor's torque alone.
+    """
+    level = p["level"] + p["of_load"] * xp.abs(torque + 2.0 * (c.driven - torque) - c.w)
     # of a servo T is the set point, ω the position: friction takes what would move it
     to_stay = torque + (c.w_free - c.w) / c.b
     short = torque - xp.minimum(xp.maximum(to_stay, -p["level"]), p["level"])
@@ -98,15 +117,15 @@ def _onward(xp: Any, torque: Signal, c: Context) -> Signal:
 
 
 def _against_coulomb(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
-    """The x with x − (c + s |x − ω|) sign ω = T, in the direction against which friction acts.
+    """The x with x − (c + s |x + 2 L − ω|) sign ω = T, in the direction against which it acts.
 
-    Of a servo the set point beyond the wanted one, T + c sign(T − y).
+    L is what loads take. Of a servo the set point beyond the wanted one, T + c sign(T − y).
     """
-    way = _onward(xp, torque, c)
-    wanted = torque - c.w + p["level"] * way
+    way, beside = _onward(xp, torque, c), 2.0 * (c.driven - torque) - c.w
+    wanted = torque + beside + p["level"] * way
     against = xp.where(wanted * way >= 0.0, 1.0 - p["of_load"], 1.0 + p["of_load"])
     short = torque + p["level"] * xp.sign(torque - c.w)
-    return xp.where(p["of_servo"] > 0.5, short, c.w + wanted / against)
+    return xp.where(p["of_servo"] > 0.5, short, wanted / against - beside)
 
 
 def _against_stiction(xp: Any, torque: Signal, p: P, c: Context) -> Signal:
@@ -136,16 +155,20 @@ LOAD_BIAS = Effect(
     "load-bias",
     "motor",
     Place.TORQUE,
-    "T → T − b",
-    "A constant load pulls one way.",
-    "Without command it creeps, or equal commands of either sign reach different speeds.",
-    "Equal steps in both directions and rests.",
+    Texts(
+        "T → T − b",
+        "A constant load pulls one way.",
+        "Without command it creeps, or equal commands of either sign reach different speeds.",
+        "Equal steps in both directions and rests.",
+    ),
     (EffectParameter("load", "speed", 0.0, -0.8, 0.8, (0.05, -0.05)),),
     _bias,
     inverse=_against_bias,
-    ties=("sensor-bias",),
-    programmes=(RESTS, COASTING),
-    level=True,
+    hints=Hints(
+        ties=("sensor-bias",),
+        programmes=(RESTS, COASTING),
+        level=True,
+    ),
 )
 
 _LEVEL = EffectParameter(
@@ -157,34 +180,40 @@ EFFECTS = (
         "quadratic-drag",
         "motor",
         Place.TORQUE,
-        "T → T − q ω|ω|",
-        "Resistance grows with the square of speed.",
-        "High speeds fall short, and settle faster than low ones.",
-        "Steps at many levels.",
+        Texts(
+            "T → T − q ω|ω|",
+            "Resistance grows with the square of speed.",
+            "High speeds fall short, and settle faster than low ones.",
+            "Steps at many levels.",
+        ),
         (EffectParameter("drag", "1/speed", 0.0, 0.0, 2.0, (0.15, 0.5)),),
         _drag,
+        part=TorquePart.FRICTION,
         inverse=_against_drag,
-        ties=("concave-gain",),
-        rare=True,
-        programmes=(LEVELS, COASTING),
+        hints=Hints(
+            ties=("concave-gain",),
+            rare=True,
+            programmes=(LEVELS, COASTING),
+        ),
     ),
     Effect(
         "viscous-asymmetry",
         "motor",
         Place.TORQUE,
-        "viscous term × ratio for ω < 0; or T × ratio and viscous term × (ε ratio² + 1 − ε)",
-        "Viscous resistance differs between the directions.",
-        "One direction is both slower and quicker to settle.",
-        "Steps of equal size in both directions.",
+        Texts(
+            "viscous term × ratio for ω < 0; or T × ratio and viscous term × (ε ratio² + 1 − ε)",
+            "Viscous resistance differs between the directions.",
+            "One direction is both slower and quicker to settle.",
+            "Steps of equal size in both directions.",
+        ),
         (
             EffectParameter("ratio", "", 1.0, 0.4, 2.5, (0.85, 1.2) * 2),
             EffectParameter("emf", "", USUAL_EMF, 0.0, 1.0, (USUAL_EMF,) * 4, at_limit=True),
             EffectParameter("by_constant", "", 0.0, 0.0, 1.0, (0.0,) * 2 + (1.0,) * 2, choice=True),
         ),
         _viscous,
+        part=TorquePart.DRIVE,
         inverse=_against_viscous,
-        programmes=(LEVELS, COASTING),
-        reverses=True,
         laws=(
             Law(("ratio",), choices={"by_constant": 0.0}),
             Law(
@@ -194,17 +223,24 @@ EFFECTS = (
                 "with brushes off the neutral: the resistance is electric.",
             ),
         ),
+        hints=Hints(
+            programmes=(LEVELS, COASTING),
+            reverses=True,
+        ),
     ),
     LOAD_BIAS,
     Effect(
         "coulomb-friction",
         "motor",
         Place.TORQUE,
-        "T → T − (c + s |T − ω|) sign ω; sticks while |T| is no larger. Of a servo with set point "
-        "T and position y: T → T − c sign ẏ; sticks while |T − y| ≤ c",
-        "Dry friction: a constant resistance while moving, standstill below it.",
-        "No motion at small commands, and early stops.",
-        "A slow staircase through zero, and coasting from speed.",
+        Texts(
+            "T − L → T − L − (c + s |T + L − ω|) sign ω with the load L; sticks while |T − L| is "
+            "no larger. Of a servo with set point T and position y: T → T − c sign ẏ; sticks while "
+            "|T − y| ≤ c",
+            "Dry friction: a constant resistance while moving, standstill below it.",
+            "No motion at small commands, and early stops.",
+            "A slow staircase through zero, and coasting from speed.",
+        ),
         (
             replace(_LEVEL, starts=(0.05, 0.15, 0.3, 0.03, 0.03, 0.03, 0.1, 0.3)),
             EffectParameter(
@@ -216,11 +252,9 @@ EFFECTS = (
             EffectParameter("of_servo", "", 0.0, 0.0, 1.0, (0.0,) * 5 + (1.0,) * 3, choice=True),
         ),
         _coulomb,
+        part=TorquePart.FRICTION,
         inverse=_against_coulomb,
         holds=lambda p: p["level"] / (1.0 - p["of_load"]),
-        ties=("stiction", "dead-zone"),
-        programmes=(STAIRCASE, COASTING, RAMPS),
-        weakens=True,
         laws=(
             Law(("level",), choices={"by_load": 0.0, "of_servo": 0.0}),
             Law(
@@ -236,25 +270,35 @@ EFFECTS = (
                 "friction holds: there the servo stays.",
             ),
         ),
+        hints=Hints(
+            ties=("stiction", "dead-zone", "dead-time", "position-play"),
+            programmes=(STAIRCASE, COASTING, RAMPS),
+            weakens=True,
+        ),
     ),
     Effect(
         "stiction",
         "motor",
         Place.TORQUE,
-        "T → T − (c + c_s e^{−(ω/v)²}) sign ω",
-        "It takes more to break away than to keep moving.",
-        "It starts with a jump at a higher command than the one at which it stops.",
-        "Slow ramps up from rest and down to rest.",
+        Texts(
+            "T → T − (c + c_s e^{−(ω/v)²}) sign ω",
+            "It takes more to break away than to keep moving.",
+            "It starts with a jump at a higher command than the one at which it stops.",
+            "Slow ramps up from rest and down to rest.",
+        ),
         (
             _LEVEL,
             replace(_LEVEL, name="excess", starts=(0.08, 0.15), at_null=False),
             EffectParameter("speed", "speed", 0.1, 0.01, 0.35, (0.05, 0.15), kinks=True),
         ),
         _stiction,
+        part=TorquePart.FRICTION,
         inverse=_against_stiction,
         holds=lambda p: p["level"] + p["excess"],
-        ties=("coulomb-friction",),
-        programmes=(RAMPS, STAIRCASE),
-        weakens=True,
+        hints=Hints(
+            ties=("coulomb-friction", "dead-time"),
+            programmes=(RAMPS, STAIRCASE),
+            weakens=True,
+        ),
     ),
 )

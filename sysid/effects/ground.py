@@ -62,12 +62,12 @@ class Ground:
     @property
     def remembers(self) -> bool:
         """Whether some effect has a memory, so that samples come one after the other."""
-        return any(e.states for e in self._acting)
+        return any(e.memory.states for e in self._acting)
 
     @property
     def slides(self) -> bool:
         """Whether the vehicle slides sideways."""
-        return any(e.sideways for e in self._acting)
+        return any(e.on_ground.sideways for e in self._acting)
 
     def rolled(self, omega: Array, dt: float = 0.0) -> Array:
         """Speeds at which tracks without slip and with nominal radii would move the vehicle alike.
@@ -86,9 +86,9 @@ class Ground:
             )
         for e in self._acting:
             parameters = self.parameters[e.id]
-            if e.on_record is not None:
-                omega = e.on_record(omega, parameters, dt)
-            elif e.states:
+            if e.on_ground.on_record is not None:
+                omega = e.on_ground.on_record(omega, parameters, dt)
+            elif e.memory.states:
                 omega = _one_by_one(e, omega, parameters, dt)
             else:
                 omega, _ = e.step(omega.__array_namespace__(), omega, (), parameters, _CONTEXT)
@@ -101,12 +101,16 @@ class Ground:
             forward: speed [m/s] of tracks that roll at what ``rolled`` or ``step`` leave.
             yaw_rate: of the same [rad/s].
         """
-        sliding = [(e.sideways, self.parameters[e.id]) for e in self._acting if e.sideways]
+        sliding = [
+            (e.on_ground.sideways, self.parameters[e.id])
+            for e in self._acting
+            if e.on_ground.sideways
+        ]
         return sum(sideways(xp, forward, yaw_rate, p) for sideways, p in sliding)
 
     def start(self) -> State:
         """What the effects remember of a vehicle at standstill."""
-        return tuple((np.zeros(2),) * e.states for e in self._acting)
+        return tuple((np.zeros(2),) * e.memory.states for e in self._acting)
 
     def step(self, state: State, omega: tuple[Any, Any], dt: Any) -> tuple[tuple[Any, Any], State]:
         """``rolled`` for one sample after the other.
@@ -142,7 +146,7 @@ class Ground:
     def __call__(self, left: Any, right: Any) -> tuple[Any, Any]:
         """One pair of speeds in steady motion: plain numbers, or those of another namespace."""
         steady = _pair(left, right)
-        states = tuple((steady,) * e.states for e in self._acting)
+        states = tuple((steady,) * e.memory.states for e in self._acting)
         return self.step(states, (left, right), math.inf)[0]
 
 
@@ -155,7 +159,7 @@ def _stepped(
 
 def _one_by_one(e: Effect, omega: Array, parameters: Mapping[str, Array], dt: float) -> Array:
     """An effect on a record, sample after sample."""
-    state: State = (omega[0],) * e.states
+    state: State = (omega[0],) * e.memory.states
     out, context = np.empty_like(omega), replace(_CONTEXT, dt=dt)
     for k, now in enumerate(omega):
         out[k], state = _stepped(e, np, now, state, parameters, context)

@@ -47,7 +47,7 @@ def read_measured(path: str | Path) -> dict[str, Measured]:
             for key, entry in document["measured"].items()
         }
     except FileNotFoundError:
-        raise UsageError(f"file not found: {path}; write one with `sysid bench power`") from None
+        raise UsageError(f"{path}: file not found; write one with `sysid bench power`") from None
     except (OSError, *DAMAGED):
         raise DataError(f"{path} is not a file of `sysid bench power`; write it again") from None
     if not all(math.isfinite(m.value) and m.std_error >= 0.0 for m in measured.values()):

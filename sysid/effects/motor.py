@@ -6,7 +6,19 @@ Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Law, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Hints,
+    Law,
+    Memory,
+    Place,
+    Signal,
+    State,
+    Texts,
+    TorquePart,
+)
 from sysid.effects.programmes import COASTING, HOT, LEVELS, REPEAT
 from sysid.effects.supply import USUAL_EMF
 
@@ -77,11 +89,13 @@ EFFECTS = (
         "thermal-fade",
         "motor",
         Place.TORQUE,
-        "θ_h ḣ = d² − h; T → T(1 − l h), or θ_h ḣ = i² (1 + l h) − h with the current "
-        "i = (T − ε ω)/(1 + l h) of a share of stall",
-        "The motor weakens as it warms up.",
-        "After long hard driving the same command reaches less speed, and recovers in rest.",
-        "A minute of full drive, then the first test again, then rest, then again.",
+        Texts(
+            "θ_h ḣ = d² − h; T → T(1 − l h), or θ_h ḣ = i² (1 + l h) − h with the current "
+            "i = (T − ε ω)/(1 + l h) of a share of stall",
+            "The motor weakens as it warms up.",
+            "After long hard driving the same command reaches less speed, and recovers in rest.",
+            "A minute of full drive, then the first test again, then rest, then again.",
+        ),
         (
             EffectParameter("loss", "", 0.0, 0.0, 20.0, (0.15, 0.35, 1.0, 2.0, 2.0)),
             EffectParameter("time", "s", 30.0, 5.0, 300.0, (20.0, 60.0, 20.0, 15.0, 60.0)),
@@ -90,10 +104,11 @@ EFFECTS = (
         ),
         _thermal,
         lambda xp, p, dt, kept: {"warming": 1.0 - xp.exp(-dt / p["time"])},
-        states=1,
-        at_rest=lambda w, d: (0.0 * w,),
-        programmes=(HOT, REPEAT),
-        gathers=True,
+        part=TorquePart.DRIVE,
+        memory=Memory(
+            1,
+            at_rest=lambda w, d: (0.0 * w,),
+        ),
         laws=(
             Law(("loss", "time"), choices={"by_current": 0.0}),
             Law(
@@ -103,30 +118,40 @@ EFFECTS = (
                 "most where it pulls hard, hardly at the speed that it reaches in the end.",
             ),
         ),
+        hints=Hints(
+            programmes=(HOT, REPEAT),
+            gathers=True,
+        ),
     ),
     Effect(
         "coast-asymmetry",
         "motor",
         Place.SPEED,
-        "another τ while |ω| falls",
-        "It slows down with another time constant than it speeds up with.",
-        "Rises fit, falls do not.",
-        "Steps up and down of the same size.",
+        Texts(
+            "another τ while |ω| falls",
+            "It slows down with another time constant than it speeds up with.",
+            "Rises fit, falls do not.",
+            "Steps up and down of the same size.",
+        ),
         (EffectParameter("ratio", "", 1.0, 0.2, 6.0, (0.6, 1.8)),),
         _coast,
-        ties=("freewheel",),
-        programmes=(COASTING, LEVELS),
+        hints=Hints(
+            ties=("freewheel",),
+            programmes=(COASTING, LEVELS),
+        ),
     ),
     Effect(
         "freewheel",
         "motor",
         Place.SPEED,
-        "ω̇ = −r sign ω − β ω/τ while the command is 0, or falls, too (or while the wheel outruns "
-        "it), down to 0 (or until the drive catches it); with a current of one sign the slower "
-        "fall of this and τ ω̇ = T − ω",
-        "The driver lets go instead of braking.",
-        "Falls are nearly straight lines, or longer than rises; rises are exponentials.",
-        "Steps to zero from several speeds, and steps down to lower ones.",
+        Texts(
+            "ω̇ = −r sign ω − β ω/τ while the command is 0, or falls, too (or while the wheel "
+            "outruns it), down to 0 (or until the drive catches it); with a current of one sign "
+            "the slower fall of this and τ ω̇ = T − ω",
+            "The driver lets go instead of braking.",
+            "Falls are nearly straight lines, or longer than rises; rises are exponentials.",
+            "Steps to zero from several speeds, and steps down to lower ones.",
+        ),
         (
             EffectParameter(
                 "rate",
@@ -155,10 +180,10 @@ EFFECTS = (
         ),
         _freewheel,
         _rolling,
-        states=1,
-        at_rest=lambda w, d: (d + 0.0 * w,),
-        ties=("coast-asymmetry",),
-        programmes=(COASTING, LEVELS),
+        memory=Memory(
+            1,
+            at_rest=lambda w, d: (d + 0.0 * w,),
+        ),
         laws=(
             Law(
                 _NUMBERS,
@@ -187,6 +212,10 @@ EFFECTS = (
                 sentence="Its current flows one way only, as through the diode of a bridge of one "
                 "quadrant: it pulls and never brakes, but against a reversal.",
             ),
+        ),
+        hints=Hints(
+            ties=("coast-asymmetry",),
+            programmes=(COASTING, LEVELS),
         ),
     ),
 )

@@ -2,7 +2,7 @@
 
 A programme is a list of rows (time [s], left share, right share); each holds until the next. All
 begin with a second of rest, end at rest, and last at most two minutes. An effect names those that
-show it (``Effect.programmes``); one of another package may bring a programme of its own.
+show it (``Hints.programmes``); one of another package may bring a programme of its own.
 """
 
 from collections.abc import Callable, Sequence

@@ -11,11 +11,14 @@ from sysid.effects.base import (
     Context,
     Effect,
     EffectParameter,
+    Hints,
     Law,
+    Memory,
     Place,
     Signal,
     StartsFrom,
     State,
+    Texts,
     Wave,
 )
 from sysid.effects.programmes import COASTING, CRUISE, LEVELS
@@ -66,9 +69,9 @@ OFTEN = 1.5
 A weight hangs on the shaft that is read, or behind a gear that slows it down.
 """
 
-HEAVIEST = 30.0
-"""A weight in units of the usual speed: a servo that holds an arm turns far slower than it would
-without, so that what it lifts is many times that speed."""
+HEAVIEST = 100.0
+"""A weight in units of the usual speed: what hangs under each command only swings a little from one
+to the next, and a pendulum of 60 in a log with an usual speed of 1.7 ended on a bound of 30."""
 
 HEAVIEST_GEARED = 1.5
 """The same behind a gear, whose part in a rad is free: a far heavier one that turns but little is
@@ -88,10 +91,13 @@ EFFECTS = (
         "gravity-load",
         "motor",
         Place.TORQUE,
-        "T → T − a sin(n·angle + φ)",
-        "A load by the sine of the angle: a weight on an arm, a pendulum, a wheel out of balance.",
-        "Faster on one side of a turn, slower on the other, the more so when it turns slowly.",
-        "Long stretches of slow constant speed at several levels.",
+        Texts(
+            "T → T − a sin(n·angle + φ)",
+            "A load by the sine of the angle: a weight on an arm, a pendulum, a wheel out of "
+            "balance.",
+            "Faster on one side of a turn, slower on the other, the more so when it turns slowly.",
+            "Long stretches of slow constant speed at several levels.",
+        ),
         (
             *_pair("", HEAVIEST),
             *_pair("geared_", HEAVIEST_GEARED),
@@ -100,9 +106,6 @@ EFFECTS = (
             EffectParameter("geared", "", 0.0, 0.0, 1.0, (0.0, 1.0), choice=True),
         ),
         _gravity,
-        ties=("speed-ripple",),
-        programmes=(CRUISE, COASTING),
-        starts_from=StartsFrom.WAVES,
         waves=(
             Wave("cosine", "sine", of_torque=True),
             Wave("geared_cosine", "geared_sine", of_torque=True),
@@ -115,15 +118,22 @@ EFFECTS = (
                 sentence="Where it comes n times in a rad of the reading, n is the gear between.",
             ),
         ),
+        hints=Hints(
+            ties=("speed-ripple",),
+            programmes=(CRUISE, COASTING),
+            starts_from=StartsFrom.WAVES,
+        ),
     ),
     Effect(
         "speed-ripple",
         "motor",
         Place.READING,
-        "ω + a sin(n·angle + φ), or ω(1 + e sin(n·angle + φ)), or T − a sin(n·angle + φ)",
-        "Speed pulsates with the wheel's angle: an eccentric sprocket or a bent axle.",
-        "A wave whose frequency grows with speed.",
-        "Long stretches of constant speed at several levels.",
+        Texts(
+            "ω + a sin(n·angle + φ), or ω(1 + e sin(n·angle + φ)), or T − a sin(n·angle + φ)",
+            "Speed pulsates with the wheel's angle: an eccentric sprocket or a bent axle.",
+            "A wave whose frequency grows with speed.",
+            "Long stretches of constant speed at several levels.",
+        ),
         (
             *_pair("", 0.3),
             EffectParameter("per_turn", "1/rad", 1.0, 0.3, 20.0, (1.0, 2.0, 3.0)),
@@ -136,11 +146,10 @@ EFFECTS = (
         ),
         _ripple,
         _kept,
-        states=1,
-        at_rest=lambda w, d: (0.0 * w,),
-        ties=("gravity-load",),
-        programmes=(CRUISE, LEVELS),
-        starts_from=StartsFrom.WAVES,
+        memory=Memory(
+            1,
+            at_rest=lambda w, d: (0.0 * w,),
+        ),
         waves=(
             Wave("cosine", "sine"),
             Wave("share_cosine", "share_sine", of_speed=True),
@@ -160,6 +169,11 @@ EFFECTS = (
                 sentence="It is a torque, which the inertia smooths the more the faster it turns, "
                 "as of a motor's magnets or of teeth that bind.",
             ),
+        ),
+        hints=Hints(
+            ties=("gravity-load",),
+            programmes=(CRUISE, LEVELS),
+            starts_from=StartsFrom.WAVES,
         ),
     ),
 )

@@ -7,7 +7,19 @@ the share of the viscous term that is the back-emf. At stall it is K d.
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Law, Past, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Hints,
+    Law,
+    Memory,
+    Place,
+    Signal,
+    State,
+    Texts,
+    TorquePart,
+)
 from sysid.effects.programmes import (
     COASTING,
     HOT,
@@ -31,6 +43,10 @@ empty before a log has twenty commands."""
 USUAL_EMF = 0.85
 """Share of the back-emf in the viscous term of a motor with its gear, until a log determines it:
 one under commands of a single size cannot, as it then acts like another gain."""
+
+MOST_DEAD = 0.3
+"""Share of a period that the switches of a bridge wait at most, microseconds of tens. What takes
+more of the command is friction."""
 
 LEAST_EMF = 0.3
 """A smaller share of back-emf makes a current of the command alone: a limit of the current is then
@@ -90,13 +106,6 @@ def _battery(xp: Any, d: Signal, s: State, p: P, c: Context) -> tuple[Signal, St
     return _discharged(xp, d, taken, p, c), (taken + _taken(xp, c),) if s else s
 
 
-def _battery_on(xp: Any, d: Signal, past: Past, p: P, c: Context) -> Signal:
-    whole = xp.cumsum(_taken(xp, c), axis=0)
-    rows = xp.round(c.t / c.dt) + 0.0 * d
-    charge = whole - _taken(xp, c)  # up to the sample before
-    return _discharged(xp, d, charge - past(charge, rows), p, c)
-
-
 def _full(w: Signal, d: Signal) -> State:
     return (0.0 * d,)
 
@@ -144,11 +153,13 @@ EFFECTS = (
         "supply-sag",
         "actuator",
         Place.TORQUE,
-        "T → T(1 − s(|d_L| + |d_R|)/2), or T → v T with "
-        "1 − v = s/(1 − s)·(d_L i_L + d_R i_R)/2, i = v d − ε ω/K",
-        "The supply voltage drops under load, so one side slows when the other is driven.",
-        "A side is slower when the other one is driven too, whatever its direction.",
-        "One side at a constant command while the other steps.",
+        Texts(
+            "T → T(1 − s(|d_L| + |d_R|)/2), or T → v T with "
+            "1 − v = s/(1 − s)·(d_L i_L + d_R i_R)/2, i = v d − ε ω/K",
+            "The supply voltage drops under load, so one side slows when the other is driven.",
+            "A side is slower when the other one is driven too, whatever its direction.",
+            "One side at a constant command while the other steps.",
+        ),
         (
             EffectParameter(
                 "sag", "", 0.0, 0.0, 0.9, (0.15, 0.35) + (0.1, 0.35) * 2, measured_as="sag"
@@ -160,46 +171,56 @@ EFFECTS = (
         ),
         _sag,
         _amid,
+        part=TorquePart.DRIVE,
         laws=(
             Law(("sag",), choices={"current": 0.0}),
             Law(("sag",), choices={"current": 1.0}, sentence=_BY_CURRENT),
             Law(("sag", "emf"), choices={"current": 2.0}, sentence=_BY_CURRENT),
         ),
         shared=True,
-        ties=("concave-gain",),
-        programmes=(ONE_AND_OTHER, LEVELS),
+        hints=Hints(
+            ties=("concave-gain",),
+            programmes=(ONE_AND_OTHER, LEVELS),
+        ),
     ),
     Effect(
         "dead-time",
         "actuator",
         Place.TORQUE,
-        "T → T − δ K clip(i/ρ, ±1) while d ≠ 0, i = T − ε ω",
-        "Both switches of a leg of the bridge wait at each pulse: the sign of the current takes "
-        "voltage away.",
-        "No motion at small commands; braking is stronger than driving.",
-        "A slow staircase through zero, and reversals from speed.",
+        Texts(
+            "T → T − δ K clip(i/ρ, ±1) while d ≠ 0, i = T − ε ω",
+            "Both switches of a leg of the bridge wait at each pulse: the sign of the current "
+            "takes voltage away.",
+            "No motion at small commands; braking is stronger than driving.",
+            "A slow staircase through zero, and reversals from speed.",
+        ),
         (
-            EffectParameter("share", "drive", 0.0, 0.0, 0.5, (0.04, 0.1, 0.04, 0.1)),
+            EffectParameter("share", "drive", 0.0, 0.0, MOST_DEAD, (0.04, 0.1, 0.04, 0.1)),
             EffectParameter("emf", "", 1.0, LEAST_EMF, 1.0, (0.9, 0.9, 0.9, 0.9)),
             EffectParameter("ripple", "", 0.0, 0.0, 0.3, (0.0, 0.0, 0.03, 0.03)),
         ),
         _dead_time,
         _amid,
+        part=TorquePart.DRIVE,
         inverse=_through_dead_time,
-        ties=("dead-zone", "coulomb-friction", "stiction"),
-        programmes=(STAIRCASE, REVERSALS, COASTING),
-        weakens=True,
+        hints=Hints(
+            ties=("dead-zone", "coulomb-friction", "stiction"),
+            programmes=(STAIRCASE, REVERSALS, COASTING),
+            weakens=True,
+        ),
     ),
     Effect(
         "current-limit",
         "actuator",
         Place.TORQUE,
-        "T → ε ω + clip(T − ε ω, ±l)",
-        "The bridge limits the current to that of a blocked motor at a certain command: "
-        "acceleration is limited, speed is not.",
-        "After large steps the speed changes in straight lines, up and down; small steps are not "
-        "affected.",
-        "Steps of very different size, and reversals from speed.",
+        Texts(
+            "T → ε ω + clip(T − ε ω, ±l)",
+            "The bridge limits the current to that of a blocked motor at a certain command: "
+            "acceleration is limited, speed is not.",
+            "After large steps the speed changes in straight lines, up and down; small steps are "
+            "not affected.",
+            "Steps of very different size, and reversals from speed.",
+        ),
         (
             EffectParameter(
                 "limit", "speed", 1e6, 0.03, 2.5, (0.2, 0.5, 1.0), kinks=True, as_command=True
@@ -208,17 +229,22 @@ EFFECTS = (
         ),
         _limit,
         _amid,
-        ties=("input-saturation",),
-        programmes=(TOP, REVERSALS),
+        part=TorquePart.DRIVE,
+        hints=Hints(
+            ties=("input-saturation",),
+            programmes=(TOP, REVERSALS),
+        ),
     ),
     Effect(
         "battery-discharge",
         "actuator",
         Place.COMMAND,
-        "d → d(1 − b t), or d → d(1 − b (exp(c q) − 1)/c) with q̇ = (d_L² + d_R²)/2",
-        "The battery empties: everything slows with time.",
-        "The same command reaches less speed late in the log.",
-        "The same sequence at the beginning and the end of a long run.",
+        Texts(
+            "d → d(1 − b t), or d → d(1 − b (exp(c q) − 1)/c) with q̇ = (d_L² + d_R²)/2",
+            "The battery empties: everything slows with time.",
+            "The same command reaches less speed late in the log.",
+            "The same sequence at the beginning and the end of a long run.",
+        ),
         (
             EffectParameter(
                 "loss",
@@ -235,12 +261,13 @@ EFFECTS = (
             ),
         ),
         _battery,
-        states=1,
-        on_past=_battery_on,
-        at_rest=_full,
+        memory=Memory(
+            1,
+            at_rest=_full,
+            of_inputs=True,
+        ),
         inverse=_charged,
         shared=True,
-        gathers=True,
         laws=(
             Law(("loss",), choices={"charge": 0.0}),
             Law(("loss",), choices={"charge": 1.0}, sentence=_BY_CHARGE),
@@ -250,6 +277,9 @@ EFFECTS = (
                 sentence=_BY_CHARGE + " Its open-circuit voltage falls along a curve.",
             ),
         ),
-        programmes=(REPEAT, HOT),
+        hints=Hints(
+            programmes=(REPEAT, HOT),
+            gathers=True,
+        ),
     ),
 )

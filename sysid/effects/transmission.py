@@ -6,7 +6,17 @@ Torque is counted in units of steady speed: τ ω̇ = T − ω with T = K d.
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Hints,
+    Memory,
+    Place,
+    Signal,
+    State,
+    Texts,
+)
 from sysid.effects.programmes import RAMPS, REVERSALS
 
 P = Mapping[str, Signal]
@@ -121,12 +131,14 @@ EFFECTS = (
         "backlash",
         "motor",
         Place.SPEED,
-        "a gap g between motor and wheel; in it the wheel obeys "
-        "(1 − α) (τ ω̇ + γ ω) = −c sign ω and the motor, with the share α of the inertia, "
-        "α τ ω̇ = T − (1 − γ (1 − α)) ω",
-        "Play in the gear: at each reversal the wheel waits until the gap is crossed.",
-        "A short pause after each reversal, none in one direction.",
-        "Frequent reversals at several speeds.",
+        Texts(
+            "a gap g between motor and wheel; in it the wheel obeys "
+            "(1 − α) (τ ω̇ + γ ω) = −c sign ω and the motor, with the share α of the inertia, "
+            "α τ ω̇ = T − (1 − γ (1 − α)) ω",
+            "Play in the gear: at each reversal the wheel waits until the gap is crossed.",
+            "A short pause after each reversal, none in one direction.",
+            "Frequent reversals at several speeds.",
+        ),
         (
             EffectParameter("gap", "rad", 0.0, 0.0, 12.0, _GAPS, stepwise=True),
             EffectParameter("inertia", "", 1.0, 0.1, 1.0, _each(1.0, 0.9, 0.4), kinks=True),
@@ -137,9 +149,13 @@ EFFECTS = (
         ),
         _backlash,
         _loose,
-        states=2,
-        at_rest=_touching,
-        programmes=(REVERSALS, RAMPS),
-        reverses=True,
+        memory=Memory(
+            2,
+            at_rest=_touching,
+        ),
+        hints=Hints(
+            programmes=(REVERSALS, RAMPS),
+            reverses=True,
+        ),
     ),
 )

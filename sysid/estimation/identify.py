@@ -131,8 +131,9 @@ def identify(
             entry.seconds,
             _searched(entry),
             (*notes_for(entry.model.structure, findings), *entry.notes),
+            criteria,
         )
-        for entry in contest.entries
+        for entry, criteria in contest.with_criteria(inside)
     )
     return Identification(judged, contest.reason, contest.failed, inside, outside)
 

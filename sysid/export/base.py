@@ -55,3 +55,13 @@ class Exporter(ABC):
     def usage(self) -> str:
         """How to use the files, a paragraph of Markdown for the model card."""
         return ""
+
+
+class PackageOnly(Exporter):
+    """``plant.json``, ``selftest.csv`` and ``README.md``; see ``sysid.plant.package``."""
+
+    name: ClassVar[str] = "json"
+    title: ClassVar[str] = "further file"
+
+    def files(self, source: Source) -> Mapping[str, str | bytes]:
+        return {}

@@ -1,4 +1,4 @@
-"""A model as a plant package, in the requested formats."""
+"""A model as a plant package, in the requested formats, with its closed loop where asked for."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,16 +8,30 @@ from typing import Any
 
 from sysid.errors import ModelError, SysidError
 from sysid.export.base import Exporter, Source
-from sysid.export.closed_loop import loop_of
 from sysid.export.registry import DEFAULT, chosen
 from sysid.outside_text import name_of, visible
 from sysid.plant import package
 from sysid.plant.description import describe
 from sysid.plant.selftest import make_selftest
 from sysid.plant.storage import Files
+from sysid.robot.mission.loop import Loop
+from sysid.robot.mission.simulator import closed_loop, scene_of, shaper_of
 from sysid.robot.mission.spec import Mission
+from sysid.robot.mission.tracks.mapping import as_robot
 from sysid.robot.mission.tuning.written import mission_values
+from sysid.runners import floats
 from sysid.structures.model import Model
+
+
+def loop_of(model: Model, mission: Mission) -> Loop:
+    """The loop that ``simulate`` would run.
+
+    Raises:
+        ModelError: the plant drives no robot, or lacks what a law needs.
+    """
+    robot, _ = as_robot(model.plant(), mission)
+    scene, drive = scene_of(mission, robot), shaper_of(mission, robot)
+    return closed_loop(mission, robot, scene, floats, drive)
 
 
 @dataclass(frozen=True)

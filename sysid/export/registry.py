@@ -11,7 +11,7 @@ GROUP = "sysid.exporters"
 """The entry-point group in which other packages name a class of theirs."""
 
 BUILT_IN = {
-    "json": "package_only:PackageOnly",
+    "json": "base:PackageOnly",
     "c": "c.exporter:C",
     "fmu": "fmu.exporter:Fmu",
     "fmu3": "fmu.exporter:Fmu3",

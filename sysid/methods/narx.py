@@ -20,10 +20,9 @@ from sysid.methods.procedure import Estimate, Judgement, Proposal, Solved, by_ch
 from sysid.structures.base import Structure
 from sysid.structures.difference_equations.chunks import ChunkedRuns
 from sysid.structures.difference_equations.trials import RUN_SAMPLES, SEARCH_SAMPLES
-from sysid.structures.narx.problems import OneStepRow
 from sysid.structures.narx.search import RUNGS, SHORT, largest, search_row
 from sysid.structures.narx.simulation_error import RowRuns, Trial
-from sysid.structures.narx.structure import NarxWavelet
+from sysid.structures.narx.structure import NarxWavelet, OneStepRow
 from sysid.structures.narx.wavelet_frame import least_squares
 
 ROUNDS, FEWER_ROUNDS = 20, 14

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 BEFORE, AFTER = style.VERMILION, style.BLUE
 _ROW, _REGION_ROW = 0.27, 0.36
 _SHARES = {
-    "of the excess error, 90 % interval": (BEFORE, 5.0),
+    "of the excess error, 95 % interval": (BEFORE, 5.0),
     "of the samples": (style.MEASURED, 4.0),
 }
 

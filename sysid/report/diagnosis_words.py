@@ -2,17 +2,17 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array
 from sysid.diagnosis.base_model import full_drive
-from sysid.diagnosis.diagnosis import OF_THE_LOG, Diagnosis, NamedEffect, Trace, Value
+from sysid.diagnosis.diagnosis import OF_THE_LOG, Against, Diagnosis, NamedEffect, Trace, Value
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.shapes.grading import FoundShape
-from sysid.diagnosis.validation.localise import Region
+from sysid.diagnosis.validation.localise import Region, leading
 from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.diagnosis.verdict import ASTRAY
 from sysid.effects.catalogue import effect
@@ -21,6 +21,9 @@ from sysid.estimation.assessment.figures import Figures
 
 CLEAR = 0.01
 """Residual tests are called failed below this p-value."""
+
+DONE = 1.0
+"""Per cent of the error beyond the noise below which nothing is left to be explained."""
 
 
 @dataclass(frozen=True)
@@ -164,9 +167,149 @@ def gap_sentence(result: Diagnosis) -> str:
     low, high = result.gap.interval
     parts = ", ".join(f"{of} {percent(closed)}" for of, closed in result.gap.parts.items())
     return (
-        f"{percent(result.gap.closed_percent)} of the gap is closed on held-out data "
-        f"(90 % interval {percent(low)} to {percent(high)}{f'; {parts}' if parts else ''})."
+        f"{percent(result.gap.closed_percent)} of the error beyond the noise is closed on held-out "
+        f"data (95 % interval {percent(low)} to {percent(high)}{f'; {parts}' if parts else ''})."
     )
+
+
+def closed_sentence(result: Diagnosis) -> str:
+    """How much of the excess error, that beyond the noise, is closed, and on which data."""
+    low, high = result.gap.interval
+    data = ", ".join(dict.fromkeys(t.record.name for t in held_out(result)))
+    return (
+        f"Closes {percent(result.gap.closed_percent)} of the excess error on {data} "
+        f"(95 %: {low:.0f}–{high:.0f} %)"
+    )
+
+
+def fits_sentence(result: Diagnosis) -> str:
+    """Fits in free run on held-out data, with the best that the noise allows."""
+    fits, limits = [], []
+    for c in channel_lines(result):
+        if not math.isfinite(c.fit_before):
+            continue
+        after = f" → {c.fit_after:.1f}" if result.grown else ""
+        fits.append(f"{c.name} {c.fit_before:.1f}{after} %")
+        spread = c.rmse_before / max(1.0 - c.fit_before / 100.0, 1e-12)
+        limits.append(f"{100.0 * (1.0 - c.noise_floor / spread):.1f}")
+    limit = f" (noise {', '.join(limits)})" if limits else ""
+    return f"Free-run fit: {', '.join(fits)}{limit}" if fits else ""
+
+
+def base_sentence(result: Diagnosis, before: str) -> str:
+    """What the effects were added to."""
+    other = result.against
+    beside = f", not {other.name} (held-out error {_errors(other)})" if other else ""
+    return f"Base: {result.base_words}{beside}"
+
+
+def _errors(other: Against) -> str:
+    return ", ".join(f"{v:.3g} on {name}" for name, v in other.rmse.items())
+
+
+def worst_sentence(result: Diagnosis) -> str:
+    """Where the original model erred most."""
+    regions = leading_regions(result, 1)
+    if not regions:
+        return ""
+    output, sign, where = regions[0].region.partition(": ")
+    if not sign:
+        return regions[0].sentence
+    share, samples = 100 * regions[0].share_of_excess, 100 * regions[0].share_of_samples
+    joint = "in" if where.endswith("of the log") else "where"
+    return (
+        f"Worst before: {output} {joint} {where}: {share:.0f} % of the error in {samples:.0f} % of "
+        "the samples"
+    )
+
+
+def left_sentence(result: Diagnosis) -> str:
+    """What is left of the error beyond the noise; empty where nothing was added."""
+    if not result.grown:
+        return ""
+    rest = 100.0 - result.gap.closed_percent
+    if rest < DONE:
+        return f"Left: less than {DONE:g} % of the error beyond the noise: done"
+    if result.excess_error is None:
+        return f"Left: {percent(rest)} of the excess error, which looks like noise"
+    outputs = result.excess_error.outputs
+    where = leading([*result.where_after], [name for name, *_ in outputs])
+    place = where.removeprefix("it is ") if where.startswith("it is ") else f"where {where}"
+    units = list(dict.fromkeys(unit for _, unit, *_ in outputs))
+    sizes = ", ".join(
+        f"{rms:.2g}{f' {unit}' if len(units) > 1 else ''}" for _, unit, rms, _ in outputs
+    )
+    unit = f" {units[0]}" if len(units) == 1 else ""
+    mostly = f", mostly {place}" if where else ""
+    return f"Left: {percent(rest)}{mostly}; {sizes}{unit} RMS"
+
+
+def effect_table(result: Diagnosis) -> tuple[list[str], list[list[str]]]:
+    """Headings and a row for each effect and output: its first numbers, and what it is worth."""
+    rows = []
+    for k, e in enumerate(result.effects, start=1):
+        ratio = e.error_ratio_without
+        worth = "–" if ratio is None else f"× {ratio:.3g}"
+        for i, (output, values) in enumerate(_by_output(e).items()):
+            first = i == 0
+            name = f"{k} {e.id}" if first else ""
+            rows.append([name, output, _estimates(values), worth if first else ""])
+    return ["  effect", "", "estimate (95 % interval)", "RMSE without"], rows
+
+
+def _by_output(e: NamedEffect) -> dict[str, list[Value]]:
+    """The numbers of an effect by the output in their brackets; in the command's unit where known.
+
+    A number that has none beside it, such as a choice between laws, is left out.
+    """
+    groups: dict[str, list[Value]] = {}
+    for p in (v.in_log_units for v in e.parameters):
+        name, _, output = p.name.partition("[")
+        if p.words or len(e.parameters) == 1:
+            groups.setdefault(output.rstrip("]"), []).append(replace(p, name=name))
+    if not groups:
+        return {", ".join(e.channels): []}
+    for output, values in groups.items():
+        commands = {v.name.removesuffix(COMMAND): v for v in values if v.name.endswith(COMMAND)}
+        groups[output] = [
+            replace(commands.get(v.name, v), name=v.name)
+            for v in values
+            if not v.name.endswith(COMMAND)
+        ]
+    return groups
+
+
+COMMAND = "_command"
+"""Ending of a number that is given as a command once more."""
+
+WIDEST = 44
+"""Letters of the estimates of a row: the second number is shown where it has room."""
+
+
+def _estimates(values: Sequence[Value]) -> str:
+    text = ""
+    for v in values[:2]:
+        more = f"{v.name} {estimate_words(v)}"
+        if text and len(text) + len(more) + 2 > WIDEST:
+            break
+        text = f"{text}, {more}" if text else more
+    return text or "–"
+
+
+def estimate_words(v: Value) -> str:
+    """``2077 (2032–2126) µs``: as many decimals as the interval leaves meaning to."""
+    unit = f" {v.unit}" if v.unit else ""
+    if not v.visited:
+        return v.words
+    ends = v.ends
+    if ends is None or None in ends:
+        known = f" ({v.words})" if v.words else ""
+        return f"{v.value:.4g}{known}{unit}"
+    low, high = (float(end) for end in ends if end is not None)
+    half = max(high - low, 1e-300) / 2.0
+    decimals = min(max(-math.floor(math.log10(half)), 0), 9)
+    between = " to " if low < 0.0 else "–"
+    return f"{v.value:.{decimals}f} ({low:.{decimals}f}{between}{high:.{decimals}f}){unit}"
 
 
 def size_sentence(result: Diagnosis) -> str:
@@ -199,14 +342,11 @@ def nothing_named(result: Diagnosis) -> str:
 
 
 def evidence_sentence(effect: NamedEffect) -> str:
-    """Why an effect was accepted."""
+    """What an effect is worth, and why it was accepted."""
     if effect.id in OF_THE_LOG:
-        return "visible in the samples themselves; the model is unchanged"
-    return (
-        f"held-out RMSE fell by {percent(100 * effect.heldout_gain)}; "
-        f"ΔBIC {_whole(effect.delta_bic)}, "
-        + (p_words(effect.p_value) if effect.p_value < RULE.p else "in too few blocks for a test")
-    )
+        return "Visible in the samples themselves; the model is unchanged."
+    chance = p_words(effect.p_value) if effect.p_value < RULE.p else "too few blocks for a test"
+    return f"{effect.fit_words} ΔBIC {_whole(effect.delta_bic)}, {chance}.".lstrip()
 
 
 def story(result: Diagnosis) -> str:
@@ -250,7 +390,7 @@ def region_sentence(region: Region) -> str:
     return (
         f"{100 * region.share_of_excess:.0f} % of the excess error of {output} lies in the "
         f"{100 * region.share_of_samples:.0f} % of samples {joint} {where} "
-        f"(90 % interval {low} to {high} %)."
+        f"(95 % interval {low} to {high} %)."
     )
 
 

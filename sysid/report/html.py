@@ -11,6 +11,7 @@ from sysid.diagnosis.several.results import sentences, table_of_logs
 from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.report import diagnosis_bars, diagnosis_drawing, diagnosis_picture, style
 from sysid.report import diagnosis_words as words
+from sysid.report.isolability_drawing import draw_isolability
 from sysid.report.plots import inline_svg, share_letters
 from sysid.report.shape_drawing import draw_curve
 
@@ -60,7 +61,13 @@ def diagnosis_page(diagnosis: Diagnosis, before: str, after: str) -> str:
 def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
     """Every picture by name; those whose data are missing are left out."""
     shown = words.leading_regions(diagnosis, 10)
-    drawn: dict[str, Any] = {"channels": [], "regions": "", "candidates": "", "gap": ""}
+    drawn: dict[str, Any] = {
+        "channels": [],
+        "regions": "",
+        "candidates": "",
+        "gap": "",
+        "isolability": "",
+    }
     if shown:
         drawn["regions"] = inline_svg(
             "regions", "Shares of the excess error by regime", diagnosis_drawing.draw_regions, shown
@@ -78,6 +85,13 @@ def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
         facts = (diagnosis.candidates, tuple(e.id for e in diagnosis.effects), tied)
         drawn["candidates"] = inline_svg(
             "candidates", "Candidates by score", diagnosis_bars.draw_candidates, *facts
+        )
+    if diagnosis.isolability is not None:
+        drawn["isolability"] = inline_svg(
+            "isolability",
+            "Angles between the signatures of effects",
+            draw_isolability,
+            diagnosis.isolability,
         )
     found = enumerate((*diagnosis.shapes, *diagnosis.curves))
     drawn["shapes"] = [(s, _shape(k, s)) for k, s in found]

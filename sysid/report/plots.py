@@ -18,7 +18,7 @@ import re
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 from sysid.data.files import write_atomic
 from sysid.errors import UsageError
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
-PictureFormat = Literal["svg", "png"]
+PictureFormat = Literal["svg", "png", "pdf"]
 
 
 class Picture(Protocol):
@@ -46,23 +46,39 @@ def picture_format(path: Path) -> PictureFormat:
     """The format a file name asks for; call it before a long fit to refuse early.
 
     Raises:
-        UsageError: the name ends neither in ``.svg`` nor in ``.png``.
+        UsageError: the name ends neither in ``.svg``, ``.png`` nor ``.pdf``.
     """
-    suffix = path.suffix.lower()
-    if suffix == ".svg":
-        return "svg"
-    if suffix == ".png":
-        return "png"
-    raise UsageError(f"cannot draw to {str(path)!r}: choose a file name that ends in .svg or .png")
+    for kind in get_args(PictureFormat):
+        if path.suffix.lower() == f".{kind}":
+            return kind  # type: ignore[no-any-return]
+    raise UsageError(
+        f"cannot draw to {str(path)!r}: choose a file name that ends in .svg, .png or .pdf"
+    )
 
 
 def write_picture(path: Path, picture: Picture) -> None:
     """Draw a picture of any kind into a file.
 
     Raises:
-        UsageError: the suffix of ``path`` is neither ``.svg`` nor ``.png``.
+        UsageError: the suffix of ``path`` is none of a picture.
     """
     write_atomic(path, _render(picture_format(path), picture.draw))
+
+
+def figure_of(picture: Picture) -> "Figure":
+    """A picture as a figure that a script or a notebook goes on with."""
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        look: Any = style.RC
+        matplotlib.rcParams.update(look)
+        figure = Figure(layout="constrained")
+        FigureCanvasAgg(figure)
+        picture.draw(figure)
+    return figure
 
 
 def inline_svg(
@@ -144,7 +160,8 @@ def _render(kind: PictureFormat, draw: Callable[..., None], *shown: Any, **optio
             canvas: Any = FigureCanvasSVG(figure)
             canvas.print_svg(buffer, metadata={"Date": None, "Creator": None})
             return _rounded(buffer.getvalue().decode()).encode()
-        figure.savefig(buffer, format="png", dpi=_PNG_DPI, metadata={"Software": None})
+        unsaid = {"png": ("Software",), "pdf": ("Creator", "Producer", "CreationDate")}[kind]
+        figure.savefig(buffer, format=kind, dpi=_PNG_DPI, metadata=dict.fromkeys(unsaid))
         return buffer.getvalue()
 
 

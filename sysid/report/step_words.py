@@ -1,4 +1,4 @@
-"""The step response of a model in sentences."""
+"""The step response of a model in sentences and in cells; ± is half of a 95 % interval."""
 
 import math
 from collections.abc import Sequence
@@ -7,8 +7,8 @@ from sysid.estimation.assessment.delta_method import Estimate
 from sysid.estimation.assessment.own_motion import OwnMode
 from sysid.estimation.assessment.step_response import StepResponse
 
-CLEAR = 2.0
-"""Standard errors from zero that make a gain significant."""
+UNSURE = "?"
+"""Marks a number whose 95 % interval holds zero."""
 
 PASSES_LITTLE = 0.02
 """A side path that moves an output by less than this share of the strongest path is left out."""
@@ -33,8 +33,15 @@ def with_error(value: float, error: float) -> str:
     return text if exponent == 0 else f"({text})e{exponent}"
 
 
-def step_sentences(responses: Sequence[StepResponse]) -> tuple[str, ...]:
-    """One sentence for each path from an input to an output and each size of step.
+def with_interval(estimate: Estimate) -> str:
+    """A number with half its 95 % interval; ``not determined`` where the data say nothing."""
+    if math.isinf(estimate.std_error):
+        return "not determined"
+    return with_error(float(estimate.value), estimate.reach)
+
+
+def strong_paths(responses: Sequence[StepResponse]) -> tuple[list[StepResponse], str]:
+    """The paths that matter, and a sentence on the others.
 
     Paths beside the strongest one of an output that pass on next to nothing are counted only.
     """
@@ -48,13 +55,52 @@ def step_sentences(responses: Sequence[StepResponse]) -> tuple[str, ...]:
         if side and r.share is None:
             small.add(f"{r.input} → {r.output}")
         elif not (side and _elsewhere(r, responses, strongest)):
-            kept.append(sentence(r))
-    if small:
-        kept.append(
-            f"{', '.join(sorted(small))}: effect below {100 * PASSES_LITTLE:g} % of the strongest "
-            "path's, over the ranges of the inputs."
-        )
-    return tuple(kept)
+            kept.append(r)
+    few = f"{', '.join(sorted(small))}: below {100 * PASSES_LITTLE:g} % of the strongest path"
+    return kept, few if small else ""
+
+
+def step_sentences(responses: Sequence[StepResponse]) -> tuple[str, ...]:
+    """One sentence for each path from an input to an output and each size of step."""
+    kept, small = strong_paths(responses)
+    return (*map(sentence, kept), *([f"{small}, over the ranges of the inputs."] if small else []))
+
+
+def response_table(
+    responses: Sequence[StepResponse],
+) -> tuple[tuple[str, str, str], list[tuple[str, str, str, str]]]:
+    """Headings of gain, times and settling, and a row for each response; units that all rows share
+    stand in the headings."""
+    units = {r.file_unit or r.unit for r in responses}
+    unit = f" [{units.pop()}]" if len(units) == 1 and "" not in units else ""
+    plain = not any(r.share is not None or r.oscillation for r in responses)
+    heads = (f"gain{unit}", "time constants [s]" if plain else "dynamics", "2 % settling")
+    return heads, [_cells(r, not unit, plain) for r in responses]
+
+
+def _cells(r: StepResponse, with_unit: bool, plain: bool) -> tuple[str, str, str, str]:
+    head = f"{r.input} → {r.output}"
+    if r.share is not None:
+        head += f", {r.start:.4g} → {r.level:.4g}"
+    if not r.settles:
+        return head, "does not settle", "", ""
+    unit, factor = (r.file_unit, r.file_factor) if r.file_unit else (r.unit, 1.0)
+    gain = Estimate(factor * r.gain.value, factor * r.gain.std_error)
+    word = f"{with_interval(gain)}{'' if gain.clear else UNSURE}{f' {unit}' if with_unit else ''}"
+    second = "" if plain else " s"
+    if r.share is not None and math.isfinite(r.rise.value):
+        times = f"63 % after {_seconds(r.rise)}"
+    elif r.oscillation is not None:
+        frequency, damping = map(with_interval, r.oscillation)
+        times = f"{frequency} rad/s, damping {damping}"
+    else:
+        shown = [f"{with_interval(t)}{'' if t.clear else UNSURE}" for t in r.time_constants]
+        times = f"{', '.join(shown)}{second}" if shown else ""
+    if math.isfinite(r.dead_time) and r.dead_time > 0.0:
+        times = f"{times}; dead time {r.dead_time:.3g}{second}".lstrip("; ")
+    known = math.isfinite(r.settling.value) and gain.clear
+    settling = f"{r.settling.value:.3g} s" if known else "–"
+    return head, f"integrates: {word}" if r.integrates else word, times, settling
 
 
 def mode_sentences(modes: Sequence[OwnMode]) -> tuple[str, ...]:
@@ -62,8 +108,8 @@ def mode_sentences(modes: Sequence[OwnMode]) -> tuple[str, ...]:
     sentences = []
     for m in modes:
         if m.frequency is not None and m.damping is not None:
-            hertz = with_error(m.frequency.value / math.tau, m.frequency.std_error / math.tau)
-            damping = with_error(m.damping.value, m.damping.std_error)
+            hertz = with_error(m.frequency.value / math.tau, m.frequency.reach / math.tau)
+            damping = with_interval(m.damping)
             sentences.append(f"It oscillates at {hertz} Hz with damping {damping}.")
         elif m.time_constant is not None:
             sentences.append(f"It decays with a time constant of {_seconds(m.time_constant)}.")
@@ -83,21 +129,20 @@ def sentence(r: StepResponse) -> str:
     parts += _times(r)
     if math.isfinite(r.dead_time) and r.dead_time > 0.0:
         parts.append(f"dead time {r.dead_time:.3g} s")
-    unclear = abs(r.gain.value) <= CLEAR * r.gain.std_error
-    if math.isfinite(r.settling.value) and not unclear:
+    if math.isfinite(r.settling.value) and r.gain.clear:
         parts.append(f"settles in {r.settling.value:.3g} s")
     return f"{head}: {'; '.join(parts)}."
 
 
 def _gain(r: StepResponse) -> str:
     unit = f" {r.unit}" if r.unit else ""
-    text = f"{with_error(r.gain.value, r.gain.std_error)}{unit}"
+    text = f"{with_interval(r.gain)}{unit}"
     if r.file_unit:
         factor = r.file_factor
-        shown = with_error(factor * r.gain.value, factor * r.gain.std_error)
+        shown = with_error(factor * r.gain.value, factor * r.gain.reach)
         text = f"{shown} {r.file_unit} ({text})"
     text = f"it integrates: gain {text}" if r.integrates else f"gain {text}"
-    if abs(r.gain.value) <= CLEAR * r.gain.std_error and math.isfinite(r.gain.std_error):
+    if not r.gain.clear and math.isfinite(r.gain.std_error):
         text += " (not significant)"
     return text
 
@@ -112,8 +157,7 @@ def _times(r: StepResponse) -> list[str]:
     if r.oscillation is not None:
         frequency, damping = r.oscillation
         parts.append(
-            f"oscillates at {with_error(frequency.value, frequency.std_error)} rad/s with damping "
-            f"{with_error(damping.value, damping.std_error)}"
+            f"oscillates at {with_interval(frequency)} rad/s with damping {with_interval(damping)}"
         )
     return parts
 
@@ -124,7 +168,7 @@ def _listed(words: Sequence[str]) -> str:
 
 
 def _seconds(time: Estimate) -> str:
-    return f"{with_error(time.value, time.std_error)} s"
+    return f"{with_interval(time)}{'' if time.clear else UNSURE} s"
 
 
 def _elsewhere(

@@ -41,7 +41,8 @@ def in_floats(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: in_floats(v) for name, v in value.items()}
     if isinstance(value, tuple):
-        return tuple(in_floats(v) for v in value)
+        parts = map(in_floats, value)
+        return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
     array = np.asarray(value, dtype=np.float64)
     return (array[..., 0] if array.ndim else array).tolist()
 

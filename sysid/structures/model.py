@@ -1,13 +1,15 @@
 """Model: a structure with parameters, their covariance, and provenance."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.criteria.fit import fit_percent
 from sysid.data import documents
 from sysid.data.files import contents, write_atomic
 from sysid.data.operating_point import OperatingPoint, shifted
@@ -18,6 +20,7 @@ from sysid.data.schema import DAMAGED, Null, checked, completed
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
 from sysid.fitting.searchable import StartReport
+from sysid.structures import model_text
 from sysid.structures.base import Structure
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.transfer import TransferMatrix
@@ -172,6 +175,24 @@ class Model:
         if not 0.0 < self.dt < np.inf:
             raise ModelError(f"the sample time {self.dt:g} s is not positive; fit the model again")
 
+    def __repr__(self) -> str:
+        return model_text.line(self)
+
+    def _repr_html_(self) -> str:
+        return model_text.as_html(self)
+
+    def summary(self) -> str:
+        """Facts, parameters with 95 % intervals, equations and warnings as text."""
+        return model_text.summary(self)
+
+    @property
+    def plot(self) -> Any:
+        """Figures: ``plot.step()``, ``plot.bode(record)``, ``plot.fit(record, other)``.
+
+        Pictures lie above models, so that they are found by name where they are asked for.
+        """
+        return import_module("sysid.report.model_plots").ModelPlots(self)
+
     @property
     def stable(self) -> bool:
         """Whether the free run is bounded for bounded inputs."""
@@ -227,15 +248,35 @@ class Model:
         if unlike := difference(record, self, "the model", unstated_fits=True):
             raise ModelError(unlike)
 
+    def fitted_to(self, records: Sequence[Record]) -> bool:
+        """Whether one of these logs is among those it was fitted to."""
+        known = {s.sha256 for s in self.provenance.data}
+        return any(r.sha256 in known for r in records)
+
     def fits_clock(self, record: Record) -> bool:
         """Whether a record has the model's sample time."""
         return abs(record.dt - self.dt) <= SAME_CLOCK * self.dt
 
-    def simulate(self, u: Array, x0: Array | None = None, t0: float = 0.0) -> Array:
-        """Free run for inputs ``u`` (N, nu) in physical units from state x0, shape (N, ny)."""
+    def simulate(self, u: Array | Record, x0: Array | None = None, t0: float = 0.0) -> Array:
+        """Free run for inputs ``u`` (N, nu) in physical units from state x0, shape (N, ny).
+
+        Args:
+            u: or a record, whose inputs and first instant are then taken.
+        """
+        if isinstance(u, Record):
+            self.check(u)
+            t0, u = u.t0, u.u
         t = t0 + self.dt * np.arange(len(u), dtype=np.float64)
         run = self.structure.simulate(self.theta, self.detrend.remove_input(u, t), x0)
         return self.detrend.restore_output(run, t)
+
+    def fit_percent(self, record: Record) -> dict[str, float]:
+        """100 (1 − ‖y − ŷ‖/‖y − ȳ‖) of the free run by output, from a state fitted to the head."""
+        self.check(record)
+        window = initial_state_window(self.structure, self.theta)
+        x0 = self.fitted_state(record, window) if window else None
+        fits = fit_percent([record.y], [self.simulate(record.u, x0, record.t0)])
+        return dict(zip(record.output_names, fits.tolist(), strict=True))
 
     def fitted_state(self, record: Record, samples: int) -> Array:
         """Free-run state that meets the first ``samples`` of the record best."""

@@ -19,7 +19,7 @@ the frictions that belong to them together,
 (implicit time stepping: Moreau 1988; Acary & Brogliato 2008, ch. 10), so that nothing chatters and
 no threshold speed is needed: sticking is a state. The frictions are found by rounds over blocks
 that are each solved exactly — the two motors, the two thrusts, the two rolling resistances
-(:mod:`sysid.vehicle.dry_friction`), the lateral pair (:mod:`sysid.vehicle.lateral_friction`) —
+(:mod:`sysid.vehicle.dry_friction`), the lateral pair (:mod:`sysid.vehicle.contact`) —
 beginning with those of the step before, which are part of the state. The slip's share of thrust is
 the secant of its law at the step's beginning. First order in h; the lateral pair takes the pressure
 as uniform over L around the centre of mass, which keeps the vehicle from tipping.
@@ -29,11 +29,10 @@ from typing import Any, NamedTuple
 
 from sysid.runners.loops import repeated
 from sysid.runners.trees import chosen, mapped
-from sysid.vehicle.contact import Pair, grip, loads, tracks_at
+from sysid.vehicle.contact import Pair, grip, loads, nearest, tracks_at
 from sysid.vehicle.dry_friction import friction
 from sysid.vehicle.floor import Floor
 from sysid.vehicle.kinematics import Real, wrap_angle
-from sysid.vehicle.lateral_friction import nearest
 from sysid.vehicle.motors import Motor, applied_torque, friction_limits
 from sysid.vehicle.tracked import TrackedVehicle
 

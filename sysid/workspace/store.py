@@ -5,7 +5,8 @@
     .sysid/
       models/<id>.json     {"id", "model", "report"}
       index.json           ids in the order of saving
-      state.json           "latest" (ids of the last fit, winner first), "best" (last comparison)
+      state.json           "latest" (ids of the last fit, winner first), "best" (last comparison),
+                           "augmented" (last diagnosis that added something)
       plant/               the exported plant package
       missions/            logs of simulated missions
       followed/            rows of logs that were followed, on which their models stand
@@ -58,6 +59,9 @@ else:
     def _lock(descriptor: int) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
 
+
+AUGMENTED = "augmented"
+"""Under which the model of the last diagnosis is remembered, where that added something."""
 
 _DIGITS = 6
 """Digits of the hash in an id; more where two models of a workspace would share them."""
@@ -218,8 +222,8 @@ class Workspace:
     def chosen(self, id: str | None) -> StoredModel:
         """The model a command works on when the user does not say which.
 
-        That is ``id`` if it is given; else the best of the last comparison if that is newer than
-        the last fit; else the winner of the last fit. Models that were removed are passed over.
+        That is ``id`` if it is given; else the newest of these: the winner of the last fit, the
+        best of the last comparison, what the last diagnosis made. Removed ones are passed over.
 
         Raises:
             ModelError: the workspace is empty.
@@ -230,7 +234,8 @@ class Workspace:
         ids = self._ids()
         if not ids:
             raise ModelError(f"the workspace {self.root} holds no model; run `sysid fit` first")
-        return self._read(next((i for i in self._preferred() if i in ids), ids[-1]))
+        wanted = self._preferred("latest", "best", AUGMENTED)
+        return self._read(next((i for i in wanted if i in ids), ids[-1]))
 
     def best_for(self, record: "Record") -> StoredModel | None:
         """The model of these channels and this sample time that ``chosen`` would come to first.
@@ -238,7 +243,7 @@ class Workspace:
         Behind those remembered stand the others, the newest first. Models that a diagnosis made
         count only when a comparison put them first: else a diagnosis would doubt its own result.
         """
-        ids, preferred = self._ids(), self._preferred()
+        ids, preferred = self._ids(), self._preferred("latest", "best")
         for id in dict.fromkeys([*(i for i in preferred if i in ids), *reversed(ids)]):
             try:
                 stored = self._read(id)
@@ -252,11 +257,11 @@ class Workspace:
                 return stored
         return None
 
-    def _preferred(self) -> list[str]:
-        """Ids of the last comparison and the last fit, the newer first; some may be gone."""
+    def _preferred(self, *keys: str) -> list[str]:
+        """Ids remembered under these keys, the newer first; some may be gone."""
         state = self._state()
         newest_first = sorted(
-            (state[key] for key in ("latest", "best") if key in state),
+            (state[key] for key in keys if key in state),
             key=lambda entry: -int(entry["order"]),
         )
         wanted: list[str] = []

@@ -29,7 +29,7 @@ def test_every_criterion_leads_to_a_plant_that_drives(
     driven: set[str] = set()
     mission = path("goal_1m")
     for criterion in BUILT_IN:
-        ranking = run(capsys, "compare", "--criteria", criterion, *place, "--json").document
+        ranking = run(capsys, "compare", "--criterion", criterion, *place, "--json").document
         best = ranking["best"]
         (line,) = [x for x in ranking["ranking"] if x["model"] == best]
         said = [note for note in ranking["notes"] if f"{best} leads although" in note]

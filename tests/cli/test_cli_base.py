@@ -50,7 +50,7 @@ WRONG: dict[str, tuple[str, int, str]] = {
     "option of no command": ("models --nope", 2, "see `sysid models --help`"),
     "option without value": ("export --model", 2, "requires an argument"),
     "inspect without log": ("inspect", 2, "Missing argument"),
-    "inspect no such log": ("inspect nolog.csv", 2, "file not found: nolog.csv"),
+    "inspect no such log": ("inspect nolog.csv", 2, "nolog.csv: file not found"),
     "inspect a near miss": ("inspect lag.csv", 2, "did you mean log.csv"),
     "inspect a folder": ("inspect empty", 2, "is a folder"),
     "inspect a binary": ("inspect bin.csv", 1, "bin.csv"),
@@ -72,13 +72,13 @@ WRONG: dict[str, tuple[str, int, str]] = {
     "inspect delimiter": ("inspect log.csv --delimiter abc", 2, "the delimiter must be"),
     "inspect decimal": ("inspect log.csv --decimal x", 2, "the decimal sign must be"),
     "inspect resample": ("inspect log.csv --resample maybe", 2, "maybe"),
-    "inspect order zero": ("inspect log.csv --order 0", 2, "--order"),
+    "inspect order zero": ("inspect log.csv --excitation 0", 2, "--excitation"),
     "excite without design": ("excite", 2, "Missing argument"),
     "excite unknown design": ("excite noise", 2, "'noise' is not one of"),
     "excite foreign option": ("excite prbs --levels 3", 2, "has no --levels"),
     "excite too loud": ("excite prbs --amplitude 30000", 2, "exceeds full drive"),
     "excite too short": ("excite steps --duration 0.1", 2, "too short"),
-    "excite dt zero": ("excite prbs --dt 0", 2, "sample time must be positive"),
+    "excite dt zero": ("excite prbs --ts 0", 2, "sample time must be positive"),
     "excite band falling": ("excite chirp --band 2 1", 2, "must rise"),
     "excite band of one": ("excite chirp --band 2", 2, "--band"),
     "excite negative seed": ("excite prbs --seed -1", 2, "--seed"),
@@ -93,11 +93,11 @@ WRONG: dict[str, tuple[str, int, str]] = {
     "structures unknown": ("structures magic", 2, "no structure 'magic'"),
     "structures two": ("structures arx oe", 2, "unexpected extra argument"),
     "models unknown action": ("models burn", 2, "'burn' is not one of"),
-    "models show what": ("models show", 2, "needs the ID"),
+    "models remove what": ("models remove", 2, "needs the ID"),
     "models list what": ("models list oe", 2, "takes no ID"),
-    "models show unknown": ("models show bj", 2, "no model 'bj'"),
+    "show unknown": ("show bj", 2, "no model 'bj'"),
     "models remove unknown": ("models remove bj", 2, "no model 'bj'"),
-    "models outside": ("models show ../../etc/passwd", 2, "no model"),
+    "models outside": ("show ../../etc/passwd", 2, "no model"),
     "models workspace file": ("models --workspace log.csv", 2, "is a file"),
     "models damaged": ("models --workspace damaged", 1, "arx-000000.json is damaged"),
     "root workspace file": ("--workspace log.csv models", 2, "is a file"),
@@ -116,15 +116,15 @@ WRONG: dict[str, tuple[str, int, str]] = {
     "simulate no such plant": ("simulate mission.yaml --plant nowhere", 1, "no plant package"),
     "simulate wrong plant": ("simulate mission.yaml --plant log.csv", 1, "nor an intact zip"),
     "simulate empty plant": ("simulate mission.yaml --plant empty", 1, "has no plant.json"),
-    "simulate no such mission": ("simulate no.yaml", 1, "file not found: no.yaml"),
+    "simulate no such mission": ("simulate no.yaml", 1, "no.yaml: file not found"),
     "simulate unknown key": ("simulate bad.yaml", 1, "bad.yaml:2"),
-    "simulate no such log": ("simulate no.csv", 2, "file not found: no.csv"),
-    "simulate plot format": ("simulate mission.yaml --plot x.docx", 2, ".svg or .png"),
-    "simulate log at a folder": ("simulate mission.yaml --log empty", 2, "empty"),
-    "simulate log below a file": ("simulate mission.yaml --log log.csv/x.csv", 1, "log.csv"),
-    "simulate onto itself": ("simulate log.csv --log log.csv", 2, "would overwrite"),
+    "simulate no such log": ("simulate no.csv", 2, "no.csv: file not found"),
+    "simulate plot format": ("simulate mission.yaml --plot x.docx", 2, ".svg, .png or .pdf"),
+    "simulate log at a folder": ("simulate mission.yaml -o empty", 2, "empty"),
+    "simulate log below a file": ("simulate mission.yaml -o log.csv/x.csv", 1, "log.csv"),
+    "simulate onto itself": ("simulate log.csv -o log.csv", 2, "would overwrite"),
     "simulate onto the mission": (
-        "simulate mission.yaml --log ./mission.yaml",
+        "simulate mission.yaml -o ./mission.yaml",
         2,
         "would overwrite",
     ),
@@ -268,7 +268,7 @@ def test_a_command_that_hears_no_interrupt_ends_all_the_same_and_no_library_warn
 
 
 def test_a_closed_pipe_is_quiet(here: Path) -> None:
-    command = [sys.executable, "-m", "sysid_cli.start", "models", "show", "oe", "--json"]
+    command = [sys.executable, "-m", "sysid_cli.start", "show", "oe", "--json"]
     reader, writer = os.pipe()
     os.close(reader)
     with os.fdopen(writer, "w") as gone:

@@ -86,7 +86,7 @@ def test_four_commands_in_a_row_in_an_empty_folder(tmp_path: Path, capsys: Captu
     (tmp_path / "mission.yaml").write_text("goal: [1, 0]\n")
     best = run(capsys, "fit", "data.csv", "--json").document
     assert_fit_document(best, ["omega_l", "omega_r"], judged=False)
-    ranking = run(capsys, "compare", "--criteria", "aic", "--json").document
+    ranking = run(capsys, "compare", "--criterion", "aic", "--json").document
     exported = run(capsys, "export", "--json").document
     driven = run(capsys, "simulate", "mission.yaml", "--json").document
 
@@ -309,7 +309,7 @@ def test_compare_refuses_criteria_across_data(tmp_path: Path, capsys: Capture) -
     old = run(capsys, "fit", one, *ARX, "--json").document["model"]
     for words in (ARX, OE):
         run(capsys, "fit", two, *words)
-    found = run(capsys, "compare", "--criteria", "bic", "--json").document
+    found = run(capsys, "compare", "--criterion", "bic", "--json").document
     assert [line["structure"] for line in found["ranking"]] == ["oe", "arx"]
     assert [e["model"] for e in found["excluded"]] == [old]
     assert "other data" in found["excluded"][0]["reason"]
@@ -319,10 +319,25 @@ def test_compare_refuses_criteria_across_data(tmp_path: Path, capsys: Capture) -
     assert judged["data"] == "one.csv"
 
 
+def test_criteria_are_the_same_in_fit_and_compare(tmp_path: Path, capsys: Capture) -> None:
+    """Over the samples that all of them predict: an ARX with more lags predicts fewer."""
+    log = robot_log(tmp_path / "log.csv")
+    orders = ("--structure", "arx,oe", "--orders", "arx: na=5 nb=1; oe: nb=1 nf=1")
+    fitted = run(capsys, "fit", log, *orders, "--json").document["models"]
+    ranked = run(capsys, "compare", "--criterion", "aic", "--json").document["ranking"]
+    by_model = {line["model"]: line["aic"] for line in ranked}
+    for m in fitted:
+        assert m["criteria"]["aic"] == pytest.approx(by_model[m["model"]], rel=1e-9)
+
+
 def test_compare_needs_the_same_held_out_data(tmp_path: Path, capsys: Capture) -> None:
     log, val = robot_log(tmp_path / "log.csv"), robot_log(tmp_path / "val.csv", seed=2)
     run(capsys, "fit", log, *ARX)
     run(capsys, "fit", log, *OE, "--val", val)
+    found = run(capsys, "compare", "--json").document
+    assert {line["figures"]["data"] for line in found["ranking"]} == {"val.csv"}
+    assert found["notes"] == []
+    val.unlink()
     found = run(capsys, "compare", "--json").document
     assert {line["figures"]["data"] for line in found["ranking"]} == {"log.csv"}
     assert any("--val" in note for note in found["notes"])
@@ -332,12 +347,12 @@ def test_compare_goes_on_without_the_log(tmp_path: Path, capsys: Capture) -> Non
     log = robot_log(tmp_path / "log.csv")
     for words in (ARX, OE):
         run(capsys, "fit", log, *words)
-    fresh = run(capsys, "compare", "--criteria", "aic", "--json").document
+    fresh = run(capsys, "compare", "--criterion", "aic", "--json").document
     assert not any("gone or have changed" in note for note in fresh["notes"])
     robot_log(log, seed=8)
-    changed = run(capsys, "compare", "--criteria", "aic", "--json").document
+    changed = run(capsys, "compare", "--criterion", "aic", "--json").document
     log.unlink()
-    gone = run(capsys, "compare", "--criteria", "aic", "--json").document
+    gone = run(capsys, "compare", "--criterion", "aic", "--json").document
     for found in (changed, gone):
         assert [r["model"] for r in found["ranking"]] == [r["model"] for r in fresh["ranking"]]
         assert any("gone or have changed" in note for note in found["notes"])
@@ -360,10 +375,13 @@ def test_pictures_are_drawn(tmp_path: Path, capsys: Capture) -> None:
 def test_what_a_person_sees(tmp_path: Path, capsys: Capture) -> None:
     log = robot_log(tmp_path / "log.csv")
     shown = run(capsys, "fit", log, *ARX, "--split", 0.7)
-    assert shown.code == 0
-    for word in ("a1[omega_l,omega_l]", "free run", "1 step", "first 70 %", "last 30 %", "Next:"):
+    for word in ("* arx", "fit %, free run", "last 30 %", "gain [(rad/s)/µs]", "Next:"):
         assert word in shown.out, word
-    assert "estimated from the first" in shown.out, "no fit without its initial-state policy"
+    full = run(capsys, "fit", log, *ARX, "--split", 0.7, "--full")
+    for word in ("a1[omega_l,omega_l]", "free run", "1 step", "first 70 %", "last 30 %", "Next:"):
+        assert word in full.out, word
+    assert "estimated from the first" in full.out, "no fit without its initial-state policy"
+    assert full.out.endswith(run(capsys, "show").out)
 
 
 needs_data = pytest.mark.skipif(

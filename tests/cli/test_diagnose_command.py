@@ -109,17 +109,17 @@ class Ids(HTMLParser):
 
 @pytest.mark.slow
 def test_story_files_and_page(here: Path, capsys: Capture) -> None:
-    told = run(capsys, "diagnose", "log.csv")
+    told = run(capsys, "diagnose", "log.csv", "--full")
     assert told.code == 0, told.err
     heads = [told.out.index(f"\n{word}\n") for word in ("Where", "What", "Added", "Shrunk")]
     assert heads == sorted(heads)
     for words in (
         "of the excess error of omega_",
         "dead-zone (actuator)",
-        "± std. error",
+        "95 % interval",
         "cannot distinguish it from stiction",
-        "of the gap is closed",
-        "sysid export --model",
+        "of the error beyond the noise is closed",
+        "Next: sysid show | sysid compare | sysid export",
     ):
         assert words in told.out
     assert max(map(len, told.out.splitlines())) < 200
@@ -148,7 +148,7 @@ def test_page_and_story_without_an_effect(
     answer: str, here: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     engine(answer, monkeypatch)
-    told = run(capsys, "diagnose", "log.csv", "-o", "out")
+    told = run(capsys, "diagnose", "log.csv", "-o", "out", "--full")
     assert told.code == 0, told.err
     said = {
         "nothing": ("Nothing is missing", "No effect is missing."),
@@ -201,8 +201,41 @@ def test_both_models_are_ordinary_models(
     assert listed[1]["fit_percent"]["omega_r"] > 95
     ranked = run(capsys, "compare", *ids, "--val", "other.csv", "--json").document
     assert ranked["best"] == found["augmented_model"]
-    exported = run(capsys, "export", "--model", found["augmented_model"], "--json").document
+    exported = run(capsys, "export", "--json").document
+    assert exported["model"] == found["augmented_model"], "what a diagnosis made is the newest"
     assert exported["selftest"]["max_error"] < 1e-6
+
+
+def test_after_a_diagnosis_everything_is_ranked_on_its_held_out_log(
+    here: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    no_page(monkeypatch)
+    fitted = ("--structure", "oe,arx", "--orders", "oe: nb=1 nf=1; arx: na=1 nb=1")
+    run(capsys, "fit", "log.csv", *fitted)
+    found = diagnosed(capsys, "--val", "other.csv")
+    ranked = run(capsys, "compare", "--json").document
+    assert ranked["data"] == "other.csv"
+    assert len(ranked["ranking"]) == 3
+    assert ranked["best"] == found["augmented_model"]
+    assert (ranked["excluded"], ranked["notes"]) == ([], [])
+
+
+@pytest.mark.parametrize("what", ["dead zone", "nothing", "unexplained"])
+def test_the_answer_fits_a_screen(
+    what: str, here: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    no_page(monkeypatch)
+    monkeypatch.setenv("COLUMNS", "80")
+    if what != "dead zone":
+        engine(what, monkeypatch)
+    told = run(capsys, "diagnose", "log.csv", "--val", "other.csv")
+    lines = [*told.out.splitlines(), *told.err.splitlines()]
+    assert len(lines) <= 24, told.out
+    assert max(map(len, lines)) <= 80
+    if what == "dead zone":  # 0.2 ± 1.96 × 0.001, and ten times the error without it
+        assert re.search(r"1 dead-zone +omega_l +plus 0.200 \(0.198–0.202\) drive", told.out)
+        assert "× 10" in told.out
+        assert "\nLeft: less than 1 % of the error beyond the noise: done\n" in told.out
 
 
 @pytest.mark.slow
@@ -227,7 +260,7 @@ def test_a_mission_is_told_and_drawn(
         return replace(quick_diagnosis.nothing(*logs, **facts), path=path)
 
     monkeypatch.setattr(sys.modules["sysid.diagnosis.diagnose"], "diagnose", on_mission)
-    told = run(capsys, "diagnose", "log.csv", "--mission", "mission.yaml")
+    told = run(capsys, "diagnose", "log.csv", "--mission", "mission.yaml", "--full")
     assert told.code == 0, told.err
     assert asked == [Path("mission.yaml")]
     assert "closed loop: time [s]" in told.out
@@ -319,7 +352,7 @@ def refused(told: Run, code: int, *words: str) -> None:
     ("line", "code", "words"),
     [
         ("log.csv --model oe-000000", 2, ("no model 'oe-000000'",)),
-        ("missing.csv", 2, ("file not found: missing.csv",)),
+        ("missing.csv", 2, ("missing.csv: file not found",)),
         ("silent.csv", 1, ("output",)),
         ("log.csv --val log.csv", 2, ("must differ from the estimation log", "omit --val")),
         ("log.csv --plant plant", 2, ("--plant", "--mission")),
@@ -383,6 +416,6 @@ def test_empty_readings_are_dropouts(
     assert found["effects"][0]["channels"] == ["omega_l"]
     # one in 37 is 2.7 %, and no other reading counts as lost
     assert found["effects"][0]["parameters"][0]["value"] == pytest.approx(1 / 37, rel=0.1)
-    told = run(capsys, "diagnose", "log.csv", "--val", "val.csv").out
+    told = run(capsys, "diagnose", "log.csv", "--val", "val.csv", "--full").out
     assert "Nothing; the model remains" in told
     refused(run(capsys, "diagnose", "log.csv", "--resample", "refuse"), 1, "empty")

@@ -35,7 +35,7 @@ COMMANDS = {
     "remove": "models remove arx",
     "export over a plant": "export --format json,c",
     "export over a zip": "export --format json,c -o plant.zip",
-    "simulate over a log": "simulate mission.yaml --log drive.csv",
+    "simulate over a log": "simulate mission.yaml -o drive.csv",
     "excite over a schedule": "excite prbs --duration 20 -o drive.csv",
     "vehicle over its files": "vehicle car.yaml --urdf car.urdf --mjcf car.xml",
 }

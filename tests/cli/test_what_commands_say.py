@@ -98,11 +98,11 @@ def test_models(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     oe, arx = listed  # type: ignore[misc]
     assert (oe["structure"], arx["model"]) == ("oe", other)
     assert oe["fit_percent"] == {"omega_l": 98.5, "omega_r": 98.25}
-    shown = answer(capsys, "models", "show", "oe")
+    shown = answer(capsys, "show", "oe")
     assert shown["parameters"][0]["name"] == "b1[omega_l,pwm_l]"  # type: ignore[index]
     best = Workspace(Path(".sysid")).chosen(None).id
-    assert answer(capsys, "models", "show", "best")["model"] == best
-    code, out, _ = ask(capsys, ["models", "show", "oe"])
+    assert answer(capsys, "show", "best")["model"] == best
+    code, out, _ = ask(capsys, ["show", "oe"])
     assert code == 0
     assert "b1[omega_l,pwm_l]" in out  # brackets are no markup
     assert answer(capsys, "models", "remove", "arx") == {"removed": other}
@@ -148,7 +148,7 @@ def test_export_and_simulate_in_a_row(here: Path, capsys: pytest.CaptureFixture[
 def test_export_to_a_zip_of_a_chosen_model(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arx = Workspace(Path(".sysid")).save(robot_model("arx"), {}).id
     assert answer(capsys, "export", "--model", "arx", "-o", "p.zip")["model"] == arx
-    result = answer(capsys, "simulate", "mission.yaml", "--plant", "p.zip", "--log", "a/b.csv")
+    result = answer(capsys, "simulate", "mission.yaml", "--plant", "p.zip", "-o", "a/b.csv")
     assert result["outcome"] == "arrived"
     assert Path("a/b.csv").exists()
     code, out, _ = ask(capsys, ["export", "-o", "folder"])

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from mission_cases import Robot, goal
 
-from sysid.cosim.connection import Asked, Ended, QueuePort, Seen, SilenceError, joined
+from sysid.cosim.connection import Asked, Ended, Level, QueuePort, Seen, SilenceError, joined
 from sysid.cosim.guiding import guide
-from sysid.cosim.level import Level
 from sysid.cosim.robot import Pace, play_robot
 from sysid.errors import ModelError
 from sysid.robot.mission.contracts import Body, Pose

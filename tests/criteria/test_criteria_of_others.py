@@ -73,16 +73,16 @@ ASKED = ("arx-eba84e", "bj-476fc8", "armax-6d3972")
 @pytest.mark.usefixtures("installed")
 def test_models_of_before_are_ranked_by_it(older: Path, capsys: Capture) -> None:
     there = ("--workspace", "workspace", "--json")
-    ranking = run(capsys, "compare", *ASKED, "--criteria", "HQ", *there).document
-    by_aic = run(capsys, "compare", *ASKED, "--criteria", "aic", *there).document
+    ranking = run(capsys, "compare", *ASKED, "--criterion", "HQ", *there).document
+    by_aic = run(capsys, "compare", *ASKED, "--criterion", "aic", *there).document
     assert ranking["criterion"] == "hq"
     assert [m["model"] for m in ranking["ranking"]] == [m["model"] for m in by_aic["ranking"]]
     for line in ranking["ranking"]:  # 280 samples: between AIC (2) and BIC (ln 280) a parameter
         assert line["aic"] < line["hq"] < line["bic"]
-    high = run(capsys, "compare", *ASKED, "--criteria", "likelihood", *there).document
+    high = run(capsys, "compare", *ASKED, "--criterion", "likelihood", *there).document
     values = [m["likelihood"] for m in high["ranking"]]
     assert values == sorted(values, reverse=True)
-    text = run(capsys, "compare", *ASKED, "--criteria", "hq", *there[:2])
+    text = run(capsys, "compare", *ASKED, "--criterion", "hq", *there[:2])
     assert "Hannan and Quinn: between AIC and BIC." in text.out
 
 
@@ -92,10 +92,10 @@ def test_without_the_data_a_model_of_before_is_left_out_by_name(
 ) -> None:
     (older / "log.csv").unlink()
     there = ("--workspace", "workspace", "--json")
-    gone = run(capsys, "compare", *ASKED, "--criteria", "hq", *there)
+    gone = run(capsys, "compare", *ASKED, "--criterion", "hq", *there)
     assert gone.code == 1
     assert "arx-eba84e was stored without hq" in gone.err
-    assert run(capsys, "compare", *ASKED, "--criteria", "aic", *there).code == 0
+    assert run(capsys, "compare", *ASKED, "--criterion", "aic", *there).code == 0
 
 
 def test_a_fit_stores_it_and_is_read_without_it(
@@ -104,7 +104,7 @@ def test_a_fit_stores_it_and_is_read_without_it(
     request.getfixturevalue("installed")
     fit = ("fit", "log.csv", "--structure", "arx,oe", "--orders", "na=1:2 nb=1 nk=1; oe: nb=1 nf=1")
     for name, leads in (("hq", "lowest"), ("likelihood", "highest")):
-        found = run(capsys, *fit[:4], "--criteria", name, "--json").document
+        found = run(capsys, *fit[:4], "--criterion", name, "--json").document
         assert name in found["criteria"]
         assert (
             f"{name.upper()}, from one-step errors on the estimation data, is the {leads}"
@@ -118,7 +118,7 @@ def test_a_fit_stores_it_and_is_read_without_it(
     assert "hq" not in table.names()
     assert Model.from_json(stored).criteria["hq"] == value
     assert run(capsys, "models").code == 0
-    refused = run(capsys, "compare", "--criteria", "hq")
+    refused = run(capsys, "compare", "--criterion", "hq")
     assert (refused.code, refused.err.count("\n")) == (2, 1)
     assert "no criterion 'hq'; choose one of aic" in refused.err
 
@@ -148,7 +148,7 @@ def test_a_package_that_cannot_be_used_is_named(tmp_path: Path, place: str, says
 
 def test_the_name_of_a_criterion_is_read_in_any_case(older: Path, capsys: Capture) -> None:
     found = run(
-        capsys, "fit", "log.csv", "--structure", "arx", "--criteria", "BIC", "--json"
+        capsys, "fit", "log.csv", "--structure", "arx", "--criterion", "BIC", "--json"
     ).document
     assert found["order_search"]["criterion"] == "bic"
 

@@ -18,7 +18,7 @@ SLOW = replace(RECORD, u=np.rint(0.3 * RECORD.u), sha256="")
 
 def test_every_effect_has_a_programme() -> None:
     for e in (*catalogue().values(), CHANGED):
-        assert e.programmes, e.id
+        assert e.hints.programmes, e.id
 
 
 @pytest.mark.parametrize("id", [*catalogue(), "quantisation", "held-telemetry", "dropouts"])

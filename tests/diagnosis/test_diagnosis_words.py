@@ -91,7 +91,8 @@ def test_shares_are_of_what_is_known_to_be_full_drive() -> None:
 
 def test_no_sentence_of_the_catalogue_knows_whether_wheels_or_tracks_carry_the_robot() -> None:
     for e in catalogue().values():
-        said = f"{e.sentence} {e.opposite} {e.looks_like} {e.experiment}".lower()
+        t = e.texts
+        said = f"{t.sentence} {t.opposite} {t.looks_like} {t.experiment}".lower()
         assert "track" not in said.replace("wheels or tracks", ""), e.id
 
 

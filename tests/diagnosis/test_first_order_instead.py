@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sysid.data.facts import LogFacts
 from sysid.data.record import Channel, Record
-from sysid.diagnosis import given_model
+from sysid.diagnosis import first_order
 from sysid.diagnosis.base_model import fit_baseline
-from sysid.diagnosis.given_model import or_on_first_order
+from sysid.diagnosis.first_order import or_on_first_order
 from sysid.effects.catalogue import chain_effects
+from sysid.errors import DataError
 
 LOG = Record(np.zeros((4, 1)), np.zeros((4, 1)), 0.1, (Channel("u", "V"),), (Channel("speed"),))
 HEATER = Record(
@@ -26,11 +28,13 @@ def outcome(
     log: Record = LOG,
 ) -> Any:
     base = SimpleNamespace(
-        search=SimpleNamespace(model=SimpleNamespace(order=order)),
+        search=SimpleNamespace(model=SimpleNamespace(order=order, effects=())),
         parts=SimpleNamespace(estimation=(log,)),
     )
     study = SimpleNamespace(
-        base=base, needs_explanation=doubtful, unexplained=lambda naming: unexplained
+        base=base,
+        needs_explanation=doubtful,
+        unexplained=lambda naming: unexplained,
     )
     return SimpleNamespace(session=study, selection=SimpleNamespace(selected=named, final=None))
 
@@ -39,6 +43,7 @@ def better(more: bool) -> Any:
     """What was found on first order, and whether it explains more."""
     found = outcome(1, ("backlash",))
     found.session.explains_more = lambda naming, node: more
+    found.session.searched = lambda effects, say: found
     return found
 
 
@@ -62,8 +67,14 @@ def better(more: bool) -> Any:
 def test_first_order_is_taken_where_it_explains_more(
     found: Any, other: Any, taken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(given_model, "_on_baseline", lambda *_, **__: other)
-    result: Any = or_on_first_order(found, [LOG], None, lambda text, share: None)
+    def fitted(*_: Any, **__: Any) -> Any:
+        if other is None:
+            raise DataError("no base")
+        return other.session.base
+
+    monkeypatch.setattr(first_order, "fit_baseline", fitted)
+    monkeypatch.setattr(first_order, "replace", lambda session, base: other.session)
+    result: Any = or_on_first_order(found, LogFacts((LOG,)), None, lambda text, share: None)
     assert (result is other) is taken
     assert taken or result is found
 

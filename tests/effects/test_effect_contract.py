@@ -49,7 +49,7 @@ def test_no_effect_is_named_outside_the_catalogue(folder: str) -> None:
 @pytest.mark.parametrize("e", catalogue().values(), ids=lambda e: e.id)
 def test_every_effect_is_what_it_says(e: Effect) -> None:
     assert fault(e) == ""
-    assert all(tie in catalogue() for tie in e.ties)
+    assert all(tie in catalogue() for tie in e.hints.ties)
     assert about(e.id) is e
 
 

@@ -50,6 +50,8 @@ IDS = (
     "thermal-fade",
     "gravity-load",
     "speed-ripple",
+    "position-play",
+    "servo-speed-limit",
     "track-slip",
     "radius-mismatch",
     "track-width",
@@ -141,6 +143,8 @@ STEADY = {
     "input-saturation": ({"plus": 0.4, "minus": 0.4}, 0.9, GAIN * 0.4),
     "concave-gain": ({"kappa": 0.3, "cubic": 0.0}, 0.5, GAIN * 0.5 * 0.85),
     "direction-asymmetry": ({"rho": 0.8}, -0.5, -GAIN * 0.4),
+    "position-play": ({"gap": 4.0}, 0.5, GAIN * 0.5 - 2.0),
+    "servo-speed-limit": ({"error": 1.0}, 0.5, GAIN * 0.5),
     "supply-sag": ({"sag": 0.2, "emf": 0.0, "current": 0.0}, 0.5, GAIN * 0.5 * 0.9),
     "coulomb-friction": (
         {"level": 3.0, "of_load": 0.2, "of_servo": 0.0},

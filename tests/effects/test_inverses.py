@@ -27,7 +27,7 @@ def steady(e: Effect, motion: np.ndarray, torque: np.ndarray) -> Context:
     return Context(
         dt=0.05, t=np.float64(4.0), w=motion, w_free=KEPT * motion, b=np.full(2, 1.0 - KEPT),
         torque=torque, torque_other=torque[::-1], drive=torque, turned=motion, counted=motion,
-        holds=np.zeros(2),
+        holds=np.zeros(2), driven=torque,
     )  # fmt: skip
 
 
@@ -37,7 +37,7 @@ def test_all_of_those_can_be_compensated() -> None:
         e.id for e in INVERTIBLE
     }
     # who makes up for effects knows no states; the charge that a battery lacks is then none
-    assert [e.id for e in INVERTIBLE if e.states] == ["battery-discharge"]
+    assert [e.id for e in INVERTIBLE if e.memory.states] == ["battery-discharge"]
 
 
 @pytest.mark.parametrize("e", INVERTIBLE, ids=lambda e: e.id)

@@ -32,7 +32,7 @@ def test_two_lags_of_a_held_command_are_exact(id: str, motion: float, lag: float
     held = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 40), 3)
     kept = np.exp(-DT / motion)
     p = numbers(effect, lag, kept)
-    state, speed, found = (np.zeros(1),) * effect.states, np.zeros(1), []
+    state, speed, found = (np.zeros(1),) * effect.memory.states, np.zeros(1), []
     for u in held:
         drive = np.array([u])
         if id == "sensor-lag":

@@ -36,11 +36,11 @@ HELD = [["--val"], ["--split", "0.7"], []]
 def test_every_option_counts_without_naming_a_log(
     held: list[str], tmp_path: Path, capsys: Capture
 ) -> None:
-    """--skip, --horizon and --initial-state change the figures on whatever judged the models."""
+    """--skip, --horizon and --initial change the figures on whatever judged the models."""
     _workspace(tmp_path, capsys, *held)
     place = ["--workspace", tmp_path / "ws", "--json"]
     plain = run(capsys, "compare", *place).document["ranking"][0]["figures"]
-    options = ["--skip", 30, "--horizon", 5, "--horizon", 8, "--initial-state", "zero"]
+    options = ["--skip", 30, "--horizon", 5, "--horizon", 8, "--initial", "zero"]
     asked = run(capsys, "compare", *options, *place).document["ranking"][0]["figures"]
     assert asked["samples"] == plain["samples"] - 30
     assert [f["horizon"] for f in asked["k_step"]] == [5, 8]
@@ -91,7 +91,7 @@ def test_models_of_logs_of_unequal_length_are_ranked_by_error_alone(
         assert run(capsys, "fit", log, *shared).code == 0
     judged = run(capsys, "compare", "--val", val, *place, "--json").document
     assert [r["figures"]["samples"] for r in judged["ranking"]] == [200, 200]
-    by_aic = run(capsys, "compare", "--criteria", "aic", *place, "--json").document
+    by_aic = run(capsys, "compare", "--criterion", "aic", *place, "--json").document
     assert len(by_aic["ranking"]) == 1
     assert "other data" in by_aic["excluded"][0]["reason"]
 

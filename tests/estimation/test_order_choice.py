@@ -222,7 +222,7 @@ def test_the_contest_says_by_what_it_was_decided(criterion: str) -> None:
     if criterion == "fit":  # AIC may take an order more
         error = np.sqrt(first.covariance[1, 1])
         assert abs(first.theta[1] + 0.6) < 4 * error  # a chance of 6e-5
-    words = {"fit": "on the 30 %", "aic": "its AIC", "bic": "its BIC"}
+    words = {"fit": "among models tied on held-out data", "aic": "its AIC", "bic": "its BIC"}
     assert words[criterion] in found.reason
 
 

@@ -12,8 +12,8 @@ from sysid.structures.registry import structure_classes
 
 def test_a_comparison_tells_cost_and_meaning_of_each_model() -> None:
     log = robot_record()
-    models = {name: sysid.fit(name, log, ORDERS[name]) for name in ("arx", "oe")}
-    lines = sysid.compare(models, log).lines
+    models = {name: sysid.fit(log, name, ORDERS[name]) for name in ("arx", "oe")}
+    lines = sysid.compare(log, models).lines
     for line in lines:
         shown = line.to_json()
         assert 1e-7 < shown["step_time_s"] < 1e-2  # a handful of operations in Python

@@ -17,10 +17,10 @@ from pose_cases import two_tracks
 import sysid
 from sysid.diagnosis.pose.ground_model import with_ground
 from sysid.effects.ground import Ground
-from sysid.export.c.counting import operations
 from sysid.export.c.precision import in_single, single
+from sysid.export.c.report import operations
 from sysid.export.package import Form, package_files, write_package
-from sysid.robot.mission.navigation.doubt import RUN
+from sysid.robot.mission.navigation.fusion import RUN
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import Mission, load_mission
 from sysid.robot.mission.tracks.mapping import as_robot
@@ -323,7 +323,7 @@ def test_a_ground_that_remembers_and_slides_is_driven_in_c(tmp_path: Path) -> No
 
 @needs_compiler
 def test_what_the_command_module_makes_up_for_may_be_changed(tmp_path: Path) -> None:
-    from sysid.export.closed_loop import loop_of
+    from sysid.export.package import loop_of
     from sysid.robot.mission.contracts import Body, Command, Pose
     from sysid.runners import floats
 

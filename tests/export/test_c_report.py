@@ -9,7 +9,7 @@ from c_programs import COMPILER, needs_compiler
 from plant_models import robot_model
 
 import sysid
-from sysid.export.c.counting import Count, counted
+from sysid.export.c.report import Count, counted
 from sysid.export.package import Form, package_files
 from sysid.robot.mission.spec import load_mission
 

@@ -17,8 +17,7 @@ from sysid.errors import ModelError
 from sysid.export.package import Form, form_of, write_package
 from sysid.export.verification import runtimes
 from sysid.export.verification import verify as module
-from sysid.export.verification.rebuilt import foreign_code
-from sysid.export.verification.verify import verify
+from sysid.export.verification.verify import foreign_code, verify
 from sysid.plant.package import KEY, content_hash, files_of, read_package
 from sysid.plant.storage import zip_bytes
 from sysid.robot.mission.spec import load_mission

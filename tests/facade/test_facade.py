@@ -26,7 +26,7 @@ def first_order(samples: int = 400, noise: float = 0.01) -> sysid.Record:
 
 
 def oe(record: sysid.Record) -> sysid.Model:
-    return sysid.fit("oe", record, orders="nb=1 nf=1 nk=1", detrend="none")
+    return sysid.fit(record, "oe", orders="nb=1 nf=1 nk=1", detrend="none")
 
 
 def test_importing_it_imports_no_library() -> None:
@@ -50,8 +50,8 @@ def test_an_unknown_name_is_refused() -> None:
 
 def test_a_fit_by_name_is_the_fit_of_the_structure() -> None:
     record = first_order()
-    structure = sysid.structure("oe", record, {"nb": 1, "nf": 1, "nk": 1})
-    by_structure = sysid.fit(structure, [record], detrend="none")
+    structure = sysid.structure(record, "oe", {"nb": 1, "nf": 1, "nk": 1})
+    by_structure = sysid.fit([record], structure, detrend="none")
     np.testing.assert_array_equal(oe(record).theta, by_structure.theta)
     # five standard errors of an output error model with noise .01 on 400 samples
     np.testing.assert_allclose(oe(record).theta, [B, A], atol=5e-3)
@@ -59,7 +59,7 @@ def test_a_fit_by_name_is_the_fit_of_the_structure() -> None:
 
 def test_orders_are_searched_where_none_are_given() -> None:
     record = first_order()
-    assert sysid.fit("arx", record).structure.name == "arx"
+    assert sysid.fit(record, "arx").structure.name == "arx"
 
 
 def test_what_a_linear_model_says_of_itself() -> None:
@@ -95,8 +95,8 @@ def test_residuals_and_predictions_belong_together() -> None:
 def test_a_nonlinear_model_has_no_poles() -> None:
     record = first_order(200)
     model = sysid.fit(
-        "narmax",
         record,
+        "narmax",
         options=sysid.FitOptions(structure_options={"terms": "y1(t-1), u1(t-1)"}),
         orders="na=1 nb=1 nk=1",
     )
@@ -114,7 +114,7 @@ def test_from_a_log_to_a_mission(tmp_path: Path) -> None:
     package = sysid.write_package(model, tmp_path / "plant")
     np.testing.assert_array_equal(sysid.load_model(package).theta, model.theta)
     other = sysid.read_log(path("prbs_val.csv"))
-    ranking = sysid.compare({"arx": model, "again": model}, other)
+    ranking = sysid.compare(other, {"arx": model, "again": model})
     assert ranking.best.contender.id in ("arx", "again")
     result = sysid.simulate(sysid.Mission(goal=(1.0, 0.0)), sysid.load_plant(package))
     assert result.summary() == sysid.simulate(sysid.Mission(goal=(1.0, 0.0)), model).summary()
@@ -142,3 +142,56 @@ def test_a_mission_is_driven_many_times() -> None:
     assert sum(o.count for o in found.outcomes.values()) == 20
     again = sysid.simulate_runs(mission, Robot(), 20, seed=1)  # type: ignore[arg-type]
     np.testing.assert_array_equal(found.time_s, again.time_s)
+
+
+def test_a_log_is_given_as_it_comes(tmp_path: Path) -> None:
+    """A record, its table, or the file of it: the same samples, the same model."""
+    record = first_order(200)
+    frame = record.to_frame()
+    assert list(frame.columns) == ["u", "y"]
+    assert frame.index.name == "t"
+    file = tmp_path / "log.csv"
+    frame.to_csv(file)
+    read = sysid.from_dataframe(frame, inputs="u", outputs="y")
+    np.testing.assert_allclose(read.y, record.y, atol=1e-12)
+    by_keyword = sysid.read_log(file, inputs="u", outputs="y")
+    np.testing.assert_array_equal(by_keyword.u, read.u)
+    models = [
+        sysid.fit(log, "arx", "na=1 nb=1 nk=1", detrend="none") for log in (record, frame, file)
+    ]
+    for model in models[1:]:
+        np.testing.assert_allclose(model.theta, models[0].theta, rtol=1e-9)
+    with pytest.raises(sysid.UsageError, match="not both"):
+        sysid.read_log(file, sysid.ReadOptions(), inputs="u")
+
+
+def test_a_model_shows_itself() -> None:
+    record = first_order()
+    model = oe(record)
+    assert repr(model) == "<Model oe nb=1 nf=1 nk=1: u → y, 0.1 s, 2 parameters>"
+    text = model.summary()
+    b = next(line for line in text.splitlines() if line.startswith("b1 "))
+    low, high = (model.theta[0] + k * 1.96 * np.sqrt(model.covariance[0, 0]) for k in (-1, 1))
+    assert f"{low:.6g} to {high:.6g}" in b
+    assert model._repr_html_().count("<table>") == 2
+    (fit,) = model.fit_percent(record).values()
+    # the noise of .01 beside the spread of y
+    assert fit == pytest.approx(100.0 * (1.0 - 0.01 / np.std(record.y)), abs=0.1)
+    np.testing.assert_array_equal(model.simulate(record), model.simulate(record.u))
+
+
+def test_responses_have_standard_errors_and_pictures() -> None:
+    record = first_order()
+    model = oe(record)
+    (step,) = sysid.step_response(model, seconds=2.0)
+    _, y = model.step_response(21)
+    np.testing.assert_allclose(step.y, y[:, 0], atol=1e-12)
+    assert (step.error[1:] > 0.0).all()
+    (bode,) = sysid.frequency_response(model, np.array([1.0, 3.0]))
+    assert bode.gain_error.shape == (2,)
+    figure = model.plot.bode(record)
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["u → y: gain", "u → y: phase"]
+    assert "step" in dir(model.plot)
+    with pytest.raises(AttributeError, match="no plot 'sky'"):
+        model.plot.sky()
+    assert set(dir(sysid)) == set(sysid.__all__)

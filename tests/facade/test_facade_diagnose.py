@@ -54,7 +54,7 @@ def test_it_is_the_diagnosis_of_the_engine() -> None:
 
 @pytest.mark.slow
 def test_a_log_alone_is_divided_and_a_given_model_is_doubted() -> None:
-    model = sysid.fit("oe", motor(1), "nb=1 nf=1 nk=1")
+    model = sysid.fit(motor(1), "oe", "nb=1 nf=1 nk=1")
     result = sysid.diagnose([motor(1)], model=model)
     assert result.before is model
     assert result.effects
@@ -77,5 +77,5 @@ def test_what_proves_nothing_is_refused(judge: sysid.Record, words: str) -> None
 def test_too_short_a_log_and_a_missing_mission_are_refused(tmp_path: Path) -> None:
     with pytest.raises(sysid.DataError, match="40 samples are too few"):
         sysid.diagnose(motor(1, 40))
-    with pytest.raises(sysid.UsageError, match="mission file not found"):
+    with pytest.raises(sysid.UsageError, match="file not found"):
         sysid.diagnose(motor(1), mission=tmp_path / "none.yaml")

@@ -18,11 +18,11 @@ COMMANDS = (
     "fit {log} --structure arx --orders 'na=1 nb=1 nk=1' --split 0.7 --skip 3 --fix a1=0 {ws}",
     "fit {log} --structure oe --orders 'nb=1:2 nf=1' --bound b1=-1:1 --json {ws}",
     "fit {robot} --structure arx --orders 'na=1 nb=1,0;0,1' --robust --horizon 2 --stable {ws}",
-    "fit {log} --orders 'na=1 nb=1 nf=1 nc=1 nd=1' --detrend linear --initial-state zero {ws}",
+    "fit {log} --orders 'na=1 nb=1 nf=1 nc=1 nd=1' --detrend linear --initial zero {ws}",
     "fit {log} --structure hammerstein-wiener --orders 'nb=1 nf=1' --option input=dead-zone {ws}",
-    "excite prbs --duration 5 --dt 0.1 --amplitude 9000 --clock 3 --seed 1 -o {new}",
-    "excite multisine --band 0.1 2 --duration 5 --dt 0.05 --tracks equal -o {new}",
-    "compare --criteria aic --folds 3 {ws}",
+    "excite prbs --duration 5 --ts 0.1 --amplitude 9000 --clock 3 --seed 1 -o {new}",
+    "excite multisine --band 0.1 2 --duration 5 --ts 0.05 --tracks equal -o {new}",
+    "compare --criterion aic --folds 3 {ws}",
     "models list --json {ws}",
     "structures arx",
     "export --format c,fmu {ws}",
@@ -96,7 +96,7 @@ def run_command(path: Path) -> None:
     known = (str(path.parent), str(DATA))
     if any(w.startswith(("/", "..")) and not w.startswith(known) for w in words):
         return  # files of the machine itself are no business of this
-    if words[:1] == ["plant"] or any(w.startswith(LONG_OPTIONS) for w in words):
+    if words[:1] == ["node"] or any(w.startswith(LONG_OPTIONS) for w in words):
         return  # what waits for others
     _run(words, path.parent)
 

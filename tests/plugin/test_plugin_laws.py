@@ -43,7 +43,7 @@ def test_a_mission_is_flown_by_laws_of_another_package(
         "mission.yaml:3: unknown kind 'line-of-sight' of guidance: the kinds are field" in here.err
     )
 
-    facts = installed.document("simulate", mission, "--log", "flown.csv", folder=tmp_path)
+    facts = installed.document("simulate", mission, "-o", "flown.csv", folder=tmp_path)
     assert facts["outcome"] == "arrived"
     with (tmp_path / "flown.csv").open() as file:
         rows = [{k: float(v or "nan") for k, v in row.items()} for row in csv.DictReader(file)]

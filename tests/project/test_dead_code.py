@@ -18,6 +18,8 @@ KEPT = {
     "to_body": "the same: 2.3",
     "point_velocity": "the same: 2.7",
     "point_acceleration": "the same: 2.9",
+    "_repr_html_": "called by notebooks",
+    "format_help": "called by typer for --help",
 }
 """Known and without a user, with the reason why they stay. Tests alone are no user."""
 

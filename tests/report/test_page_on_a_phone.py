@@ -1,8 +1,6 @@
 """The page of a diagnosis on a phone: everything in 360 px, letters large enough, none hidden."""
 
 import re
-import shutil
-import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
@@ -11,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from browser import BROWSER, laid_out
 from quick_diagnosis import dead_zone_log, diagnose
 
 from sysid.data.io import read_log
@@ -162,37 +161,8 @@ def test_no_effect_of_the_catalogue_is_cut() -> None:
     assert set(ids) <= set(shown)
 
 
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
-
-
 @pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
 def test_a_browser_needs_no_more_than_the_phone(page: str, tmp_path: Path) -> None:
     """Chromium lays the page out in a frame of 360 px and names what sticks out of it."""
-    measure = """<script>addEventListener("load", () => {
-      const wide = [...document.querySelectorAll("body *:not(svg *):not(.letters)")]
-        .filter(e => e.getBoundingClientRect().right > innerWidth + 0.5 ||
-          e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).overflowX != "visible")
-        .map(e => e.tagName + " " + e.textContent.slice(0, 40));
-      const seen = q => [...document.querySelectorAll(q)]
-        .filter(e => e.getBoundingClientRect().width > 0).length;
-      parent.postMessage(JSON.stringify({inner: innerWidth,
-        full: document.documentElement.scrollWidth, wide,
-        pictures: seen("figure svg")}), "*"); });</script></body>"""
-    (tmp_path / "page.html").write_text(page.replace("</body>", measure), encoding="utf-8")
-    (tmp_path / "frame.html").write_text(
-        '<!DOCTYPE html><body><pre id="said"></pre><script>addEventListener("message", '
-        'e => { document.getElementById("said").textContent = e.data; });</script>'
-        '<iframe src="page.html" style="width:360px;height:800px;border:0"></iframe></body>'
-    )
-    assert BROWSER is not None
-    seen = subprocess.run(
-        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic",
-         "--no-first-run", "--disable-background-networking", "--disable-component-update",
-         "--disable-sync", "--hide-scrollbars", f"--user-data-dir={tmp_path / 'profile'}",
-         "--virtual-time-budget=10000", "--dump-dom", (tmp_path / "frame.html").as_uri()],
-        capture_output=True, text=True, timeout=120, check=False,
-    ).stdout  # fmt: skip
     pictures = len(pictures_of(page))
-    said = re.search(r'<pre id="said">(.*?)</pre>', seen, re.S)
-    assert said, seen[-500:]
-    assert said[1] == f'{{"inner":360,"full":360,"wide":[],"pictures":{pictures}}}'
+    assert laid_out(page, tmp_path) == {"inner": 360, "full": 360, "wide": [], "pictures": pictures}

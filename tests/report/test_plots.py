@@ -135,9 +135,9 @@ def test_drawing_leaves_the_global_settings_alone(tmp_path: Path) -> None:
     assert dict(matplotlib.rcParams) == before
 
 
-@pytest.mark.parametrize("name", ["x.pdf", "x", "x.svg.gz", ".svg", "x.jpeg"])
+@pytest.mark.parametrize("name", ["x.eps", "x", "x.svg.gz", ".svg", "x.jpeg"])
 def test_other_suffixes_are_refused_by_name(name: str, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"\.svg or \.png"):
+    with pytest.raises(UsageError, match=r"\.svg, \.png or \.pdf"):
         plots.write_picture(tmp_path / name, fit_picture())
     assert not list(tmp_path.iterdir())
 

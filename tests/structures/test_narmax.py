@@ -27,8 +27,7 @@ from sysid.structures.difference_equations.monomials import (
     typed_name,
 )
 from sysid.structures.difference_equations.signals import Signal
-from sysid.structures.narmax.candidate_runs import CandidateRuns
-from sysid.structures.narmax.chunk_fits import ChunkFit, fit_together
+from sysid.structures.narmax.chunk_fits import CandidateRuns, ChunkFit, fit_together
 from sysid.structures.narmax.runs import PolynomialRun
 from sysid.structures.narmax.structure import NARMAX
 

@@ -122,7 +122,7 @@ def test_a_file_without_inputs_is_fitted(
     out = run(capsys, "fit", log, *options, *place)
     assert out.code == 0, out.err
     assert "arma" in out.out
-    assert run(capsys, "compare", "--criteria", "aic", *place).code == 0
+    assert run(capsys, "compare", "--criterion", "aic", *place).code == 0
     refused = run(capsys, "export", *place)
     assert refused.code == 1
     assert "has no input" in refused.err

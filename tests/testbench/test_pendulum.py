@@ -235,13 +235,13 @@ def test_a_log_that_does_not_tell_its_time_needs_it(tmp_path: Path) -> None:
         (["--period", "1.735", "--I1", "-1"], 2, "inertia I1 is -1"),
         (["--period", "0"], 2, "--period is 0"),
         (["--period", "1.5"], 1, "shorter than the 1.6698 s of a body without inertia"),
-        (["--period", "1.735", "--amplitude", "190"], 2, "--amplitude is 190°"),
+        (["--period", "1.735", "--swing", "190"], 2, "--swing is 190°"),
         (["--period", "1.735", "--std-error", "x=1"], 2, "'x' has no standard error"),
         (["--period", "1.735", "--std-error", "l"], 2, "write NAME=VALUE"),
         (["--period", "1.735", "--size", "0x1"], 2, "give two lengths above 0"),
         (["--period", "1.735", "--plot", "a.png"], 2, "omit it with --period"),
         ([], 2, "give either a log of the swing or its period"),
-        (["a.csv", "--amplitude", "5"], 2, "belongs to --period"),
+        (["a.csv", "--swing", "5"], 2, "belongs to --period"),
     ],
 )
 def test_wrong_use_is_one_sentence(

@@ -145,7 +145,7 @@ def test_what_is_measured_fills_a_mission_and_bounds_a_diagnosis(
     mission, bench, picture = (tmp_path / n for n in ("m.yaml", "bench.json", "p.svg"))
     mission.write_text("# mine\ngoal: [1, 0]\nvehicle:\n  r: 0.03\n  supply: {loss: 0.001}\n")
     files = [battery_log(tmp_path / "b.csv"), staircase(tmp_path / "s.csv", "motor_voltage_V")]
-    line = ["bench", "power", *files, "--full-current", 3, "--to", mission, "-o", bench]
+    line = ["bench", "power", *files, "--full-current", 3, "-o", mission, "-o", bench]
     result = run(capsys, *line, "--plot", picture, "--json").document
     supply = result["vehicle"]["supply"]
     assert supply["sag"] == pytest.approx(3.0 * 0.13 / 7.9, rel=0.02)

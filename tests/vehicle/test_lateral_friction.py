@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sysid.runners import floats
+from sysid.vehicle.contact import nearest
 from sysid.vehicle.ground.resistance import lateral_force, turning_moment
-from sysid.vehicle.lateral_friction import nearest
 from sysid.vehicle.soil import Soil
 
 Q, LENGTH = 100.0, 0.14

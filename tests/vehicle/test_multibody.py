@@ -68,12 +68,6 @@ def engine(name: str) -> Drive:
     return drive(MACHINE, schedule(RUNS[name], DT), DT)
 
 
-def test_the_bench_motors_are_those_of_the_thesis() -> None:
-    m = MACHINE.motor
-    given = (m.torque_per_volt, m.damping, m.inertia, m.dry_friction)
-    assert (MOTOR.torque, MOTOR.damping, MOTOR.inertia, MOTOR.friction) == pytest.approx(given)
-
-
 def test_points_turn_as_a_uniform_pressure_does() -> None:
     """Mean distance L/4; friction that no direction has leaves less than Wong's μWL/4 for it."""
     assert np.mean(np.abs(MACHINE.places)) == pytest.approx(MACHINE.L / 4.0)
@@ -107,7 +101,7 @@ def test_turning_on_the_spot_takes_the_moment_of_the_scrub() -> None:
     done = engine("spin")
     m = MACHINE.motor
     speed = float(np.mean(np.abs(done.omega[-10:])))
-    taken = m.torque_per_volt * 5.0 - m.damping * speed - m.dry_friction
+    taken = m.torque * 5.0 - m.damping * speed - m.friction
     rolling = MACHINE.rolling * MACHINE.mass * G * MACHINE.r / 2.0
     assert (taken - rolling) * MACHINE.B / MACHINE.r == pytest.approx(MOMENT, rel=CLOSE)
     width = MACHINE.r * 2.0 * speed / float(np.mean(done.velocity[-10:, 2]))

@@ -3,7 +3,16 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Hints,
+    Place,
+    Signal,
+    State,
+    Texts,
+)
 from sysid.effects.programmes import ONE_AND_OTHER, REVERSALS
 
 
@@ -16,16 +25,20 @@ def _drag(
 
 
 BELT_DRAG = Effect(
-    id="belt-drag",
-    stage="motor",
-    place=Place.TORQUE,
-    equation="T → T − k (ω − ω_other) |ω − ω_other|",
-    sentence="A slipping belt drags each side towards the other, the more the more they differ.",
-    looks_like="A side runs faster than commanded where the other one is faster.",
-    experiment="One side at a constant command while the other steps.",
-    parameters=(EffectParameter("drag", "1/speed", 0.0, 0.0, 3.0, (0.1, 0.5)),),
-    step=_drag,
-    ties=("cross-coupling", "inertial-coupling"),
+    "belt-drag",
+    "motor",
+    Place.TORQUE,
+    Texts(
+        "T → T − k (ω − ω_other) |ω − ω_other|",
+        "A slipping belt drags each side towards the other, the more the more they differ.",
+        "A side runs faster than commanded where the other one is faster.",
+        "One side at a constant command while the other steps.",
+    ),
+    (EffectParameter("drag", "1/speed", 0.0, 0.0, 3.0, (0.1, 0.5)),),
+    _drag,
     couples=True,
-    programmes=(ONE_AND_OTHER, REVERSALS),
+    hints=Hints(
+        ties=("cross-coupling", "inertial-coupling"),
+        programmes=(ONE_AND_OTHER, REVERSALS),
+    ),
 )

@@ -3,7 +3,17 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effects.base import Context, Effect, EffectParameter, Place, Signal, State
+from sysid.effects.base import (
+    Context,
+    Effect,
+    EffectParameter,
+    Hints,
+    OnGround,
+    Place,
+    Signal,
+    State,
+    Texts,
+)
 from sysid.effects.programmes import CRUISE, Programme
 
 DASHES = Programme(
@@ -27,17 +37,23 @@ def _in_numbers(value: float, error: float, side: int) -> str:
 
 
 SPEED_SLIP = Effect(
-    id="speed-slip",
-    stage="vehicle",
-    place=Place.POSE,
-    equation="ω → ω (1 − s|ω|)",
-    sentence="Tracks slip more the faster they run.",
-    looks_like="Fast stretches are shorter than the wheels say, slow ones are not.",
-    experiment="Straight runs at several speeds.",
-    parameters=(EffectParameter("loss", "1/speed", 0.0, 0.0, 0.05, (0.005,)),),
-    step=_slip,
+    "speed-slip",
+    "vehicle",
+    Place.POSE,
+    Texts(
+        "ω → ω (1 − s|ω|)",
+        "Tracks slip more the faster they run.",
+        "Fast stretches are shorter than the wheels say, slow ones are not.",
+        "Straight runs at several speeds.",
+    ),
+    (EffectParameter("loss", "1/speed", 0.0, 0.0, 0.05, (0.005,)),),
+    _slip,
     shared=True,
-    ties=("radius-mismatch",),
-    programmes=(DASHES, CRUISE),
-    in_numbers=_in_numbers,
+    on_ground=OnGround(
+        in_numbers=_in_numbers,
+    ),
+    hints=Hints(
+        ties=("radius-mismatch",),
+        programmes=(DASHES, CRUISE),
+    ),
 )

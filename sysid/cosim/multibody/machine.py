@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.vehicle.motors import Bench, Motor
 from sysid.vehicle.tracked import G
 from sysid.vehicle.wheels.body import box_inertia
 from sysid.vehicle.wheels.mjcf_parts import (
@@ -47,24 +48,8 @@ SLACK = 1.0 + 1e-6
 """Of two principal moments the sum is not below the third, rounding included."""
 
 
-@dataclass(frozen=True)
-class BenchMotor:
-    """One side's motor and gear as the sprocket feels them: τ = k u − d ω − J ω̇ − c sign ω.
-
-    The numbers are the thesis's (2.53–2.61, §5.2): R 3.1 Ω, Kem 0.0023, Kc 8.6626e-4, f 1.0651e-7,
-    J 1e-7, C0 2.9658e-5, gear 120.
-
-    Attributes:
-        torque_per_volt: k [Nm/V].
-        damping: d, friction and back-EMF [Nm/(rad/s)].
-        inertia: J [kg m²].
-        dry_friction: c [Nm].
-    """
-
-    torque_per_volt: float = 120.0 * 8.6626e-4 / 3.1
-    damping: float = 120.0**2 * (8.6626e-4 * 0.0023 / 3.1 + 1.0651e-7)
-    inertia: float = 120.0**2 * 1e-7
-    dry_friction: float = 120.0 * 2.9658e-5
+PER_VOLT = Bench().motor(1.0)
+"""The thesis's motor and gear (2.53–2.61, §5.2), driven by volts."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +67,7 @@ class Machine:
         wheels: of one row; an even number.
         friction: between wheels and floor [1].
         rolling: rolling resistance over load [1]; a servo gives what it takes.
-        motor: of each side; None for a servo that holds the speed of its wheels.
+        motor: of each side, driven by volts; None for a servo that holds the speed of its wheels.
     """
 
     mass: float = 1.5
@@ -96,7 +81,7 @@ class Machine:
     wheels: int = ROAD_WHEELS
     friction: float = 0.6
     rolling: float = 0.03
-    motor: BenchMotor | None = BenchMotor()
+    motor: Motor | None = PER_VOLT
 
     @property
     def places(self) -> Array:
@@ -136,7 +121,7 @@ class Machine:
         if self.motor is not None:
             m = self.motor
             rolling = self.rolling * self.load * self.wheels * self.r
-            axle = Axle(m.inertia, m.damping, m.dry_friction + rolling)
+            axle = Axle(float(m.inertia), float(m.damping), float(m.friction) + rolling)
         mass = WHEEL_SHARE * self.mass * ROAD_WHEELS / self.wheels
         common = (self.r, tuple(self.places.tolist()), self.r, mass, self.load)
         left, right = (
@@ -208,7 +193,7 @@ def scene(
         f' name="box" pos="{words((x, y, 0.0))}" quat="{turn}"',
     )
     motor = machine.motor
-    acting = [row.servo() if motor is None else row.motor(motor.torque_per_volt) for row in rows]
+    acting = [row.servo() if motor is None else row.motor(float(motor.torque)) for row in rows]
     return "\n".join(
         block(
             "mujoco",

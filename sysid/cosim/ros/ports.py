@@ -335,7 +335,7 @@ def guidance_node(topic: str = REFERENCES, patience: float = 60.0) -> Iterator[G
             f"{', '.join(publishers)} publishes {topic} already: only one node may guide; end it "
             "or choose another topic"
         )
-    talk = _Talk(node, {}, {}, "the robot", "start it, e.g. with `sysid plant`")
+    talk = _Talk(node, {}, {}, "the robot", "start it, e.g. with `sysid node`")
     port = GuidancePort(talk, topic)
     try:
         talk.meet(ODOM, patience)

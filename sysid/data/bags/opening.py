@@ -141,7 +141,7 @@ def opened(path: Path) -> Iterator[Bag]:
         DataError: the file cannot be read as a bag, or holds no message.
     """
     if not path.exists():
-        raise UsageError(f"file not found: {path}; check the path")
+        raise UsageError(f"{path}: file not found")
     try:
         from rosbags.highlevel import AnyReader
     except ImportError:

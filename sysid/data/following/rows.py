@@ -99,11 +99,6 @@ class RowReader:
         self._ahead = 0.0
 
     @property
-    def ready(self) -> bool:
-        """Whether channels and sample time are known."""
-        return self._format is not None
-
-    @property
     def inputs(self) -> tuple[Channel, ...]:
         """Input channels."""
         return self._known.inputs

@@ -116,7 +116,7 @@ def _text(path: Path, name: str) -> str:
     except IsADirectoryError:
         raise DataError(f"{name} is a folder: give the YAML file in it") from None
     except FileNotFoundError:
-        raise DataError(f"file not found: {path}: check the name and the folder") from None
+        raise DataError(f"{path}: file not found") from None
     except UnicodeDecodeError as error:
         raise DataError(
             f"{name} is not a text file (byte {error.start} is not UTF-8): save it as UTF-8 text"

@@ -52,7 +52,7 @@ def grown(search: PoseSearch) -> Grown:
     if not best[0]:
         return best
     first = best[0][0].candidate.id
-    rivals = effect(first).ties if first else ()
+    rivals = effect(first).hints.ties if first else ()
     others = [_grown_from(search, id) for id in rivals]
     return min([best, *(o for o in others if o[0])], key=lambda o: _score(o[1]))
 

@@ -23,12 +23,12 @@ from sysid.robot.calibration.ground_fit import (
 def sentence_of(c: Candidate, value: float, error: float, side: int) -> str:
     """An effect with its parameter, in plain words."""
     e = effect(c.id)
-    if in_numbers := c.law.in_numbers or e.in_numbers:
+    if in_numbers := c.law.in_numbers or e.on_ground.in_numbers:
         return in_numbers(value, error, side)
     p = e.parameters[0]
     where = "" if side < 0 else f" on the {('left', 'right')[side]}"
     unit = f" {p.unit.replace('speed', 'rad/s')}" if p.unit else ""
-    return f"{e.sentence} Here {p.name} {value:.4g} ± {error:.2g}{unit}{where}."
+    return f"{e.texts.sentence} Here {p.name} {value:.4g} ± {error:.2g}{unit}{where}."
 
 
 def warnings_of(

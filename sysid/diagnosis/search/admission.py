@@ -10,7 +10,7 @@ from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.parameter_table import ModelParameter
 from sysid.diagnosis.search.prepared import Logs
 from sysid.diagnosis.search.selection import CandidateModel
-from sysid.effects.base import StartsFrom
+from sysid.effects.base import Place, StartsFrom
 from sysid.effects.catalogue import CHANGED, about
 from sysid.effects.sensor import MOST_SAMPLED
 from sysid.fitting.holdout import Errors
@@ -22,9 +22,9 @@ def beyond_sampling(model: FullModel, id: str, q: Array) -> NDArray[np.bool_]:
     Beside another delay or lag a part of a sample is what that one's law misses.
     """
     beyond = np.ones(model.tracks, dtype=bool)
-    if not about(id).beyond_sampling:
+    if not about(id).hints.beyond_sampling:
         return beyond
-    others = [e.id for e in model.effects if e.beyond_sampling and e.id != id]
+    others = [e.id for e in model.effects if e.hints.beyond_sampling and e.id != id]
     late = np.zeros(model.tracks, dtype=bool)
     for p, value in ((model.parameters[k], q[k]) for other in others for k in model.of(other)):
         if p.track >= 0:
@@ -53,11 +53,13 @@ def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bo
     own_parameters = [k for k in candidate.free if model.parameters[k].owner == id]
     gains = [k for k in candidate.free if model.parameters[k].name == "gain"]
     anew = id == CHANGED.id or any(
-        about(e).starts_from is StartsFrom.SIGNS for e in candidate.effects
+        about(e).hints.starts_from is StartsFrom.SIGNS for e in candidate.effects
     )
     if not anew:  # else the base says nothing of the core
         moved = np.abs(candidate.q[gains] / origin[gains])
-        if np.any((moved < RULE.least_gain) | (moved > RULE.most_gain)):
+        # a base that a weight holds answers with nearly none of the gain, or against it
+        held = any(about(e).place is Place.TORQUE and about(e).waves for e in candidate.effects)
+        if np.any(moved < RULE.least_gain) or (not held and np.any(moved > RULE.most_gain)):
             return False
     if not own_parameters:
         return True  # no number of its own is searched: it is read off the data, or the core's are
@@ -83,7 +85,7 @@ def tied(best: CandidateModel, other: CandidateModel, logs: Logs | None = None) 
     to distinguish them, a long log that cannot would leave nothing.
     """
     a, b = best.effects[-1], other.effects[-1]
-    known = b in about(a).ties or a in about(b).ties
+    known = b in about(a).hints.ties or a in about(b).hints.ties
     if _close(best.errors, other.errors, known):
         if logs is None or len(set(logs.estimation)) < 2:
             return True

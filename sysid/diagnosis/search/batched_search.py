@@ -14,6 +14,9 @@ from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import OVERFLOW, Data
 from sysid.fitting.batched import Damping, descend_together
 
+RUN_AWAY = 1e100
+"""A slope of this size belongs to a run without end; its square is still a number."""
+
 FLAT = 1e-6
 """An item rests when a step gains less than this share of its cost, unless told otherwise."""
 
@@ -199,7 +202,7 @@ class _Trial:
             for i in tracks:
                 weight = fits.data.weight[:, i]
                 S = np.array([weight * change[k][column[s]][:, i] / step[s] for s in parameters])
-                S = np.where(np.isfinite(S), S, 0.0)
+                S = np.where(np.abs(S) < RUN_AWAY, S, 0.0)  # of a run without end, NaN included
                 A[at, :n, :n] += S @ S.T
                 g[at, :n] += S @ np.nan_to_num(weight * (fits.data.y - self.runs[k])[:, i])
         return A, g

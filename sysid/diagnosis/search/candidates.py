@@ -172,7 +172,7 @@ class CandidateSearch:
         batch: list[Array] = []
         owners: list[Effect] = []
         for e in effects:
-            if e.id in (*model.effects, *model.excluded) or (self.level and e.level):
+            if e.id in (*model.effects, *model.excluded) or (self.level and e.hints.level):
                 continue
             rows = starts_of(self.model, e, model.q, errors, self.data, not self.core)
             batch += rows
@@ -181,13 +181,16 @@ class CandidateSearch:
             return []
         starts, tried = self._screened(model, np.array(batch), owners)
         q, cost = self._search(model, starts, tried, BUDGET.more_steps)
+        laws = self._by_law(starts, tried)
+        tried = [tried[rows[0]] for rows in laws]
+        q = np.array([self._joined(q[r], cost[r], e) for r, e in zip(laws, tried, strict=True)])
+        cost = self.data.squared_error(self.model.run(q, self.data))
         kept = self._shortlist(model, tried, cost, now, most)
         if not kept:
             return []
         chosen = [tried[k] for k in kept]
         far = range(BUDGET.leading if model.effects else len(kept))
-        full, cost = self._search(model, q[kept], chosen, BUDGET.full_steps, far)
-        full = self._from_ties(model, full, cost, chosen)
+        full, _ = self._search(model, q[kept], chosen, BUDGET.full_steps, far)
         models = [self._trimmed(model, e, full[k]) for k, e in enumerate(chosen)]
         samples = common_samples(models)
         judged = [self.scored(model, n, len(effects), samples) for n in models]
@@ -203,7 +206,7 @@ class CandidateSearch:
         """
         screen = screened(self.model, model.q, model.free, batch, self.data)
         cost = screen.cost
-        anew = [k for k, e in enumerate(owners) if e.starts_from is StartsFrom.SIGNS]
+        anew = [k for k, e in enumerate(owners) if e.hints.starts_from is StartsFrom.SIGNS]
         if anew:
             batch[anew], cost[anew] = self._search(
                 model, batch[anew], [owners[k] for k in anew], BUDGET.full_steps
@@ -212,7 +215,7 @@ class CandidateSearch:
         for e, value in zip(owners, np.sum(np.log(cost + 1e-300), axis=1).tolist(), strict=True):
             least[e.id] = min(value, least.get(e.id, np.inf))
         leading = sorted(least, key=lambda id: least[id])[: BUDGET.screened]
-        wanted = {*leading, *(t for id in leading[:2] for t in about(id).ties)}
+        wanted = {*leading, *(t for id in leading[:2] for t in about(id).hints.ties)}
         wanted |= {owners[k].id for k in anew}
         lags = lags_of(self.model, model)
         starts: list[Array] = []
@@ -222,13 +225,17 @@ class CandidateSearch:
             of_law = np.min(np.sum(np.log(cost[rows] + 1e-300), axis=1))
             if e.id not in wanted or of_law > least[e.id] + self.model.tracks * np.log(BUDGET.law):
                 continue
-            joined = self._joined(batch[rows], cost[rows], e)
-            some = [joined, *([exchanged(self.model, joined, lags)] if lags else [])]
-            if e.starts_from is not StartsFrom.SIGNS:
-                some.append(self._along(model, joined, screen.moved[rows], cost[rows]))
-            reached = self.data.squared_error(self.model.run(np.array(some), self.data))
-            starts.append(some[int(np.argmin(reached.sum(axis=1)))])
-            tried.append(e)
+            ranked = (
+                (cost, screen.at_start) if e.hints.starts_from is not StartsFrom.SIGNS else (cost,)
+            )
+            some = [self._joined(batch[rows], by[rows], e) for by in ranked]
+            if len(ranked) > 1:
+                some.append(self._along(model, some[1], screen.moved[rows], ranked[1][rows]))
+                run = self.data.squared_error(self.model.run(np.array(some), self.data))
+                some = [some[k] for k in np.argsort(run.sum(axis=1))[:2]]
+            some += [exchanged(self.model, row, lags) for row in some[:1]] if lags else []
+            starts += some
+            tried += [e] * len(some)
         return np.array(starts), tried
 
     def _along(self, model: CandidateModel, q: Array, moved: Array, cost: Array) -> Array:
@@ -252,9 +259,14 @@ class CandidateSearch:
         return [[k for k, w in enumerate(ways) if w == way] for way in groups]
 
     def scored(
-        self, rest: CandidateModel, model: CandidateModel, tried: int, samples: Array
+        self,
+        rest: CandidateModel,
+        model: CandidateModel,
+        tried: int,
+        samples: Array | None = None,
     ) -> ScoredCandidate:
         """A candidate against the model that it was tried on."""
+        samples = common_samples([model]) if samples is None else samples
         evidence = self.evidence(rest, model, tried, samples)
         return ScoredCandidate(model, evidence, self.likelihood(rest, model, samples))
 
@@ -270,7 +282,7 @@ class CandidateSearch:
         promising = [k for k in range(len(tried)) if np.any(cost[k] < BUDGET.promising * now)]
         order = sorted(promising, key=lambda k: float(np.sum(np.log(cost[k] + 1e-300))))
         leading = list(dict.fromkeys(tried[k].id for k in order))
-        alike = [t for id in leading[:2] for t in about(id).ties]
+        alike = [t for id in leading[:2] for t in about(id).hints.ties]
         if not model.effects:
             alike += [tried[k].id for k in promising if tried[k].id in self.stepwise]
         wanted = (*leading[:most], *alike)
@@ -306,41 +318,6 @@ class CandidateSearch:
         if steps < BUDGET.full_steps:
             return search(self.model, q, free, self.data, steps, BUDGET.coarse)
         return refined(self.model, q, free, self.data, steps, BUDGET.coarse, unknown)
-
-    def _from_ties(
-        self, model: CandidateModel, q: Array, cost: Array, chosen: Sequence[Effect]
-    ) -> Array:
-        """Effects that are alike searched once more, each from where the other one ended.
-
-        Else the one whose search was slower would look the worse explanation.
-        """
-        pairs = [
-            (k, j)
-            for k, a in enumerate(chosen)
-            for j, b in enumerate(chosen)
-            if (b.id in a.ties or a.id in b.ties) and cost[j].sum() < cost[k].sum()
-        ]
-        if not pairs:
-            return q
-        starts = []
-        for k, j in pairs:
-            row = q[j].copy()
-            free = free_indices(self.model, chosen[k], q[k], range(self.model.tracks))
-            rival_values = {(s.name, s.track): q[j, i] for i, s in self._parameters_of(chosen[j])}
-            for i, s in self._parameters_of(chosen[k]):
-                other = rival_values.get((s.name, s.track), q[k, i])
-                row[i] = s.within(other) if i in free else q[k, i]
-            for i, s in self._parameters_of(chosen[j]):
-                row[i] = s.null
-            starts.append(row)
-        again, costs = self._search(
-            model, np.array(starts), [chosen[k] for k, _ in pairs], BUDGET.full_steps
-        )
-        out, least = q.copy(), cost.copy()
-        for (k, _), row, c in zip(pairs, again, costs, strict=True):
-            if c.sum() < least[k].sum():
-                out[k], least[k] = row, c
-        return out
 
     def _parameters_of(self, e: Effect) -> list[tuple[int, ModelParameter]]:
         return [(i, self.model.parameters[i]) for i in self.model.of(e.id)]

@@ -223,4 +223,4 @@ def _size(search: ForwardSelection, e: Effect, severity: float, steepest: Array)
         value = _value(p.null, p.lower, _upper(e, p, steepest), start, severity)
         values.append(value if _is_limit(first) else abs(value - p.null))
     size = float(np.mean(values))
-    return max(size, MOST_SAMPLED * model.dt) if e.beyond_sampling else size
+    return max(size, MOST_SAMPLED * model.dt) if e.hints.beyond_sampling else size

@@ -91,7 +91,7 @@ def _as_sampled(
     base: ForwardSelection, candidate: CandidateModel, k: int, interval: Interval
 ) -> Interval:
     """An interval that holds its estimate, and what sampling leaves open of a delay."""
-    value, late = float(candidate.q[k]), about(base.model.parameters[k].owner).beyond_sampling
+    value, late = float(candidate.q[k]), about(base.model.parameters[k].owner).hints.beyond_sampling
     by = NORMAL * BETWEEN_SAMPLES * base.model.dt if late else 0.0
     return interval.holding(value).widened(value, by)
 

@@ -20,9 +20,9 @@ def lags_of(model: FullModel, candidate: CandidateModel) -> tuple[int, ...]:
     return tuple(
         k
         for id in candidate.effects
-        if id != CHANGED.id and about(id).exchanges
+        if id != CHANGED.id and about(id).hints.exchanges
         for k in model.of(id)
-        if model.parameters[k].name == about(id).exchanges and _can(model, candidate, k)
+        if model.parameters[k].name == about(id).hints.exchanges and _can(model, candidate, k)
     )
 
 
@@ -41,6 +41,8 @@ def exchanged(model: FullModel, q: Array, lags: Sequence[int]) -> Array:
     for k in lags:
         parameter = model.parameters[k]
         pole = model.index["core", "f1", parameter.track]
+        if not (q[k] > 0.0 and -1.0 < q[pole] < 0.0):
+            continue
         out[k] = np.clip(-model.dt / np.log(-q[pole]), parameter.lower, parameter.upper)
         out[pole] = -np.exp(-model.dt / q[k])
     return out

@@ -9,9 +9,10 @@ from sysid.data.filtering import lfilter
 from sysid.data.record import Array
 from sysid.diagnosis.over_angle import over_angle, strongest_lines
 from sysid.diagnosis.search.full_model import FullModel
-from sysid.diagnosis.search.parameter_table import ModelParameter
+from sysid.diagnosis.search.parameter_table import NO_LIMIT, ModelParameter
 from sysid.diagnosis.search.prepared import Data
-from sysid.effects.base import OF_SERVO, Effect, StartsFrom, Wave, is_of_servo
+from sysid.diagnosis.search.weight_starts import from_changes
+from sysid.effects.base import OF_SERVO, Effect, Place, StartsFrom, Wave, is_of_servo
 from sysid.effects.catalogue import CHANGED, LEVEL
 from sysid.structures.blocks.sign_recovery import LAGS, recovered
 
@@ -23,6 +24,9 @@ BELL_UP = 1.6
 
 REPEATED = 0.004
 """Share of the samples that must be exactly the largest reading, for a clip without noise."""
+
+SIZES = (0.6, 0.8, 1.0, 1.25, 1.6)
+"""An effect is screened at each of its starts and at these multiples of it."""
 
 MOVES = 8.0
 """Changes of the position over a sample on either side, in its noise, from which it moves."""
@@ -54,7 +58,7 @@ def starts_of(
 
 
 def _starts_of(model: FullModel, e: Effect, q: Array, errors: Array, data: Data) -> list[Array]:
-    match e.starts_from:
+    match e.hints.starts_from:
         case StartsFrom.SIGNS:
             return _signless(model, e, q, data)
         case StartsFrom.CLIP_LEVEL:
@@ -62,9 +66,12 @@ def _starts_of(model: FullModel, e: Effect, q: Array, errors: Array, data: Data)
         case StartsFrom.WAVES:
             return _from_waves(model, e, q, errors, data)
     rows = []
-    for values in model.starts(e):
+    for values, size in product(model.starts(e), SIZES):
         row = q.copy()
-        row[list(values)] = list(values.values())
+        for k, value in values.items():
+            p = model.parameters[k]
+            sized = p.null + size * (value - p.null) if abs(p.null) < NO_LIMIT else size * value
+            row[k] = value if p.of.choice else p.within(sized)
         rows.append(row)
     if is_of_servo(e):
         return [*rows, *_from_motion(model, e, q, data)]
@@ -275,6 +282,12 @@ def _from_waves(model: FullModel, e: Effect, q: Array, errors: Array, data: Data
                     values |= {wave.of_wheel: of_wheel, **law.choices}
                     for name, value in values.items():
                         row[model.index[e.id, name, i]] = value
+            if e.place is Place.TORQUE:
+                regressed = from_changes(model, e, wave, q, data)
+                rows += [] if regressed is None else [regressed]
+                for i in range(model.tracks if regressed is not None else 0):
+                    for name, value in {wave.of_wheel: of_wheel, **law.choices}.items():
+                        rows[-1][model.index[e.id, name, i]] = value
             starts += rows
     return starts
 

@@ -14,6 +14,7 @@ from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.diagnosis import NamedEffect
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.pose.diagnosis import PoseDiagnosis, diagnose_pose
+from sysid.diagnosis.rules.final_model import final_evidence
 from sysid.diagnosis.search.prepared import Logs
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.diagnosis.session import DiagnosisSession
@@ -30,7 +31,6 @@ from sysid.diagnosis.several.results import (
     chance,
 )
 from sysid.diagnosis.several.single_log_fits import LogFit, fits_of_logs
-from sysid.diagnosis.validation.acceptance import final_evidence
 from sysid.effects.by_log import BY_LOG, GAIN_BY_LOG, parameter_of_log
 from sysid.effects.catalogue import CHANGED, about, effect
 from sysid.fitting.profile import NORMAL
@@ -184,7 +184,7 @@ def _difference(base: Base, selection: Selection, n: SelectedEffect) -> Differen
         f"{log} {', '.join(f'{m.value:.3g}' for m in values)}" for log, values in by_log.items()
     )
     what = "gain relative to the first log" if n.id == GAIN_BY_LOG.id else "load"
-    sentence = f"{about(n.id).sentence} The {what}, of {', '.join(names)}: {said}."
+    sentence = f"{about(n.id).texts.sentence} The {what}, of {', '.join(names)}: {said}."
     evidence = final_evidence(base, selection, n)
     return Difference(n.id, tuple(names), by_log, evidence.p_value, 1.0 / evidence.ratio, sentence)
 

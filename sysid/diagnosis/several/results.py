@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.data.documents import by_field
+from sysid.estimation.assessment.delta_method import NORMAL
 
 SIGNIFICANT, ABSENT, INCONCLUSIVE = "significant", "absent", "inconclusive"
 """What a log says of an effect: it shows it; it would show it and does not; it cannot show it."""
@@ -34,13 +35,13 @@ class LogParameter:
 
     @property
     def words(self) -> str:
-        """Value and error; a dash where there is none."""
+        """Value and half of its 95 % interval; a dash where there is none."""
         if self.value is None:
             return NO_VALUE
         unit = f" {self.unit}" if self.unit not in ("", "1") else ""
         if self.std_error is None:
             return f"{self.value:.4g}{unit}"
-        return f"{self.value:.4g} ± {self.std_error:.2g}{unit}"
+        return f"{self.value:.4g} ± {NORMAL * self.std_error:.2g}{unit}"
 
 
 @dataclass(frozen=True)

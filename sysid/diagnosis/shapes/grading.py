@@ -116,7 +116,11 @@ def curves_of(fitted: Sequence[FittedShape], named: SelectedEffect) -> tuple[Fou
         same = (
             s
             for s in here
-            if (s.shape.in_time if effect.gathers else s.shape.place is PLACES.get(effect.place))
+            if (
+                s.shape.in_time
+                if effect.hints.gathers
+                else s.shape.place is PLACES.get(effect.place)
+            )
         )
         best = next((found for found in (_found(s, named.id) for s in same) if found.curve), None)
         if best is not None:

@@ -28,7 +28,7 @@ class Region:
     Attributes:
         share_of_excess: share of the squared error above the noise floor that lies here.
         share_of_samples: share of the samples that lie here.
-        interval: 90 % interval of the share of excess (block bootstrap).
+        interval: 95 % interval of the share of excess (block bootstrap).
     """
 
     region: str
@@ -42,7 +42,7 @@ class Region:
         return (
             f"{100 * self.share_of_excess:.0f} % of the excess error lies in the "
             f"{100 * self.share_of_samples:.0f} % of samples where {self.region} "
-            f"(90 % interval {100 * self.interval[0]:.0f}–{100 * self.interval[1]:.0f} %)."
+            f"(95 % interval {100 * self.interval[0]:.0f}–{100 * self.interval[1]:.0f} %)."
         )
 
 
@@ -103,7 +103,7 @@ def _share(
     draws = rng.integers(0, len(blocks), size=(REPLICATES, len(blocks)))
     sums = blocks[draws].sum(axis=1)
     shares = np.divide(sums[:, 1], sums[:, 0], out=np.zeros(REPLICATES), where=sums[:, 0] > 0)
-    ends = np.clip([part / whole, *np.quantile(shares, [0.05, 0.95])], 0.0, 1.0)
+    ends = np.clip([part / whole, *np.quantile(shares, [0.025, 0.975])], 0.0, 1.0)
     return float(ends[0]), float(ends[1]), float(ends[2])
 
 

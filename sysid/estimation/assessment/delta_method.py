@@ -20,6 +20,9 @@ DELTA = 0.01
 """Step of the differences, in standard errors: small against every curvature that matters."""
 
 
+NORMAL = 1.96
+"""Standard errors on either side of a value that hold 95 % of a normal distribution."""
+
 Number = Annotated[float, Null()]
 """A number that may not be defined, which documents write as null."""
 
@@ -30,6 +33,16 @@ class Estimate:
 
     value: Number
     std_error: Number
+
+    @property
+    def reach(self) -> float:
+        """Half the width of the 95 % interval around the value."""
+        return NORMAL * float(self.std_error)
+
+    @property
+    def clear(self) -> bool:
+        """Whether the 95 % interval excludes zero; a value without an error is."""
+        return abs(float(self.value)) > self.reach or not self.std_error > 0.0
 
 
 def estimates(model: Model, numbers: Callable[[Array], Array]) -> Iterator[Estimate]:
@@ -54,14 +67,29 @@ def delta_errors(model: Model, numbers: Callable[[Array], Array], centre: Array)
         (m,); infinite where a direction that the data say nothing about changes the number, NaN
         where the number itself is not defined.
     """
+    root = delta_root(model, numbers, centre)
+    with np.errstate(invalid="ignore"):
+        variance = np.sum(root**2, axis=1)
+    return np.where(np.isfinite(centre), np.sqrt(variance), np.nan)
+
+
+def delta_root(model: Model, numbers: Callable[[Array], Array], centre: Array) -> Array:
+    """A root R of the covariance R Rᵀ of numbers that follow from θ, (m, k).
+
+    Args:
+        numbers: θ → (m,).
+        centre: the numbers at θ, (m,).
+
+    Returns:
+        Infinite in the rows of numbers that a direction without information changes.
+    """
     covariance = np.asarray(model.covariance, dtype=np.float64)
     known = np.isfinite(covariance)
     names = [p.name for p in model.parameters]
-    axes = _axes(np.where(known, covariance, 0.0))
-    variance = np.zeros(len(centre))
-    for axis, weight in axes:
+    columns = [np.zeros(len(centre))]
+    for axis, weight in _axes(np.where(known, covariance, 0.0)):
         slope = _slope(numbers, model.theta, axis)
-        variance += weight * np.nan_to_num(slope, nan=0.0) ** 2
+        columns.append(np.sqrt(weight) * np.nan_to_num(slope, nan=0.0))
     for direction in model.null_directions:
         axis = np.array([direction.get(n, 0.0) for n in names])
         size = float(np.linalg.norm(axis))
@@ -69,8 +97,8 @@ def delta_errors(model: Model, numbers: Callable[[Array], Array], centre: Array)
             continue
         axis *= 1e-3 * max(float(np.linalg.norm(model.theta)), 1e-12) / size
         moved = np.abs(_slope(numbers, model.theta, axis))
-        variance[moved > 1e-6 * np.abs(centre)] = np.inf
-    return np.where(np.isfinite(centre), np.sqrt(variance), np.nan)
+        columns.append(np.where(moved > 1e-6 * np.abs(centre), np.inf, 0.0))
+    return np.column_stack(columns)
 
 
 def _axes(covariance: Array) -> list[tuple[Array, float]]:

@@ -54,7 +54,11 @@ class Policy:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """A model with its figures, residual tests, what it does to a step, and warnings."""
+    """A model with its figures, residual tests, what it does to a step, and warnings.
+
+    Attributes:
+        criteria: over the samples that all models fitted with it predict.
+    """
 
     model: Model
     estimation: DataFigures
@@ -65,6 +69,7 @@ class Assessment:
     chosen: Mapping[str, Any] = field(default_factory=dict)
     policy: Policy = field(default_factory=Policy)
     steps: tuple[StepResponse, ...] = ()
+    criteria: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def judged(self) -> DataFigures:
@@ -85,7 +90,7 @@ class Assessment:
                     "estimation": self.estimation.one_step,
                     "validation": self.validation and self.validation.one_step,
                 },
-                "criteria": m.criteria,
+                "criteria": self.criteria or m.criteria,
                 "residuals": self.residuals.as_dict(),
                 "termination": {"code": m.termination.code, "message": m.termination.value},
                 "properties": m.structure.properties(m.theta, m.dt),
@@ -123,6 +128,7 @@ def assess(
     seconds: float,
     chosen: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
+    criteria: Mapping[str, float] | None = None,
 ) -> Assessment:
     """Figures, residual tests and warnings of one model.
 
@@ -131,6 +137,7 @@ def assess(
         validation: the same for held-out data, or None.
         chosen: facts about the order search.
         notes: warnings known before.
+        criteria: over the samples that all models fitted with it predict; None for its own.
     """
     inside = figures_on(model, *estimation, policy)
     outside = None if validation is None else figures_on(model, *validation, policy)
@@ -154,6 +161,7 @@ def assess(
         chosen or {},
         policy,
         step_responses(model),
+        criteria or model.criteria,
     )
 
 

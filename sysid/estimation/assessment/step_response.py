@@ -126,7 +126,7 @@ class _Run:
 
 
 def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
-    start, level = _levels(model, j, share)
+    start, level = step_levels(model, j, share)
     if level == start:
         return []
     reached = [i for i in range(len(model.outputs)) if _reaches(model, i, j)]
@@ -136,7 +136,7 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
 
     def numbers(theta: Array) -> Array:
         with np.errstate(all="ignore"):
-            y = _response(model, theta, j, start, level, length)
+            y = response_to_step(model, theta, j, start, level, length)
             values: list[float] = []
             for i in reached:
                 run = _read(y[:, i], model.dt, level - start)
@@ -177,7 +177,8 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
     return steps
 
 
-def _levels(model: Model, j: int, share: float | None) -> tuple[float, float]:
+def step_levels(model: Model, j: int, share: float | None) -> tuple[float, float]:
+    """Input j before and after the step: from 0 to 1, or to a share of the largest seen."""
     low, high = model.ranges[j] if len(model.ranges) else (0.0, 1.0)
     if share is None:
         return 0.0, 1.0
@@ -186,7 +187,9 @@ def _levels(model: Model, j: int, share: float | None) -> tuple[float, float]:
     return float(low), float(low + share * (high - low))
 
 
-def _response(model: Model, theta: Array, j: int, start: float, level: float, length: int) -> Array:
+def response_to_step(
+    model: Model, theta: Array, j: int, start: float, level: float, length: int
+) -> Array:
     """All outputs after a step of input j, less what they were before, (length, ny)."""
     structure = model.structure
     if structure.traits.linear:  # superposition: a step from rest
@@ -200,6 +203,15 @@ def _response(model: Model, theta: Array, j: int, start: float, level: float, le
     return np.asarray(y[length:] - y[length - 1])
 
 
+def settled_length(model: Model, j: int, start: float, level: float) -> tuple[float, int]:
+    """Time in which outputs settle after a step of input j [s], and the length of a run in which
+    that is seen [samples]; infinite where none does. A side path that never does keeps nobody."""
+    slowest = max(_slowest(_poles(model, model.theta, i, j)) for i in range(len(model.outputs)))
+    runs, length = _settled_runs(model, j, start, level, slowest)
+    times = [run.dead + run.settling for run in runs if run.settles]
+    return max((t for t in times if np.isfinite(t)), default=np.inf), length
+
+
 def _settled_runs(
     model: Model, j: int, start: float, level: float, slowest: float
 ) -> tuple[list[_Run], int]:
@@ -209,7 +221,7 @@ def _settled_runs(
         length *= 2
     while True:
         with np.errstate(all="ignore"):
-            y = _response(model, model.theta, j, start, level, length)
+            y = response_to_step(model, model.theta, j, start, level, length)
             runs = [_read(column, model.dt, level - start) for column in y.T]
         if length >= LONGEST or all(run.settles for run in runs):
             return runs, length
@@ -267,11 +279,11 @@ def _return(share: Array, k: int) -> float:
 
 def _reaches(model: Model, i: int, j: int) -> bool:
     """Whether an input has a path to an output at all; of a nonlinear model nobody knows."""
-    entry = _entry(model, model.theta, i, j)
+    entry = entry_of(model, model.theta, i, j)
     return entry is None or bool(np.any(entry[0]))
 
 
-def _entry(model: Model, theta: Array, i: int, j: int) -> tuple[Array, Array] | None:
+def entry_of(model: Model, theta: Array, i: int, j: int) -> tuple[Array, Array] | None:
     """Numerator and denominator from input j to output i in powers of q⁻¹."""
     structure = model.structure
     # only a matrix of polynomials has such an entry
@@ -285,7 +297,7 @@ def _entry(model: Model, theta: Array, i: int, j: int) -> tuple[Array, Array] | 
 
 def _poles(model: Model, theta: Array, i: int, j: int) -> Poles:
     """Poles from input j to output i, none of them at the origin; of a nonlinear model none."""
-    entry = _entry(model, theta, i, j)
+    entry = entry_of(model, theta, i, j)
     roots = np.zeros(0) if entry is None else np.roots(np.trim_zeros(entry[1], "b"))
     return roots.astype(np.complex128)
 
@@ -295,7 +307,7 @@ def _visible_poles(model: Model, i: int, j: int) -> Poles:
 
     The k-th mode of Σ rₖ/(1 − pₖ q⁻¹) carries rₖ/(1 − pₖ) of the final value.
     """
-    entry, poles = _entry(model, model.theta, i, j), _poles(model, model.theta, i, j)
+    entry, poles = entry_of(model, model.theta, i, j), _poles(model, model.theta, i, j)
     if entry is None:
         return poles
     num, den = entry

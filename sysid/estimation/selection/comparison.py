@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from sysid.criteria import table
-from sysid.criteria.information import information_criteria, on_common_samples
 from sysid.data.documents import plain
 from sysid.data.record import Record, names_of
 from sysid.errors import ModelError, SysidError
 from sysid.estimation.assessment.figures import residual_tests
 from sysid.estimation.assessment.findings import Policy, figures_on
-from sysid.estimation.robust_fit import judged_errors
+from sysid.estimation.selection.ranking import common_criteria, free_parameters
 from sysid.estimation.soundness import doubts_about, leader, relative_gap
 from sysid.fitting.holdout import CLOSE
 from sysid.structures.model import Model
@@ -83,8 +82,8 @@ class Ranking:
         excluded: id → why it cannot be compared.
         notes: what to know about the ranking.
         data: what the models were judged on.
-        best: the one to take: the first, unless its free run drifts, it holds a mode longer than
-            its data, or its search was given up, and a settled one is as good.
+        best: the one to take: by fit the smallest of those that tie with the first, else the
+            first; a settled one before others that are as good.
     """
 
     criterion: str
@@ -164,6 +163,21 @@ def compare(
     return Ranking(criterion, tuple(lines), excluded, tuple(notes), data, best)
 
 
+def common_validation(
+    contenders: Sequence[Contender],
+) -> tuple[tuple[Record, ...], str] | None:
+    """What the newest model was validated on, for all of them, and what to call it.
+
+    None where all were validated alike or none was, and where the log has gone or is one that a
+    model was fitted to: figures of the fit then stand.
+    """
+    data = {tuple((r.sha256, r.t0, len(r)) for r in c.validation or ()) for c in contenders}
+    newest = next((c.validation for c in reversed(contenders) if c.validation), None)
+    if newest is None or len(data) == 1 or _seen_before(contenders, newest):
+        return None
+    return newest, names_of(newest)
+
+
 def _seen_before(contenders: Sequence[Contender], judged: Sequence[Record]) -> list[str]:
     """A note where models are judged on what some of them were fitted to: those look too good."""
     seen = [c.id for c in contenders if not _unseen(c.model, judged)]
@@ -193,15 +207,26 @@ def _overlap(first: float, samples: int, record: Record, dt: float) -> bool:
 def _leading(lines: Sequence[Ranked], criterion: str, notes: list[str]) -> Ranked:
     """The model to take, and a note where it is not the first or has something against it."""
     doubts = {x.contender.id: doubts_about(x.contender.model) for x in lines}
+    by_size = table.criterion(criterion).of_free_run
+
+    def tied(x: Ranked, first: Ranked) -> bool:
+        return _gap(x, first, criterion) <= _margin(first)
+
     best = leader(
         lines,
         lambda x: not doubts[x.contender.id].unbounded,
-        lambda x, first: _gap(x, first, criterion) <= _margin(first),
+        tied,
         lambda x: doubts[x.contender.id].settled,
+        lambda x: (free_parameters(x.contender.model) if by_size else 0, lines.index(x)),
     )
     first, doubt = lines[0].contender.id, doubts[lines[0].contender.id].words
-    if best is not lines[0]:
+    if best is not lines[0] and doubt:
         notes.append(f"{first} is first by {criterion} but does not lead: {doubt}.")
+    elif best is not lines[0]:
+        notes.append(
+            f"{best.contender.id} leads: fewest parameters among the models tied with {first} "
+            f"(errors within {100.0 * _margin(lines[0]):.2g} %)."
+        )
     against = doubts[best.contender.id]
     if not against.settled:
         notes.append(
@@ -306,12 +331,8 @@ def _criteria(contenders: Sequence[Contender], notes: list[str]) -> dict[str, di
         )
     if not same or first.records is None:
         return {c.id: dict(c.model.criteria) for c in contenders}
-    errors = [judged_errors(c.model, first.records) for c in contenders]
-    common = on_common_samples(errors)
-    return {
-        c.id: information_criteria(e, c.model.n_estimated)
-        for c, e in zip(contenders, common, strict=True)
-    }
+    common = common_criteria([c.model for c in contenders], first.records)
+    return {c.id: made for c, made in zip(contenders, common, strict=True)}
 
 
 def _value(criterion: str, criteria: Mapping[str, float], figures: Mapping[str, Any]) -> float:

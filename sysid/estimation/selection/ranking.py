@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.criteria import table
-from sysid.criteria.information import loss_of, on_common_samples
+from sysid.criteria.information import information_criteria, loss_of, on_common_samples
 from sysid.data.record import Record
 from sysid.estimation.robust_fit import judged_errors
 from sysid.estimation.selection.orders import OrderSearch
@@ -55,7 +55,8 @@ class StructureRanking:
     Attributes:
         sound: those that may lead.
         margin: fraction within which held-out errors tie.
-        rule: what decided among equals: the name of a criterion, or ``size``.
+        rule: the criterion that ranks where no held-out error does.
+        tied: those whose held-out errors tie with the smallest, the one that leads first.
         passed: an entry that would lead, had it nothing against it.
         one_step: whether held-out samples were judged one step ahead, not in free run.
     """
@@ -64,6 +65,7 @@ class StructureRanking:
     sound: tuple[Entry, ...]
     margin: float
     rule: str
+    tied: tuple[Entry, ...] = ()
     passed: Entry | None = None
     one_step: bool = False
 
@@ -76,13 +78,13 @@ def ranked_entries(
     margin: float,
     one_step: bool = False,
 ) -> StructureRanking:
-    """Entries by held-out error; of those within ``margin`` of the best the lowest BIC leads.
+    """Entries by held-out error; of those within ``margin`` of the best the smallest leads.
 
-    Free runs of different structures tie more often than not: what then distinguishes them is
-    how well they predict with how many parameters, and BIC finds the true one (Schwarz 1978).
-    Under an information criterion that one ranks alone. Of those that tie, one that settles and
-    whose search has ended is taken before others. Models that cannot lead come last: those
-    whose free run is unbounded, and those whose fit to all data follows them much worse than
+    Free runs of different structures tie more often than not: of those within one standard error
+    the one with the fewest parameters is taken (Breiman et al. 1984, §3.4.3), and the lowest BIC of
+    equally many. Under an information criterion that one ranks alone. Of those that tie, one that
+    settles and whose search has ended is taken before others. Models that cannot lead come last:
+    those whose free run is unbounded, and those whose fit to all data follows them much worse than
     another one does. ``one_step``: held-out samples were judged one step ahead, as data of a closed
     loop have to be.
     """
@@ -114,23 +116,27 @@ def ranked_entries(
     equations, judge = (sum(map(len, records)), records[0].ny), criterion if by_error else rule
     ordered = sorted(entries, key=lambda e: (e not in sound, errors[id(e)]))
 
+    def equal(e: Entry, best: Entry) -> bool:
+        apart = excess(judge, errors[id(e)][0], errors[id(best)][0], equations)
+        return e in sound and apart <= margin
+
     def first_of(settled: Callable[[Entry], bool]) -> Entry:
         return leader(
             ordered,
             lambda e: e in sound,
-            lambda e, best: (
-                excess(judge, errors[id(e)][0], errors[id(best)][0], equations) <= margin
-            ),
+            equal,
             settled,
-            # outliers rule the likelihood: a robust fit goes by size alone
-            lambda e: _size(e) if by_error and options.robust else score[id(e)],
+            lambda e: (_size(e), *score[id(e)]) if by_error else score[id(e)],
         )
 
     first, lead = first_of(lambda e: True), first_of(lambda e: calm[id(e)])
     rest = [e for e in ordered if e is not lead]
-    decided = "size" if options.robust and by_error else rule
     passed = None if lead is first else first
-    return StructureRanking((lead, *rest), tuple(sound), margin, decided, passed, one_step)
+    tied = [e for e in (lead, *rest) if by_error and equal(e, ordered[0])]
+    tied = tied if lead in tied else []
+    return StructureRanking(
+        (lead, *rest), tuple(sound), margin, rule, tuple(tied), passed, one_step
+    )
 
 
 def _costs(entries: Sequence[Entry], records: Sequence[Record], name: str) -> list[float]:
@@ -143,9 +149,22 @@ def _costs(entries: Sequence[Entry], records: Sequence[Record], name: str) -> li
     return costs
 
 
+def common_criteria(
+    models: Sequence[Model], records: Sequence[Record]
+) -> tuple[dict[str, float], ...]:
+    """Information criteria of models over the samples that all of them predict."""
+    errors = on_common_samples([judged_errors(m, records) for m in models])
+    return tuple(
+        information_criteria(e, m.n_estimated) for m, e in zip(models, errors, strict=True)
+    )
+
+
 def _size(entry: Entry) -> int:
+    return free_parameters(entry.model)
+
+
+def free_parameters(model: Model) -> int:
     """Parameters to estimate; initial states belong to the record, not to the model."""
-    model = entry.model
     return sum(p.fixed is None for p in model.parameters) + model.operating_point.estimated
 
 
@@ -186,33 +205,32 @@ def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) 
             f"{text} leads: its {criterion.upper()}, from one-step errors on the estimation data, "
             f"is the {'lowest' if table.criterion(criterion).smaller_is_better else 'highest'}."
         )
-    share = 100.0 * (1.0 - first.error)
     ahead_by_one = order.one_step or not first.model.inputs
     kind, how = (
         ("one-step prediction", "one step ahead") if ahead_by_one else ("free run", "in free run")
     )
     if len(order.entries) == 1:
-        return f"{text} was chosen by {criterion} on {words}: {share:.2f} % {how}."
-    second = order.entries[1]
+        return f"{text} was chosen by {criterion} on {words}: {_share(first)} {how}."
     loop = f" {IN_LOOP}" if order.one_step else ""
+    if len(order.tied) > 1:
+        tied = ", ".join(f"{e.model.structure.name} {_share(e)}" for e in order.tied)
+        return (
+            f"{text} leads: fewest parameters ({_size(first)}) among models tied on held-out data "
+            f"({tied}; errors within {100.0 * order.margin:.2g} %).{loop}"
+        )
+    second = order.entries[1]
     sentence = (
-        f"{text} leads: on {words} its {kind} fits {share:.2f} %, with {_size(first)} "
-        f"parameters; next is {second.model.structure.name} with "
-        f"{100.0 * (1.0 - (second.error or 0.0)):.2f} % and {_size(second)} parameters"
+        f"{text} leads: on {words} its {kind} fits {_share(first)}; next is "
+        f"{second.model.structure.name} with {_share(second)}"
     )
-    if (second.error or 0.0) > (1.0 + order.margin) * first.error:
-        return f"{sentence}.{loop}"
     if second in order.sound:
-        equal = f"Errors that differ by less than {100.0 * order.margin:.2g} % count as equal"
-        return f"{sentence}. {equal}; {_AMONG_EQUALS[order.rule == 'size']}.{loop}"
+        return f"{sentence}.{loop}"
     return f"{sentence}, but over all estimation data it errs much more {how}.{loop}"
 
 
-_AMONG_EQUALS = (
-    "among equals the model with the lowest BIC leads (small one-step errors, few parameters)",
-    "among equals the model with the fewest parameters leads",
-)
-"""What decides between models whose held-out errors are equal: not by size, by size."""
+def _share(entry: Entry) -> str:
+    """Fit on the held-out samples, in words."""
+    return f"{100.0 * (1.0 - (entry.error or 0.0)):.2f} %"
 
 
 def _origin(model: Model, given: bool) -> str:

@@ -19,7 +19,7 @@ from sysid.estimation.selection.orders import (
     ranked,
     search_orders,
 )
-from sysid.estimation.selection.ranking import Entry, ranked_entries, reason
+from sysid.estimation.selection.ranking import Entry, common_criteria, ranked_entries, reason
 from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import HoldOut, hold_out, longest_of, tie_margin
 from sysid.fitting.options import FitOptions
@@ -84,6 +84,11 @@ class StructureSelection:
     entries: tuple[Entry, ...]
     reason: str
     failed: Mapping[str, str]
+
+    def with_criteria(self, records: Sequence[Record]) -> list[tuple[Entry, dict[str, float]]]:
+        """Every entry with its information criteria over the samples that all of them predict."""
+        criteria = common_criteria([e.model for e in self.entries], records)
+        return list(zip(self.entries, criteria, strict=True))
 
 
 Grid = Sequence[Mapping[str, Any]]
@@ -180,7 +185,9 @@ def _entries(
         if name in failed:
             continue
         if progress:
-            progress(0.9 + 0.1 * k / len(tasks), f"fitting {name} to all data")
+            costs = [_cost(task) for task, _ in tasks]
+            share = sum(costs[:k]) / sum(costs)
+            progress(_SEARCHED + (1.0 - _SEARCHED) * share, f"fitting {name} to all data")
         search, seconds = searches.get(name, (None, 0.0))
         # one candidate is fitted as asked for, alone and in company: what a structure that
         # searches within itself found on the part that was fitted only says how good it is
@@ -282,6 +289,8 @@ def _searches(
     failed: dict[str, str] = {}
     total = sum(len(grid) for _, grid in searched)
     work = total * max(d.samples for d, _ in data.values())
+    costs = {name: _cost(name) for name, _ in searched}
+    whole = sum(len(grid) * costs[name] for name, grid in searched)
     # chains of one structure and one delay: neighbours stay together for warm starts, whether
     # one process searches or several; what is solved at once has no starts
     chains = [
@@ -289,13 +298,13 @@ def _searches(
         for name, grid in searched
         for nk in _delays(name, grid)
     ]
-    done = 0
+    done, spent = 0, 0.0
     if jobs > 1 and work > PARALLEL_WORK:
         from joblib import Parallel, delayed
 
         from sysid.processes import tied
 
-        chains.sort(key=lambda c: -len(c[1]) * structure_class(c[0]).traits.search_cost)
+        chains.sort(key=lambda c: -len(c[1]) * costs[c[0]])
         outcomes = Parallel(n_jobs=jobs, return_as="generator_unordered")(
             delayed(tied)(os.getpid(), _timed, name, chain, grid, data[name], options, criterion)
             for name, chain, grid in chains
@@ -304,7 +313,8 @@ def _searches(
 
         def report(k: int, n: int, what: str) -> None:
             if progress:
-                progress(0.9 * (done + k) / total, what)
+                cost = costs[what.partition(" ")[0].rstrip(":")]
+                progress(_SEARCHED * (spent + k * cost) / whole, what)
 
         outcomes = (
             _timed(name, chain, grid, data[name], options, criterion, report)
@@ -312,10 +322,21 @@ def _searches(
         )
     for outcome in outcomes:
         done += outcome[2]
+        spent += outcome[2] * costs[outcome[0]]
         _collect(outcome, searches, failed)
         if progress:
-            progress(0.9 * done / total, f"searched {done} of {total} orders")
+            progress(_SEARCHED * spent / whole, f"searched {done} of {total} orders")
     return searches, {k: v for k, v in failed.items() if k not in searches}
+
+
+_SEARCHED = 0.75
+"""Share of the time that the searches take of a fit without given orders, as measured; the fits to
+all data and their covariances take the rest."""
+
+
+def _cost(name: str) -> float:
+    """What one order of a structure takes, against others; what is solved at once takes least."""
+    return max(structure_class(name).traits.search_cost, 0.05)
 
 
 Outcome = tuple[str, OrderSearch | str, int, float]

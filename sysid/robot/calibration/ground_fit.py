@@ -130,7 +130,7 @@ def _of_effect(e: Effect) -> list[Candidate]:
                 e.id if side < 0 else f"{e.id} {('left', 'right')[side]}",
                 e.id,
                 _at(e.id, side),
-                e.length,
+                e.on_ground.length,
             )
             for side in _sides(e)
         ]

@@ -59,7 +59,6 @@ class Trajectory:
         at: instants of the pose's measurements, from the start of the record, (M,) [s].
         pose: x, y [m], ψ [rad], not wrapped, at these instants, (M, 3).
         joins: number of the stretch without a jump that each measurement belongs to, (M,).
-        commanded: whether the speeds are commands, as none were measured.
     """
 
     name: str
@@ -68,7 +67,6 @@ class Trajectory:
     at: Array
     pose: Array
     joins: Index
-    commanded: bool = False
 
     @cached_property
     def nodes(self) -> Array:
@@ -151,8 +149,7 @@ def trajectories_of(records: Sequence[Record], geometry: Geometry) -> Trajectori
     facts = LogFacts(tuple(_sided(r, geometry) for r in records)).without_repeats
     records = facts.records
     said = []
-    commanded = meaning(records[0].output_names[0]).quantity == "command"
-    if commanded:
+    if meaning(records[0].output_names[0]).quantity == "command":
         said.append(
             "No wheel speeds were measured, so the commanded ones are used; the lag of the pose "
             "then includes the response of the wheels."
@@ -168,7 +165,7 @@ def trajectories_of(records: Sequence[Record], geometry: Geometry) -> Trajectori
     if max(float(np.nanmax(np.abs(t.omega))) for t in raw) < STILL:
         raise DataError(f"the wheels of {records[0].name} never turn; give a log of a drive")
     tracks, changed = in_one_frame(raw) if all(len(t.starts) for t in raw) else (raw, ())
-    each = tuple(_drive(r.name, t, commanded) for r, t in zip(records, tracks, strict=True))
+    each = tuple(_drive(r.name, t) for r, t in zip(records, tracks, strict=True))
     each, jumped = _without_jumps(each)
     return Trajectories(each, tracks, (*said, *changed, *jumped))
 
@@ -249,7 +246,7 @@ def _sided(record: Record, geometry: Geometry) -> Record:
 # Onto the grid ----------------------------------------------------------------------------------
 
 
-def _drive(name: str, track: Track, commanded: bool) -> Trajectory:
+def _drive(name: str, track: Track) -> Trajectory:
     dt = track.dt
     step = dt / np.ceil(dt / SLOWEST_GRID - 1e-9) if dt > SLOWEST_GRID else max(dt, FASTEST_GRID)
     t = np.arange(len(track.omega), dtype=np.float64) * dt
@@ -265,9 +262,7 @@ def _drive(name: str, track: Track, commanded: bool) -> Trajectory:
     pose = track.pose[rows].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
     gaps = np.concatenate([[0], np.cumsum(lost)])
-    return Trajectory(
-        name, step, np.diff(on_grid, axis=0) / step, t[rows], pose, gaps[rows], commanded
-    )
+    return Trajectory(name, step, np.diff(on_grid, axis=0) / step, t[rows], pose, gaps[rows])
 
 
 def _at_rest(omega: Array) -> NDArray[np.bool_]:

@@ -4,7 +4,7 @@
 typedef struct {
     double t[1], log[1];
     double w[TRACKS], w_free[TRACKS], b[TRACKS], torque[TRACKS], other[TRACKS], drive[TRACKS];
-    double turned[TRACKS], counted[TRACKS], holds[TRACKS], gain[TRACKS];
+    double turned[TRACKS], counted[TRACKS], holds[TRACKS], gain[TRACKS], driven[TRACKS];
 } Context;
 
 @EFFECTS@
@@ -18,7 +18,7 @@ typedef void (*Undone)(const double *, double *);
 enum { COMMAND, TORQUE, SPEED, READING };
 
 typedef struct {
-    int place, row, rows, constant, state, states;
+    int place, drives, row, rows, constant, state, states;
     Constants constants; Step step; Rest rest; Holds holds; Undone undone;
 } Effect;
 
@@ -37,10 +37,14 @@ static void through(int place, const Effect *const *acting, int n, Context *c, c
     for (int i = 0; i < TRACKS; i++) {
         c->torque[i] = torque[i];
         c->other[i] = TRACKS > 1 ? torque[TRACKS - 1 - i] : 0.0;
+        c->driven[i] = signal[i];
     }
-    for (int j = 0; j < n; j++)
-        if (acting[j]->place == place)
-            acting[j]->step(c, p + acting[j]->row * TRACKS, k + acting[j]->constant, s + acting[j]->state, signal);
+    for (int j = 0; j < n; j++) {
+        if (acting[j]->place != place) continue;
+        acting[j]->step(c, p + acting[j]->row * TRACKS, k + acting[j]->constant, s + acting[j]->state, signal);
+        if (place == TORQUE && acting[j]->drives)
+            for (int i = 0; i < TRACKS; i++) c->driven[i] = signal[i];
+    }
 }
 
 /* table: rows of parameters (ROWS, TRACKS), the core's first: gain, f_1 ..., b_2 ... */

@@ -1,13 +1,13 @@
 """The chain command → torque → speed → reading that effects act on, written once over xp."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.effects.base import Context, Effect, Past, Place, Signal, State
+from sysid.effects.base import Context, Effect, Place, Signal, State, TorquePart
 
 Parameters = Mapping[str, Mapping[str, Signal]]
 """Effect id → parameter name → one value a track."""
@@ -75,9 +75,9 @@ def first_speed(effects: Sequence[Effect], parameters: Parameters, y: Signal) ->
 
 
 def _initial(effect: Effect, w: Signal, drive: Signal) -> State:
-    if effect.at_rest is not None:
-        return effect.at_rest(w, drive)
-    return (drive if effect.place is Place.COMMAND else w,) * effect.states
+    if effect.memory.at_rest is not None:
+        return effect.memory.at_rest(w, drive)
+    return (drive if effect.place is Place.COMMAND else w,) * effect.memory.states
 
 
 def with_constants(
@@ -155,12 +155,15 @@ def step_with(
             holds,
             core.gain,
             sample.log,
+            signal,
         )
         for effect in effects:
             if effect.place is place:
                 signal, memory[effect.id] = effect.step(
                     xp, signal, memory[effect.id], parameters[effect.id], context
                 )
+                if place is Place.TORQUE and effect.part is TorquePart.DRIVE:
+                    context = replace(context, driven=signal)
         return signal
 
     reading = through(Place.READING, w, core.gain * sample.drive)
@@ -172,31 +175,3 @@ def step_with(
     ]
     rows[0] = through(Place.SPEED, rows[0], wanted)
     return (xp.stack(rows), tuple(memory[e.id] for e in effects)), reading
-
-
-def over_time(
-    xp: Any,
-    effects: Sequence[Effect],
-    parameters: Parameters,
-    signal: Signal,
-    past: Past,
-    sample: Sample,
-    dt: float,
-) -> Signal:
-    """Effects without memory of their own on a whole record at once.
-
-    Args:
-        effects: of the command or the reading; their states, if any, are past inputs.
-        signal: (N, tracks).
-        past: (signal, k) → the signal k samples earlier, k (tracks,).
-        sample: drive and angles (N, tracks), t (N, 1).
-    """
-    nothing = 0.0 * signal
-    angles = (sample.turned, sample.counted)
-    context = Context(dt, sample.t, *(nothing,) * 5, sample.drive, *angles, nothing, log=sample.log)
-    for effect in effects:
-        if effect.on_past is not None:
-            signal = effect.on_past(xp, signal, past, parameters[effect.id], context)
-        else:
-            signal, _ = effect.step(xp, signal, (), parameters[effect.id], context)
-    return signal

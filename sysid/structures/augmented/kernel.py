@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array
-from sysid.effects.base import Context, Effect, Place
+from sysid.effects.base import Context, Effect, Place, TorquePart
 from sysid.runners.native import library
 from sysid.runners.trace.program import Program, assigned
 from sysid.runners.trace.traced import TRACE, Traced, cells_of
@@ -35,6 +35,7 @@ OF_CONTEXT = {
     "counted": "counted",
     "holds": "holds",
     "gain": "gain",
+    "driven": "driven",
 }
 """Fields of ``Context`` with an entry a track, and their names in C."""
 
@@ -142,13 +143,14 @@ def source(effects: Sequence[Effect], order: int, tracks: int, dt: float) -> str
         written = _Written(e, k, tracks, dt)
         functions.append(written.text)
         entries = (
-            e.place.name, row, len(e.parameters), constant, state, e.states * tracks,
+            e.place.name, int(e.part is TorquePart.DRIVE), row, len(e.parameters), constant, state,
+            e.memory.states * tracks,
             *written.functions,
         )  # fmt: skip
         table.append(f"    {{{', '.join(map(str, entries))}}},")
         row += len(e.parameters)
         constant += written.constants * tracks
-        state += e.states * tracks
+        state += e.memory.states * tracks
     sizes = {
         "TRACKS": tracks, "ORDER": order, "ROWS": row, "EFFECTS": len(effects),
         "CONSTANTS": constant, "STATES": state,
@@ -188,7 +190,7 @@ class _Written:
         self._function(
             f"rest_{k}",
             "const double *w, const double *d, double *s",
-            self._rest if e.states else None,
+            self._rest if e.memory.states else None,
         )
         self._function(
             f"holds_{k}", "const double *p, double *out", self._holds if e.holds else None
@@ -236,7 +238,7 @@ class _Written:
         parameters = self._parameters(program)
         whole = self._array(program, "k", len(self._names) * tracks).reshape(-1, tracks)
         parameters |= {name: whole[i] for i, name in enumerate(self._names)}
-        states = self._array(program, "s", e.states * tracks).reshape(-1, tracks)
+        states = self._array(program, "s", e.memory.states * tracks).reshape(-1, tracks)
         fields = {name: self._array(program, f"c->{c}") for name, c in OF_CONTEXT.items()}
         context = Context(
             self.dt,
@@ -246,7 +248,7 @@ class _Written:
         )
         signal = self._array(program, "signal")
         after, memory = e.step(
-            TRACE, signal, tuple(states[i] for i in range(e.states)), parameters, context
+            TRACE, signal, tuple(states[i] for i in range(e.memory.states)), parameters, context
         )
         moved = [c for value in memory for c in self._of_tracks(value)]
         out = self._of_tracks(after)
@@ -256,10 +258,10 @@ class _Written:
     def _rest(self, program: Program) -> list[str]:
         e = self.effect
         w, d = self._array(program, "w"), self._array(program, "d")
-        if e.at_rest is not None:
-            states = e.at_rest(w, d)
+        if e.memory.at_rest is not None:
+            states = e.memory.at_rest(w, d)
         else:
-            states = (d if e.place is Place.COMMAND else w,) * e.states
+            states = (d if e.place is Place.COMMAND else w,) * e.memory.states
         cells = [c for value in states for c in self._of_tracks(value)]
         return [*program.lines(cells), *assigned("s", cells)]
 

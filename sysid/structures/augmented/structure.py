@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Channel, Index
-from sysid.effects.base import Effect, Place
-from sysid.effects.catalogue import chain_effects, effect, in_chain
+from sysid.effects.base import FRICTION_BEFORE_LOADS, ORDER, Effect, Place
+from sysid.effects.catalogue import catalogue, effect, in_chain
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.effects.sensor import SAMPLING
+from sysid.errors import ModelError
 from sysid.fitting.problem import (
     Parameter,
 )
@@ -55,6 +56,7 @@ class Augmented(Structure):
         dt: sample time [s].
         effects: ids in order of acceptance.
         given: a model of another structure that drives the core; None where the command does.
+        chain: order of the chain in which the effects act (``in_chain``).
     """
 
     name: ClassVar[str] = "augmented"
@@ -72,6 +74,7 @@ class Augmented(Structure):
     dt: float
     effects: tuple[str, ...] = field(default=())
     given: GivenBase | None = field(default=None, compare=False)
+    chain: int = ORDER
 
     @property
     def nu(self) -> int:
@@ -85,7 +88,12 @@ class Augmented(Structure):
         return {"n": self.order, "nk": self.delay}
 
     def settings(self) -> dict[str, Any]:
-        settings = {"effects": list(self.effects), "scales": list(self.scales), "dt": self.dt}
+        settings: dict[str, Any] = {
+            "effects": list(self.effects),
+            "scales": list(self.scales),
+            "dt": self.dt,
+            "chain": self.chain,
+        }
         return settings if self.given is None else {**settings, "given": self.given}
 
     @classmethod
@@ -100,13 +108,16 @@ class Augmented(Structure):
             float(s["dt"]),
             tuple(s["effects"]),
             GivenBase.from_json(s["given"]) if s.get("given") else None,
+            _order(s.get("chain", FRICTION_BEFORE_LOADS)),
         )
 
     @cached_property
     def active(self) -> tuple[Effect, ...]:
         """The effects in the chain's order."""
-        ids = (*(e.id for e in chain_effects()), SAMPLING.id)
-        return in_chain(effect(id) for id in ids if id in self.effects)
+        known = (*catalogue().values(), SAMPLING)
+        beside = (Place.POSE, Place.SAMPLES)
+        acting = (e for e in known if e.id in self.effects and e.place not in beside)
+        return in_chain(acting, self.chain)
 
     def parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
@@ -167,7 +178,7 @@ class Augmented(Structure):
 
     def n_states(self, theta: Array) -> int:
         """Core, effects, dead time, angles and clock, before them those of the given model."""
-        rows = self.order + sum(e.states for e in self.active) + self.delay - 1
+        rows = self.order + sum(e.memory.states for e in self.active) + self.delay - 1
         return self._given_states + self.ny * (rows + 2) + 1
 
     @property
@@ -258,13 +269,13 @@ class Augmented(Structure):
     ) -> tuple[ChainState, list[Array], Array, tuple[Array, Array]]:
         """Core and effects, delayed commands, clock, angles; undoes ``_flat``."""
         tracks, n = self.ny, self.order
-        count = n + sum(e.states for e in self.active) + self.delay - 1
+        count = n + sum(e.memory.states for e in self.active) + self.delay - 1
         rows = [x[..., k * tracks : (k + 1) * tracks] for k in range(count)]
         clock, angles = x[..., count * tracks], x[..., count * tracks + 1 :]
         effect_states, at = [], n
         for e in self.active:
-            effect_states.append(tuple(rows[at : at + e.states]))
-            at += e.states
+            effect_states.append(tuple(rows[at : at + e.memory.states]))
+            at += e.memory.states
         state = (xp.stack(rows[:n]), tuple(effect_states))
         return state, rows[at:], clock[..., None], (angles[..., :tracks], angles[..., tracks:])
 
@@ -320,7 +331,9 @@ class Augmented(Structure):
                 for name, value in _named(p.name, parameters[id][p.name], e, outputs)
                 if value != p.null
             )
-            lines.append(f"{id}: {e.equation}" + (f" with {values_text}" if values_text else ""))
+            lines.append(
+                f"{id}: {e.texts.equation}" + (f" with {values_text}" if values_text else "")
+            )
         return tuple(lines)
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
@@ -351,7 +364,7 @@ def _(s: Augmented, theta: Array) -> Identified:
     core, values = s.unpack(theta)
     ids = [e.id for e in s.active if e.place in (Place.COMMAND, Place.TORQUE)]
     parameters = {id: values[id] for id in ids}
-    return Identified(tuple(ids), parameters, core.gain, np.array(s.scales))
+    return Identified(tuple(ids), parameters, core.gain, np.array(s.scales), s.chain)
 
 
 @friction_entries.register
@@ -389,6 +402,15 @@ def _(s: Augmented, theta: Array) -> Array:
     if base is None:
         return of_core
     return np.concatenate([of_core, time_constants(base.structure, base.theta)])
+
+
+def _order(stored: int) -> int:
+    if stored not in (FRICTION_BEFORE_LOADS, ORDER):
+        raise ModelError(
+            f"the model has effects in order {stored} of the chain, this version knows orders up "
+            f"to {ORDER}: read it with the version that wrote it"
+        )
+    return stored
 
 
 def _named(

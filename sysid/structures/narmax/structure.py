@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.data.record import Array, Channel, Index, Record
 from sysid.data.unit_words import ratio
+from sysid.errors import UsageError
 from sysid.fitting.problem import (
     Data,
     Parameter,
@@ -18,19 +19,62 @@ from sysid.structures.difference_equations.monomials import (
     MAX_DEGREE,
     Term,
     from_json,
+    is_noise,
+    parsed,
     pool,
     printed,
     to_json,
     typed_name,
 )
-from sysid.structures.difference_equations.options import MARGIN, choice, margin, whole_number
-from sysid.structures.difference_equations.signals import Signal
+from sysid.structures.difference_equations.options import (
+    MARGIN,
+    by_output,
+    choice,
+    margin,
+    whole_number,
+)
+from sysid.structures.difference_equations.signals import Signal, lagged_signals
 from sysid.structures.difference_equations.structure import RecursiveStructure, ranges_from
-from sysid.structures.narmax.options import SELECTIONS, explicit_terms, require_inside
 from sysid.structures.narmax.problems import OneStep
 from sysid.structures.narmax.runs import PolynomialRun
-from sysid.structures.orders import MAX_ORDER, spread
+from sysid.structures.orders import MAX_ORDER, Orders, spread
 from sysid.structures.traits import Traits
+
+SELECTIONS = ("auto", "err", "simulation")
+"""What chooses the terms, the usual one first."""
+
+
+def explicit_terms(text: str, orders: Orders) -> tuple[tuple[Term, ...], ...]:
+    """The terms a user names: outputs divided by ``;``, terms by ``,``.
+
+    Raises:
+        UsageError: a term cannot be read, stands twice, or has a lag that the orders do not have.
+    """
+    equations = []
+    for i, entries in enumerate(by_output(text, "terms", orders.ny, one_for_all=False)):
+        terms = [parsed(entry, orders.nu, orders.ny, i) for entry in entries]
+        if len(set(terms)) != len(terms) or not any(not is_noise(t) for t in terms):
+            raise UsageError(
+                f"`structure_options['terms']`: {','.join(entries)!r} must name at least one term "
+                "without e, each once"
+            )
+        # terms of the process first: they are what the noise terms are added to
+        equations.append(tuple(sorted(terms, key=is_noise)))
+    require_inside(equations, orders)
+    return tuple(equations)
+
+
+def require_inside(rows: Sequence[Sequence[Term]], orders: Orders) -> None:
+    """Refuse terms with lags that the orders do not have."""
+    for i, row in enumerate(rows):
+        allowed = set(lagged_signals(orders, i))
+        for f in (f for t in row for f in t if f.kind != "e"):
+            if f not in allowed:
+                raise UsageError(
+                    f"`structure_options['terms']`: {f.kind}{f.channel + 1}(t-{f.lag}) in the "
+                    f"equation of output {i + 1} lies outside na, nb and nk; raise the orders"
+                )
+
 
 OPTIONS: Mapping[str, str] = {
     "degree": "largest degree of a product, 1 to 6; the best of 1, 2 and 3 unless given",

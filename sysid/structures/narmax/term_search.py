@@ -17,7 +17,7 @@ from sysid.structures.difference_equations.frols import (
 from sysid.structures.difference_equations.monomials import Term, pool
 from sysid.structures.difference_equations.signals import lagged_signals
 from sysid.structures.difference_equations.trials import as_good_as
-from sysid.structures.narmax.candidate_runs import CandidateRuns, select_by_simulation
+from sysid.structures.narmax.chunk_fits import CandidateRuns, select_by_simulation
 from sysid.structures.narmax.term_growth import grown, pruned
 from sysid.structures.narmax.term_trials import Row, Trial, refined
 from sysid.structures.orders import MAX_ORDER, Orders

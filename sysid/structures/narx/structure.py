@@ -4,23 +4,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
+
 from sysid.data.record import Array, Channel
 from sysid.data.schema import checked
 from sysid.fitting.problem import (
     Data,
     Parameter,
+    Problem,
 )
 from sysid.structures.base import refuse_options
+from sysid.structures.difference_equations.compiled import compiled_runs
 from sysid.structures.difference_equations.expressions import parse, written
 from sysid.structures.difference_equations.free_run import Limits
-from sysid.structures.difference_equations.regressors import Row, custom
+from sysid.structures.difference_equations.regressors import Row, columns, custom
 from sysid.structures.difference_equations.signals import lagged_signals
 from sysid.structures.difference_equations.structure import RecursiveStructure, ranges_from
 from sysid.structures.narx import options as narx_options
 from sysid.structures.narx import words as narx_words
 from sysid.structures.narx.options import NarxOptions
-from sysid.structures.narx.problems import OneStepRow
-from sysid.structures.narx.run import LONG, NarxRun
+from sysid.structures.narx.run import LONG, Maps, NarxRun
 from sysid.structures.narx.wavelet_network import (
     KINDS,
     Kind,
@@ -28,6 +31,47 @@ from sysid.structures.narx.wavelet_network import (
 )
 from sysid.structures.orders import spread
 from sysid.structures.traits import Traits
+
+BLOCK = 8192
+"""Samples whose units are held at a time."""
+
+
+class OneStepRow(Problem):
+    """ε(t) = y(t) − F(x(t)) of one output.
+
+    Args:
+        run: the maps.
+        output: which one.
+        data: (u, y) of each record.
+    """
+
+    def __init__(self, run: NarxRun, output: int, data: Data) -> None:
+        first, maps = run.first, run.maps
+        self.index = run.theta_index[output]
+        self.n_initial = 0
+        self.lengths = tuple(max(len(y) - first, 0) for _, y in data)
+        self.channels = (output,) * len(data)
+        self._maps = Maps((maps.rows[output],), (maps.sizes[output],), maps.estimator)
+        self._frames = [run.frames[output]]
+        self._known = np.concatenate([columns(self._maps.signals, u, y)[first:] for u, y in data])
+        self._y = np.concatenate([y[first:, output] for _, y in data])
+
+    def residual(self, p: Array) -> Array:
+        """ε, record after record."""
+        place = self._maps.signals.index
+        of_inputs, of_outputs = self._maps.parts(np, p, self._frames, place)
+        blocks = [self._known[a : a + BLOCK].T for a in range(0, len(self._known), BLOCK)]
+        values = [of_outputs(known, of_inputs(known))[0] for known in blocks]
+        return np.asarray(self._y - np.concatenate([np.zeros(0), *values]))
+
+    def jacobian(self, p: Array) -> Array:
+        """∂ε/∂θ."""
+        n = len(self._known)
+        # powers of two: records of other lengths find what was compiled
+        padded = np.zeros((1 << max(n - 1, 0).bit_length(), self._known.shape[1]))
+        padded[:n] = self._known
+        slopes = compiled_runs(self._maps).partial(p, self._frames, padded)
+        return -np.asarray(slopes)[:n, 0]
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,8 @@ from sysid.testbench.motor.plausibility import (
     require_plausible,
     weakly_identified,
 )
-from sysid.testbench.motor.propagation import propagated
 from sysid.testbench.motor.published import PRINTED, is_the_thesis, printed_against
-from sysid.testbench.motor.separate import Route, routes, values_of
+from sysid.testbench.motor.separate import Route, propagated, routes, values_of
 
 METHODS = ("auto", "separate", "joint")
 

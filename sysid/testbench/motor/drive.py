@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sysid.data.reading.counters import grain
 from sysid.data.record import Array
+from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.testbench.motor.equations import MotorConstants, time_constant
 from sysid.testbench.motor.events import Events, from_counter
 from sysid.testbench.motor.experiments import smallest_step
@@ -293,10 +294,10 @@ def guessed(
         torque = known.Kc * (V - known.Kem * w) / known.R - known.f * w - known.C0 * np.sign(w)
         J = float(dw[moving] @ torque[moving] / max(float(dw[moving] @ dw[moving]), 1e-300))
         return replace(known, J=max(J, 1e-12), L=known.R * logs[0].dt)
-    R, Kem, L = _solve(np.column_stack([i, w, di]), V)
+    R, Kem, L = scaled_lstsq(np.column_stack([i, w, di]), V)
     Kc = known.Kc if known is not None else Kem
     terms = np.column_stack([dw, w, np.sign(w)])[moving]
-    J, f, C0 = Kc * _solve(terms, i[moving])
+    J, f, C0 = Kc * scaled_lstsq(terms, i[moving])
     return MotorConstants(
         R=R,
         Kem=Kem,
@@ -326,9 +327,3 @@ def _blocks(log: DriveLog, gear: float, block: int) -> tuple[Array, ...]:
         return np.diff(values[: n * block + 1 : block]) / (block * log.dt)
 
     return mean(log.voltage), mean(current), mean(speed), slope(current), slope(speed)
-
-
-def _solve(terms: Array, right: Array) -> Array:
-    size = np.linalg.norm(terms, axis=0)
-    size[size == 0.0] = 1.0
-    return np.asarray(np.linalg.lstsq(terms / size, right, rcond=None)[0] / size)

@@ -42,7 +42,6 @@ class PowerBench:
     batteries: tuple[Battery, ...]
     bridges: tuple[Bridge, ...]
     full_current: float | None
-    given_current: bool
     findings: tuple[Finding, ...]
 
     def supply(self) -> dict[str, Measured]:
@@ -166,9 +165,7 @@ def bench_power(
             )
         )
     current = largest if full_current is None else full_current
-    return PowerBench(
-        tuple(batteries), tuple(bridges), current, full_current is not None, tuple(said)
-    )
+    return PowerBench(tuple(batteries), tuple(bridges), current, tuple(said))
 
 
 def write_supply(mission: Path, bench: PowerBench) -> Path:

@@ -1,19 +1,149 @@
-"""A vehicle and its kinematics as plain documents, to be printed or stored."""
+"""A vehicle and its kinematics as plain documents, and findings about it in words."""
 
+import math
+from collections.abc import Iterator
 from typing import Any
 
-from sysid.vehicle.wheels.constraints import Angles, Scale
-from sysid.vehicle.wheels.findings import (
-    forward_words,
-    icr_words,
-    inverse_words,
-    notes,
-    type_words,
+from sysid.vehicle.wheels.constraints import RANK_TOLERANCE, Angles, Scale, rank, rows_of
+from sysid.vehicle.wheels.mobility import Icr, IcrKind, icr, icr_of_twist
+from sysid.vehicle.wheels.twists import (
+    ForwardKinematics,
+    InverseKinematics,
+    speeds_determine_motion,
 )
-from sysid.vehicle.wheels.mobility import Icr, icr_of_twist
-from sysid.vehicle.wheels.twists import ForwardKinematics, InverseKinematics
 from sysid.vehicle.wheels.vehicle import AXES, Vehicle
 from sysid.vehicle.wheels.wheel import Wheel
+
+TYPES = {
+    (3, 0): "drives in any direction at once, as with omni wheels, Mecanum wheels or casters alone",
+    (2, 0): "differential drive: forward and turning at once, never sideways",
+    (2, 1): "one steered wheel, else casters: turns at once, and drives where the wheel is steered",
+    (1, 1): "as a tricycle, bicycle or car: drives along an arc that steering chooses",
+    (1, 2): "two steered wheels or more: steering moves the centre of turning anywhere",
+}
+"""Degrees of mobility and steerability of the five classical types (Campion 1996), in words."""
+
+INERTIA_APART = 2.0
+"""Ratio of measured to computed yaw inertia beyond which one of them is doubted: bodies differ from
+a solid box by less (a thin shell has 5/3 of its inertia)."""
+
+
+def type_words(vehicle: Vehicle) -> str:
+    """What a vehicle of these degrees does."""
+    degrees = vehicle.degrees
+    known = TYPES.get((degrees.mobility, degrees.steerability))
+    if known is not None:
+        return known
+    if degrees.mobility == 0:
+        return (
+            "the axles of the fixed wheels do not meet in one point, so that the vehicle cannot "
+            "move unless wheels slide"
+        )
+    centre = icr([w for w in vehicle.wheels if w.kind == "fixed"])
+    if centre.kind is IcrKind.INFINITY:
+        return (
+            "drives straight only, since its fixed wheels stand on several parallel axles; it "
+            "turns by letting them slide, as skid steering does (describe it as tracks with an "
+            "effective_width)"
+        )
+    return "its fixed wheels let it turn about one point only"
+
+
+def icr_words(icr: Icr) -> str:
+    """Where the body turns about, as a sentence with its numbers."""
+    words, run = icr.kind.value, ""
+    if icr.direction is not None:
+        dx, dy = icr.direction
+        run = f"{math.degrees(math.atan2(dy, dx)):.4g}° to x"
+    if icr.point is None:
+        return f"{words}, at {run}" if run else words
+    x, y = icr.point
+    place = f"({x:.4g}, {y:.4g}) m"
+    return f"{words}: through {place} at {run}" if run else f"{words}: {place}"
+
+
+def notes(vehicle: Vehicle, angles: Angles | None = None) -> tuple[str, ...]:
+    """Sentences on what a reader would not expect; none where all is plain."""
+    return (*vehicle.notes, *_notes(vehicle, angles))
+
+
+def _notes(vehicle: Vehicle, angles: Angles | None) -> Iterator[str]:
+    wheels, scale = vehicle.wheels, Scale.of(vehicle.wheels)
+    for k, one in enumerate(wheels):
+        for other in wheels[k + 1 :]:
+            apart = math.dist(one.position, other.position)
+            same_place = apart <= RANK_TOLERANCE * scale.length
+            if one.kind == other.kind == "fixed" and same_place:
+                yield f"{one.name} and {other.name} stand in one place and act as one wheel."
+    off = {n: a for n, a in vehicle.misalignment(angles).items() if a}
+    if off and vehicle.mobility > 0:
+        worst = max(off, key=lambda name: abs(off[name]))
+        yield (
+            f"At these steering angles the axles do not meet in one point: the vehicle stands, or "
+            f"wheels slide; {worst} points {math.degrees(abs(off[worst])):.3g}° off the motion "
+            "that suits all of them best."
+        )
+    fixed = rows_of([w.sliding_row() for w in wheels if w.kind == "fixed"])
+    if rank(fixed, scale) == 1:
+        for wheel in wheels:
+            if wheel.kind == "steerable" and _on_axle(wheel, fixed[0].tolist(), scale):
+                yield (
+                    f"{wheel.name} stands on the axle of the fixed wheels: steering it turns "
+                    "nothing."
+                )
+    if not speeds_determine_motion(wheels):
+        yield (
+            "The wheel speeds neither determine the motion nor command all of it, because casters "
+            "follow any motion of the body."
+        )
+    yield from _on_inertia(vehicle)
+
+
+def _on_inertia(vehicle: Vehicle) -> Iterator[str]:
+    parts, measured = vehicle.mass_properties(), vehicle.yaw_inertia
+    if parts is None or measured is None:
+        return
+    computed = float(parts.tensor[2, 2])
+    if not 1 / INERTIA_APART <= measured / computed <= INERTIA_APART:
+        yield (
+            f"The yaw inertia of {measured:.4g} kg m² is {measured / computed:.3g} times the "
+            f"{computed:.4g} kg m² that masses and sizes of the parts give: one of them is wrong."
+        )
+
+
+def _on_axle(wheel: Wheel, row: list[float], scale: Scale) -> bool:
+    """Whether the steering axis lies on the line a y − b x + l = 0 of a fixed wheel's axle."""
+    a, b, lever = row
+    x, y = wheel.position
+    return abs(a * y - b * x + lever) <= RANK_TOLERANCE * scale.length
+
+
+def inverse_words(inverse: InverseKinematics) -> str:
+    """Whether the wanted twist is possible, and what is missing."""
+    if inverse.exact:
+        words = "The wheels can give this motion"
+    else:
+        vx, vy, wz = inverse.impossible
+        words = (
+            f"Not all of it is possible: {vx:.4g} m/s forward, {vy:.4g} m/s to the left and "
+            f"{wz:.4g} rad/s are missing, {inverse.residual:.4g} m/s at the wheels"
+        )
+    if inverse.slowdown > 1:
+        return f"{words}, {inverse.slowdown:.3g} times faster than motors reach."
+    return f"{words}."
+
+
+def forward_words(forward: ForwardKinematics) -> str:
+    """The motion from the wheel speeds, and whether they agree."""
+    if forward.agree:
+        return "The wheels agree: none of them has to slip."
+    every = [*forward.rolling.items(), *forward.sliding.items()]
+    worst = max(every, key=lambda item: abs(item[1]))[0]
+    return (
+        f"The wheels do not agree: they slip by {forward.residual:.4g} m/s (root mean square), "
+        f"{worst} most, or lengths or angles are not as described."
+    )
+
 
 _SPECIAL = ("angle_limits", "offset", "side", "roller", "width", "mass", "max_speed")
 """Keys of a wheel that are listed only if given."""

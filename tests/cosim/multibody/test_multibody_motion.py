@@ -35,7 +35,7 @@ def test_a_mission_by_kind_is_driven_from_the_command_line(tmp_path: Path, capsy
     mission, log = tmp_path / "m.yaml", tmp_path / "m.csv"
     mission.write_text("goal: [0.3, 0]\nmotion: {kind: multibody}\n")
     done = run(
-        capsys, "simulate", mission, "--plant", tmp_path / "plant", "--log", log, "--json"
+        capsys, "simulate", mission, "--plant", tmp_path / "plant", "-o", log, "--json"
     ).document
     assert done["outcome"] == "arrived"
     assert any("the mass 1.5 kg" in w for w in done["warnings"])

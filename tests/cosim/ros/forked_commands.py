@@ -16,7 +16,7 @@ from typing import Any
 
 from sysid_cli.app import main
 
-from sysid.cosim.ros.master import master_here
+from sysid.cosim.ros.node import master_here
 
 LIMIT = 60.0
 """No command of the test takes this long [s], however busy the machine is."""

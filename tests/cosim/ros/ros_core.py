@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from sysid.cosim.ros.installation import load_ros
-from sysid.cosim.ros.master import Master
+from sysid.cosim.ros.node import Master, load_ros
 from sysid.errors import ModelError
 
 STARTS = 60.0

@@ -7,9 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from sysid.cosim.ros.installation import _append_system_packages
-from sysid.cosim.ros.master import Master
-from sysid.cosim.ros.topic_rows import _reader
+from sysid.cosim.ros.node import Master, _append_system_packages
+from sysid.cosim.ros.topic_lines import _reader
 from sysid.errors import DataError, ModelError
 
 

@@ -60,15 +60,15 @@ def test_two_nodes_in_lock_step_and_what_is_said_when_one_ends(
     alone = run(capsys, "simulate", *common).document
     guided, driven = ready / "guided.csv", ready / "driven.csv"
     steps = [
-        start("guide", "simulate", *common, "--ros", "--log", guided),
-        start("robot", "plant", *common, "--ros", "--lock-step", "--log", driven),
+        start("guide", "simulate", *common, "--ros", "-o", guided),
+        start("robot", "node", *common, "--lock-step", "-o", driven),
         end("robot"),
         end("guide"),
         # a robot that is killed on its way, while a second one asks to be let in
-        start("slow", "plant", *common, "--ros", "--speed", 0.01, "--log", ready / "a.csv"),
-        start("left", "simulate", *common, "--ros", "--log", ready / "b.csv"),
+        start("slow", "node", *common, "--pace", 0.01, "-o", ready / "a.csv"),
+        start("left", "simulate", *common, "--ros", "-o", ready / "b.csv"),
         {"name": "left", "meets": "/simulink_references"},
-        start("second", "plant", *common, "--ros", "--log", ready / "c.csv"),
+        start("second", "node", *common, "-o", ready / "c.csv"),
         end("second"),
         {"name": "slow", "signal": int(signal.SIGKILL)},
         end("slow"),
@@ -76,7 +76,7 @@ def test_two_nodes_in_lock_step_and_what_is_said_when_one_ends(
         # another kind of topic, and a person who has waited long enough
         start("wrong", "simulate", *common, "--ros", "--topic", "/rosout"),
         end("wrong"),
-        start("waits", "plant", *common, "--ros"),
+        start("waits", "node", *common),
         {"name": "waits", "meets": "/odom"},
         {"name": "waits", "signal": int(signal.SIGINT)},
         end("waits"),
@@ -105,12 +105,11 @@ def test_two_nodes_in_lock_step_and_what_is_said_when_one_ends(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("plant", "m.yaml"), "add --ros"),
-        (("plant", "m.yaml", "--topic", "/a"), "--topic belongs to --ros"),
-        (("plant", "m.yaml", "--ros", "--topic-level", "x"), "choose references or pwm"),
-        (("plant", "m.yaml", "--ros", "--topic", "a b"), "is not a topic name"),
-        (("plant", "m.yaml", "--ros", "--wait", "0"), "give a number above 0"),
-        (("plant", "m.yaml", "--ros", "--speed", "-1"), "give a number above 0"),
+        (("simulate", "m.yaml", "--topic", "/a"), "--topic belongs to --ros"),
+        (("node", "m.yaml", "--topic-level", "x"), "choose references or pwm"),
+        (("node", "m.yaml", "--topic", "a b"), "is not a topic name"),
+        (("node", "m.yaml", "--wait", "0"), "give a number above 0"),
+        (("node", "m.yaml", "--pace", "-1"), "give a number above 0"),
         (("simulate", "log.csv", "--ros"), "is a log to replay; omit --ros"),
         (("simulate", "m.yaml", "--ros", "--runs", "5"), "--runs does not apply with --ros"),
     ],

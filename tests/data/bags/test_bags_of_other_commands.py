@@ -66,5 +66,5 @@ def test_the_noise_of_a_filter_from_a_bag(tmp_path: Path, capsys: Capture) -> No
         for side in ("left", "right")
         for w in ("--map", f"omega_{side[0]}=/joint_states.velocity[{side}_track]")
     ]
-    line = ("tune", tmp_path / "m.yaml", "--navigation", tmp_path / "m.mcap", *maps)
+    line = ("tune", tmp_path / "m.yaml", "--noise-from", tmp_path / "m.mcap", *maps)
     assert set(run(capsys, *line, "--json").document["r"]) == {"omega_l", "omega_r"}

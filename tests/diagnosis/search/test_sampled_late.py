@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from sysid.data.record import Array, Channel, Record
+from sysid.data.record import Channel, Record
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.search.forward_selection import ForwardSelection
 from sysid.diagnosis.search.full_model import FullModel
@@ -93,19 +93,3 @@ def test_how_the_log_was_made_belongs_to_both_models_and_is_not_named() -> None:
         assert SAMPLING.id in model.structure.effects  # type: ignore[attr-defined]
     pole = dict(zip([p.name for p in found.after.parameters], found.after.theta, strict=True))
     assert pole["f1[omega]"] == pytest.approx(-KEPT, abs=0.006)  # 4 % of the time constant
-
-
-def test_a_step_at_a_time_is_the_whole_record_at_once() -> None:
-    y = np.random.default_rng(3).standard_normal((50, 2))
-    p = {"share": np.array([0.3, 0.6])}
-    state, stepped = (y[0],), []
-    for row in y:
-        read, state = SAMPLING.step(np, row, state, p, None)  # type: ignore[arg-type]
-        stepped.append(read)
-
-    def past(signal: Array, k: Array) -> Array:
-        return np.vstack([signal[:1], signal[:-1]])
-
-    assert SAMPLING.on_past is not None
-    whole = SAMPLING.on_past(np, y, past, p, None)  # type: ignore[arg-type]
-    np.testing.assert_allclose(stepped, whole, rtol=1e-15)

@@ -7,18 +7,16 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Channel
+from sysid.diagnosis.base_model import Base
+from sysid.diagnosis.rules.outside_catalogue import least_damping, outside_catalogue
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.forward_selection import (
-    ForwardSelection,
-)
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.selection import (
     CandidateModel,
-    ScoredCandidate,
     SelectedEffect,
     Selection,
 )
-from sysid.diagnosis.session import DiagnosisSession, least_damping, stand_in
+from sysid.diagnosis.session import DiagnosisSession
 from sysid.diagnosis.validation.noise import NoiseFloor
 from sysid.fitting.holdout import Errors
 
@@ -63,24 +61,6 @@ def test_a_small_share_of_a_large_gap_is_looked_into_while_it_is_above_the_noise
     assert (study.remains(naming) > 0.0) is searched
 
 
-def judged(id: str, score: float, ratio: float = 0.5) -> ScoredCandidate:
-    """An effect tried beside two others."""
-    return ScoredCandidate(node(0.4, id), Evidence(-score, 9.0, 1.0, ratio, 1e-9), score)
-
-
-@pytest.mark.parametrize(
-    ("rival", "alone"), [(25.0, True), (600.0, False), (-40.0, True)], ids=["far", "near", "worse"]
-)
-def test_what_no_other_effect_comes_near_is_no_stand_in(rival: float, alone: bool) -> None:
-    """However little of the gap it takes."""
-    search = ForwardSelection.__new__(ForwardSelection)
-    search.data = SimpleNamespace(noise=np.array([NOISE]))  # type: ignore[assignment]
-    tried = [judged("dead-time", 926.0), judged("gravity-load", rival)]
-    assert search.unrivalled("dead-time", tried) is alone
-    little = [judged("dead-time", 40.0), judged("gravity-load", 2.0)]
-    assert not search.unrivalled("dead-time", little)  # few units of BIC are chance
-
-
 @pytest.mark.parametrize(
     ("id", "output", "damping", "closed", "doubted"),
     [
@@ -101,14 +81,14 @@ def test_what_explains_a_process_or_a_spring_in_part_may_stand_for_other_physics
     doubted: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("sysid.diagnosis.session.least_damping", lambda _: damping)
+    monkeypatch.setattr("sysid.diagnosis.rules.outside_catalogue.least_damping", lambda _: damping)
     structured: Any = SimpleNamespace(p_value=0.0)
     monkeypatch.setattr(DiagnosisSession, "residual_structure", lambda *_, **__: structured)
     monkeypatch.setattr(DiagnosisSession, "gap", lambda *_: SimpleNamespace(closed_percent=closed))
     record = SimpleNamespace(outputs=(Channel(output),))
     study = session(parts=SimpleNamespace(estimation=(record,)))
     named = selection(node(10.0), node(5.0, id), selected(id, node(10.0)))
-    assert (stand_in(study, named) is not None) is doubted
+    assert (outside_catalogue(study, named) is not None) is doubted
 
 
 @pytest.mark.parametrize("damping", [0.05, 0.3, 1.5])
@@ -119,4 +99,5 @@ def test_the_damping_of_a_base_is_that_of_its_swing(damping: float) -> None:
     q = model.null
     model.set_core(q, 0, 1.0, f)
     base: Any = SimpleNamespace(search=SimpleNamespace(model=model), model=SimpleNamespace(q=q))
+    base.poles = Base.poles.fget(base)  # type: ignore[attr-defined]
     assert least_damping(base) == pytest.approx(min(damping, 1.0))

@@ -11,6 +11,7 @@ from sysid.data.record import Array, Channel, Record
 from sysid.diagnosis.base_model import fit_baseline, full_drive
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.pose.diagnosis import diagnose_pose
+from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.search.admission import tied
 from sysid.diagnosis.search.prepared import logs_of
 from sysid.diagnosis.search.selection import CandidateModel
@@ -53,7 +54,7 @@ def found(records: list[Record], held: list[Record] | None = None) -> SeveralLog
     base = fit_baseline(records, held, some)
     study = DiagnosisSession(base, noise_of(base), full_drive(records), 0)
     outcome = study.searched(base.search.model.effects, lambda text, share: None)
-    return several_logs(study, study.confirmed(outcome.selection)[0])
+    return several_logs(study, confirmed(study, outcome.selection)[0])
 
 
 @pytest.fixture(scope="module")

@@ -143,7 +143,7 @@ def test_the_command_writes_a_document_a_vehicle_and_a_mission(
     mission = tmp_path / "m.yaml"
     mission.write_text("goal: [1, 0]\nvehicle:\n  B: 0.6  # by tape\n", encoding="utf-8")
     target, section = tmp_path / "new.yaml", tmp_path / "vehicle.yaml"
-    options = ("--geometry", "r=0.15,B=0.6", "--mission", mission, "--to", target, "-o", section)
+    options = ("--geometry", "r=0.15,B=0.6", "--mission", mission, "-o", target)
     document = run(capsys, "fit-vehicle", log, *options, "--json").document
     fields = {"name", "value", "std_error", "unit", "identifiable", "sentence", "in_model"}
     assert all(set(p) == fields for p in document["parameters"])
@@ -154,6 +154,8 @@ def test_the_command_writes_a_document_a_vehicle_and_a_mission(
     assert pytest.approx(1.2, rel=0.1) == driven.vehicle.B
     assert isinstance(driven.motion, Slip)
     assert driven.motion.turning == pytest.approx(0.2, abs=0.05)
+    alone = ("--geometry", "r=0.15,B=0.6", "-o", section)
+    assert run(capsys, "fit-vehicle", log, *alone, "--json").code == 0
     again = run(capsys, "fit-vehicle", log, "--geometry", section, "--json").document
     assert again["heading_error_rad"]["before"] < 0.5 * document["heading_error_rad"]["before"]
 
@@ -199,7 +201,7 @@ def _pose(named: Mapping[str, Array]) -> dict[str, Array]:
         ((), "needs a LOG: time, the speeds"),
         (("0.3", "1.08"), "0.3: file not found"),
         (("{log}", "--motion", "sliding"), "motion is one of"),
-        (("{log}", "--to", "new.yaml"), "--mission M.yaml"),
+        (("{log}", "--mission", "m.yaml"), "add -o FILE"),
         (("{log}", "--geometry", "r=0.3"), "gives no B"),
         (("{bare}",), "lacks a pose"),
         (("{pwm}",), "lacks the wheel speeds of the left"),

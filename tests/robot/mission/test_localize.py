@@ -105,7 +105,7 @@ def test_the_command_writes_the_pose_with_its_covariance(
 ) -> None:
     mission, log, _ = driven
     target, picture = tmp_path / "pose.csv", tmp_path / "pose.svg"
-    line = ("localize", log, "--mission", mission, "--to", target, "--plot", picture)
+    line = ("localize", log, "--mission", mission, "-o", target, "--plot", picture)
     facts = run(capsys, *line, "--navigation", "ekf", "--json").document
     assert facts["navigation"] == "ekf"
     assert facts["output"] == str(target)

@@ -13,8 +13,8 @@ from mission_cases import Robot, goal
 from sysid.data.record import Array
 from sysid.errors import DataError, ModelError
 from sysid.robot.mission.contracts import Navigation, NavigationInputs
-from sysid.robot.mission.navigation.doubt import RUN
 from sysid.robot.mission.navigation.finite_model import FiniteModel, Hypothesis
+from sysid.robot.mission.navigation.fusion import RUN
 from sysid.robot.mission.registry import law_class
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.simulator import simulate

@@ -208,13 +208,13 @@ def test_the_command_tells_writes_and_draws(tmp_path: Path, capsys: Capture) -> 
     source = tmp_path / "m.yaml"
     source.write_text("goal: [1, 0.4]  # near\nobstacles: [[0.5, 0.8]]\n")
     tuned, picture = tmp_path / "tuned.yaml", tmp_path / "front.svg"
-    asked = ["tune", source, "--plant", tmp_path / "plant", "--trials", 24, "--robust", 3]
-    document = run(capsys, *asked, "--to", tuned, "--plot", picture, "--json").document
+    asked = ["tune", source, "--plant", tmp_path / "plant", "--trials", 24, "--plants", 3]
+    document = run(capsys, *asked, "-o", tuned, "--plot", picture, "--json").document
     assert {"gains", "front", "margins", "rules", "present"} <= set(document)
     assert document["front"][document["proposed"]]["gains"] == document["gains"]
     assert load_mission(tuned).control.kp_yaw == document["gains"]["kp_yaw"]
     assert picture.stat().st_size > 10_000
-    refused = run(capsys, *asked, "--to", source)
+    refused = run(capsys, *asked, "-o", source)
     assert (refused.code, refused.err.count("\n")) == (2, 1)
 
 
@@ -226,8 +226,8 @@ def test_the_noise_of_a_filter_is_tuned_to_a_log(tmp_path: Path, capsys: Capture
         "sensors: {position_fixes: {noise: 0.05, rate: 10}}  # motion capture\n"
     )
     write_log(simulate(load_mission(source), Robot(), seed=6), log)
-    asked = ["tune", source, "--navigation", log]
-    document = run(capsys, *asked, "--to", tuned, "--json").document
+    asked = ["tune", source, "--noise-from", log]
+    document = run(capsys, *asked, "-o", tuned, "--json").document
     assert {"q", "r", "consistency"} <= set(document)
     law = load_mission(tuned).navigation
     assert law.r["fix_x"] == document["r"]["fix_x"]
@@ -235,7 +235,7 @@ def test_the_noise_of_a_filter_is_tuned_to_a_log(tmp_path: Path, capsys: Capture
     refused = run(capsys, *asked, "--control", "pid")
     assert (refused.code, refused.err.count("\n")) == (2, 1)
     refused = run(capsys, "tune", source, "--sensor", "gyro_z=w")
-    assert "--navigation" in refused.err
+    assert "--noise-from" in refused.err
 
 
 @pytest.mark.slow

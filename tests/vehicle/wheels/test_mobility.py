@@ -13,8 +13,8 @@ import sysid
 from sysid.errors import ModelError
 from sysid.vehicle.kinematics import Geometry, body_velocity
 from sysid.vehicle.wheels.constraints import Scale
-from sysid.vehicle.wheels.findings import notes, type_words
 from sysid.vehicle.wheels.mobility import IcrKind, _line, degrees, icr
+from sysid.vehicle.wheels.summary import notes, type_words
 from sysid.vehicle.wheels.vehicle import Vehicle
 from sysid.vehicle.wheels.wheel import Wheel
 

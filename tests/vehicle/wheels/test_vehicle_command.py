@@ -83,7 +83,7 @@ def test_pictures_and_urdf_are_written(capsys: Capture, tmp_path: Path) -> None:
         (("--speeds", "front=1"), "no wheel 'front'", 2),
         (("--speeds", "left=1,left=2"), "once for each wheel", 2),
         (("--angles", "left=0.1"), "left is not steered", 2),
-        (("--plot", "v.gif"), ".svg or .png", 2),
+        (("--plot", "v.gif"), ".svg, .png or .pdf", 2),
         (("--urdf", "nowhere/v.urdf"), "nowhere does not exist", 2),
     ],
 )

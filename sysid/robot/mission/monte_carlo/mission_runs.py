@@ -120,14 +120,17 @@ class MissionRuns:
     def sentence(self) -> str:
         arrived, time = self.outcomes["arrived"], self.time_s
         runs = f"{self.n:,}".replace(",", " ") + " runs" if self.n != 1 else "1 run"
+        if self.redrawn:
+            lost = self.redrawn / (self.redrawn + self.n)
+            runs += f" ({_percent(lost)} of the draws could not be driven and were replaced)"
         if not arrived.count:
             most = max(self.outcomes, key=lambda name: self.outcomes[name].count)
             return (
                 f"Arrives in none of {runs}: {most} in {_percent(self.outcomes[most].share)}."
                 f"{self._belief}"
             )
-        low, middle, high = np.quantile(time, (0.05, 0.5, 0.95))
-        when = f"rrives in {middle:.1f} s (90 %: {low:.1f}–{high:.1f})"
+        low, middle, high = np.quantile(time, (0.025, 0.5, 0.975))
+        when = f"rrives in {middle:.1f} s (95 %: {low:.1f}–{high:.1f})"
         if arrived.count < self.n:
             lower, upper = arrived.interval
             when = (

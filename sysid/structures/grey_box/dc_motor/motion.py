@@ -19,6 +19,7 @@ from sysid.vehicle.dry_friction import (
     sliding_rate,
     times,
 )
+from sysid.vehicle.motors import Motor, friction_limits
 
 
 def of_motors(
@@ -30,21 +31,16 @@ def of_motors(
     )
 
 
-def friction_constants(xp: Any, p: Mapping[str, Any], motors: int) -> tuple[Motors, ...]:
-    """What ``_level`` needs of each motor: Coulomb level, its share backward, what breaking away
-    adds, the speed at which that is gone, drag, and what damping backward adds."""
-    return of_motors(
-        {
-            "dry": xp.abs(p["coulomb"]),
-            "back": p["coulomb_back"],
-            "extra": p["breakaway"] - 1.0,
-            "stribeck": p["stribeck"] + 1e-12,
-            "drag": p["drag"],
-            "damped": p["viscous_back"] - 1.0,
-        },
-        ("dry", "back", "extra", "stribeck", "drag", "damped"),
-        motors,
-    )
+def friction_constants(xp: Any, p: Mapping[str, Any], motors: int) -> tuple[Motor, ...]:
+    """Of each motor what ``friction_limits`` needs, in units of speed: its damping is 1."""
+    shape = ("breakaway", "stribeck", "coulomb_back", "viscous_back", "drag")
+    return tuple(
+        Motor(1.0, 1.0, 0.0, xp.abs(dry), breakaway, stribeck, friction_back=back,
+              damping_back=damped, drag=drag)
+        for dry, breakaway, stribeck, back, damped, drag in of_motors(
+            p, ("coulomb", *shape), motors
+        )
+    )  # fmt: skip
 
 
 def exact_step(xp: Any, q: Mapping[str, Any], w: Motors, net: Motors, h: float) -> Motors:
@@ -116,15 +112,7 @@ def _limits(xp: Any, q: Mapping[str, Any], w: Motors) -> tuple[Motors, Motors]:
 
 def _levels(xp: Any, q: Mapping[str, Any], w: Motors) -> Sequence[tuple[Signal, Signal]]:
     """Largest friction against backward and forward motion at the speed w [speed], by motor."""
-    return [_level(xp, of, v) for of, v in zip(q["friction"], w, strict=True)]
-
-
-def _level(xp: Any, constants: Motors, w: Signal) -> tuple[Signal, Signal]:
-    coulomb, back, extra, stribeck, drag, damped = constants
-    ratio = w / stribeck
-    dry = coulomb * (1.0 + extra / (1.0 + ratio * ratio))
-    drags = drag * w * w
-    return xp.maximum(back * dry + drags + damped * xp.maximum(-w, 0.0), 0.0), dry + drags
+    return [friction_limits(of, v, xp) for of, v in zip(q["friction"], w, strict=True)]
 
 
 def runge_kutta_step(xp: Any, q: Mapping[str, Any], w: Motors, net: Motors, h: float) -> Motors:

@@ -1,5 +1,6 @@
 """Many runs at once: they are the single runs, drawn as their figures say, told honestly."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -230,6 +231,8 @@ def test_a_batch_tells_what_its_runs_came_to() -> None:
     assert sum(o["count"] for o in summary["outcomes"].values()) == summary["n"] == 1500
     assert summary["time_s"]["p05"] <= summary["time_s"]["p50"] <= summary["time_s"]["p95"]
     assert "of 1 500 runs" in runs.sentence
+    said = replace(runs, redrawn=300).sentence  # 300 of 1 800 draws
+    assert "1 500 runs (16.7 % of the draws could not be driven and were replaced)" in said
     assert {d["name"] for d in summary["drivers"]} == {
         "parameters", "start.x", "start.y", "start.psi", "obstacles[1]", "friction.slip",
     }  # fmt: skip

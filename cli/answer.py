@@ -1,0 +1,169 @@
+"""An answer that fits a screen: at most 24 lines of the terminal's width, and where the rest is."""
+
+import shutil
+import sys
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from io import StringIO
+from typing import Any, Literal
+
+from sysid.outside_text import visible
+
+from . import render
+from .field_options import with_options
+
+LINES = 24
+"""Lines of an answer, warnings included: those of the smallest terminal in use."""
+
+NARROWEST, WIDEST = 40, 100
+"""Columns within which the width of the terminal is followed: longer lines are hard to read."""
+
+
+def width() -> int:
+    """Columns of an answer: those of the terminal or of ``COLUMNS``, 80 where neither says."""
+    return min(max(shutil.get_terminal_size((80, LINES)).columns, NARROWEST), WIDEST)
+
+
+@dataclass
+class Answer:
+    """Lines of an answer in their order, printed together at the end.
+
+    Attributes:
+        ending: lines that the end of the answer will take, kept free by :meth:`cautions`.
+    """
+
+    ending: int = 2
+    _lines: list[tuple[Any, str]] = field(default_factory=list)
+
+    @property
+    def room(self) -> int:
+        """Lines that are left before the ending."""
+        return LINES - self.ending - len(self._lines)
+
+    def say(self, text: str, style: str = "", most: int = 3, stream: Any = None) -> None:
+        """Add a paragraph, broken between words, of at most so many lines; an empty one is none."""
+        from rich.text import Text
+
+        if style == "dim" and render.quiet():
+            return
+        for line in _wrapped(_shown(text), most):
+            self._lines += [(stream or sys.stdout, s) for s in _drawn(Text(line, style=style))]
+
+    def note(self, text: str, most: int) -> None:
+        """Add a paragraph on how logs were read, which a quiet line leaves out."""
+        if not render.quiet():
+            self.say(text, "dim", most)
+
+    def table(self, heads: Sequence[str], rows: Sequence[Sequence[object]], spare: int = 0) -> int:
+        """Add columns without a frame; cells of what is a number stand on the right.
+
+        Args:
+            spare: lines to leave free behind it.
+
+        Returns:
+            How many rows there was room for.
+        """
+        shown = len(rows)
+        lines = _columns(heads, rows)
+        while shown > 1 and len(lines) > self.room - spare:
+            shown -= 1
+            lines = _columns(heads, rows[:shown])
+        self._lines += [(sys.stdout, line) for line in lines]
+        return shown
+
+    def cautions(self, sentences: Sequence[str], rest: str) -> None:
+        """Add warnings on stderr while there is room: whole, else their first sentences.
+
+        Args:
+            rest: the command that shows them all.
+        """
+        told = list(dict.fromkeys(sentences))
+        parts = [_wrapped(f"! {_shown(s)}", LINES) for s in told]
+        if sum(map(len, parts)) > self.room:
+            parts = [_wrapped(f"! {_first_sentence(_shown(s))}", 2) for s in told]
+        kept = len(parts)
+        while kept and sum(map(len, parts[:kept])) + (kept < len(parts)) > self.room:
+            kept -= 1
+        left = len(parts) - kept
+        more = [[f"! {left} more warning{'s' * (left > 1)}: {rest}"]] if left else []
+        for part in (*parts[:kept], *more):
+            self.say("\n".join(part), "yellow", LINES, sys.stderr)
+
+    def print(self) -> None:
+        """Write all lines, each to its stream."""
+        for stream, line in self._lines:
+            (sys.stdout if stream is sys.stderr else sys.stderr).flush()
+            stream.write(f"{line}\n")
+
+
+def _columns(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+    """The lines of a table without a frame."""
+    from rich.table import Table
+    from rich.text import Text
+
+    drawn = Table(box=None, padding=(0, 2, 0, 0), header_style="bold", pad_edge=False)
+    for k, head in enumerate(heads):
+        numeric = all(_numeric(row[k]) for row in rows)
+        side: Literal["left", "right"] = "right" if numeric else "left"
+        drawn.add_column(Text(_shown(head)), justify=side, no_wrap=numeric or k == 0)
+    for row in rows:
+        drawn.add_row(*(Text("–" if c is None else _joined(_shown(str(c)))) for c in row))
+    return [line.replace(_JOIN, " ") for line in _drawn(drawn)]
+
+
+_JOIN = "\ue000"
+"""Stands for a space at which a cell is not broken; no text holds it."""
+
+
+def _joined(cell: str) -> str:
+    """A cell whose numbers stay on one line with their intervals."""
+    return cell.replace(" ± ", f"{_JOIN}±{_JOIN}")
+
+
+def _shown(text: str) -> str:
+    return visible(with_options(text))
+
+
+def _numeric(cell: object) -> bool:
+    return cell is None or (isinstance(cell, int | float) and not isinstance(cell, bool))
+
+
+def _first_sentence(text: str) -> str:
+    """Up to the first full stop or semicolon behind which something else begins."""
+    ends = [at for mark in (". ", "; ") if (at := text.find(mark)) > 0]
+    return f"{text[: min(ends)]}." if ends else text
+
+
+def _wrapped(text: str, most: int) -> list[str]:
+    """A text in lines of the answer's width; what is longer ends in dots."""
+    lines: list[str] = []
+    for part in text.splitlines():
+        indent = " " * (len(part) - len(part.lstrip()) + (2 if part.startswith("! ") else 0))
+        lines += textwrap.wrap(
+            part,
+            width(),
+            subsequent_indent=indent,
+            break_long_words=False,
+            break_on_hyphens=False,
+            max_lines=most,
+            placeholder=" …",
+        ) or [""]
+    return lines
+
+
+def _drawn(what: Any) -> list[str]:
+    """The lines of something that rich draws, coloured where stdout is a terminal."""
+    from rich.console import Console
+
+    console = Console(
+        file=StringIO(),
+        width=width(),
+        highlight=False,
+        markup=False,
+        emoji=False,
+        force_terminal=sys.stdout.isatty(),
+    )
+    with console.capture() as kept:
+        console.print(what, soft_wrap=not hasattr(what, "columns"))
+    return [line.rstrip() for line in kept.get().rstrip("\n").split("\n")]

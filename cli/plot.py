@@ -1,0 +1,96 @@
+"""``sysid plot``: responses, frequency responses, poles, residuals, as pictures or numbers."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sysid.errors import UsageError
+from sysid.workspace.logs import StoredData, as_fitted
+from sysid.workspace.store import StoredModel, Workspace
+
+from . import reading, render, targets
+from .options import argument, command, group
+
+if TYPE_CHECKING:
+    from sysid.data.reading.read_options import ReadOptions
+    from sysid.data.record import Record
+
+
+@command
+def plot(
+    what: str = argument(
+        "WHAT",
+        "log, step, impulse, bode, nyquist, poles, residuals, fit, curve (statics), horizon, "
+        "surface or ranking.",
+    ),
+    which: list[str] | None = argument(
+        "[MODEL|LOG]...",
+        "Models by id, and logs [the best model; its validation log].",
+        default=None,
+    ),
+    output: Path | None = targets.picture_target(
+        "Picture: .svg, .png or .pdf [WORKSPACE/WHAT.svg].", "-o"
+    ),
+    save: Path | None = targets.target(
+        "DATA.csv", "Also write the numbers, with 95 % bands.", "--save", suffixes=(".csv",)
+    ),
+    read: "ReadOptions" = group(reading.Reading),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
+) -> None:
+    """Plot models over each other, with 95 % bands, and over what was measured."""
+    from sysid.data.files import write_atomic
+    from sysid.report.model_panels import NEEDS_LOG, panels_of
+    from sysid.report.panels import PanelPicture, Shown, table
+    from sysid.report.plots import write_picture
+
+    store = Workspace(workspace)
+    logs = [Path(w) for w in which or [] if Path(w).is_file()]
+    ids = [w for w in which or [] if not Path(w).is_file()]
+    if missing := [i for i in ids if Path(i).suffix or "/" in i]:
+        raise UsageError(f"file not found: {missing[0]}")
+    models: list[StoredModel] = [store.load(i) for i in dict.fromkeys(ids)]
+    if not models and not (what == "log" and logs):
+        models = store.readable()[0] if what == "ranking" else [_best(store, what)]
+    records: tuple[Record, ...] = ()
+    if logs or what in NEEDS_LOG or what == "bode":
+        records = _records(models, logs, read)
+    panels = panels_of(what, [Shown(m.id, m.model) for m in models], records)
+    path = output or store.root / f"{what}.svg"
+    data = ", ".join(dict.fromkeys(r.name for r in records))
+    title = f"{what}: {', '.join(m.id for m in models) or data}"
+    write_picture(path, PanelPicture(title, data and f"data: {data}; bands: 95 %", panels))
+    if save is not None:
+        write_atomic(save, table(panels))
+    if json:
+        render.document({"picture": path, "data": save, "panels": [p.name for p in panels]})
+        return
+    render.files({"picture": path, "data": save}, picture="Picture", data="Numbers")
+
+
+def _best(store: Workspace, what: str) -> StoredModel:
+    """The best model; where that has nothing of the kind, the newest linear one."""
+    from sysid.report.model_panels import OF_LINEAR
+
+    best = store.chosen(None)
+    if what not in OF_LINEAR or best.model.structure.traits.linear:
+        return best
+    linear = [m for m in store.all() if m.model.structure.traits.linear]
+    return linear[-1] if linear else best
+
+
+def _records(
+    models: list[StoredModel], logs: list[Path], read: "ReadOptions"
+) -> "tuple[Record, ...]":
+    """The logs named, read as the first model's were; else its validation log, or what it was
+    fitted to."""
+    from sysid.data.preparation import Preparation, read_prepared
+
+    if not logs:
+        data = StoredData()
+        return data.validation(models[0]) or data.estimation(models[0]) or ()
+    read, steps = as_fitted(models[0] if models else None, read, Preparation())
+    records, _ = read_prepared(logs, read, steps, models[0].model.dt if models else None)
+    for m in models:
+        for r in records:
+            m.model.check(r)
+    return tuple(records)

@@ -1,0 +1,74 @@
+"""``sysid report``: one self-contained page of a model, or of several."""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sysid.workspace.logs import StoredData
+from sysid.workspace.store import StoredModel, Workspace
+
+from . import reading, render, targets
+from .options import argument, command
+
+if TYPE_CHECKING:
+    from sysid.data.record import Record
+    from sysid.structures.model import Model
+
+
+@command
+def report(
+    models: list[str] | None = argument(
+        "[MODEL]...", "Model ids; several are compared [the best model].", default=None
+    ),
+    output: Path | None = targets.target(
+        "FILE.html", "Page [WORKSPACE/report.html].", "-o", suffixes=(".html",)
+    ),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
+) -> None:
+    """Write a page on a model: can it be trusted, for what, and what shows it."""
+    from sysid.data.files import write_atomic
+    from sysid.data.inspection import inspect_records
+    from sysid.estimation.assessment.figures import residual_tests
+    from sysid.report.model_page import comparison_page, model_page
+    from sysid.report.panels import Shown
+
+    store = Workspace(workspace)
+    stored = [store.load(i) for i in dict.fromkeys(models or ())] or [store.chosen(None)]
+    records = judged_records(stored)
+    if len(stored) == 1:
+        (one,) = stored
+        logs = StoredData().estimation(one)
+        findings = inspect_records(logs) if logs else ()
+        tests = residual_tests(one.model, logs) if logs else None
+        line = command_of(one.model)
+        page = model_page(one.id, one.model, one.report, records, findings, tests, command=line)
+    else:
+        page = comparison_page([Shown(s.id, s.model) for s in stored], records, stored[0].id)
+    path = output or store.root / "report.html"
+    write_atomic(path, page.html())
+    if json:
+        render.document({"page": path, "models": [s.id for s in stored]})
+    else:
+        render.files({"page": path}, page="Page")
+
+
+def judged_records(stored: list[StoredModel]) -> "tuple[Record, ...]":
+    """What judges models: the first one's validation log, else what it was fitted to."""
+    data = StoredData()
+    return data.validation(stored[0]) or data.estimation(stored[0]) or ()
+
+
+def command_of(model: "Model") -> str:
+    """The command that makes the model again."""
+    from sysid.structures.orders import orders_text
+
+    options = model.provenance.options
+    files = [str(f) for f in options.get("files") or [s.name for s in model.provenance.data]]
+    names, structure = shlex.join(files), model.structure.name
+    if options.get("made_by") == "diagnose":
+        return f"sysid diagnose {names}"
+    orders = shlex.quote(orders_text(model.structure.order_values()))
+    if orders == "''":
+        return f"sysid fit {names} --structure {structure}"
+    return f"sysid fit {names} --structure {structure} --orders {orders}"

@@ -1,0 +1,270 @@
+"""What each rule and move of a diagnosis is worth: each left out in turn, on development seeds.
+
+A rule is left out only where it acted; elsewhere the answer is the same without it. The page counts
+for each how often it acted, how often the answer changed without it, and how many right names were
+lost and wrong ones came up. What changes nothing is a candidate for deletion.
+
+    python -m studies.ablation [--runs N] [--results FILE]
+"""
+
+import argparse
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+from unittest import mock
+
+from sysid_datasets.physics.logs import make, write
+from sysid_datasets.physics.suites import case
+
+from studies.physics_diagnose import diagnose
+from sysid.diagnosis import diagnose as whole
+from sysid.diagnosis.rules import ledger
+from sysid.diagnosis.search import forward_selection
+from sysid.diagnosis.session import DiagnosisSession
+from sysid.report.markdown import foot, table
+
+SUITES = {"singles": 34, "pairs": 16, "triples": 6, "nothing": 12, "outside": 12}
+"""Runs of each suite; seeds from ``FIRST`` on, which no judgement uses."""
+
+FIRST = 300
+
+PAGE = Path(__file__).resolve().parent.parent / "reports" / "ablation.md"
+
+Acted = Callable[..., bool]
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A rule or move that can be left out.
+
+    Attributes:
+        owner, name: the function, by its place.
+        off: what stands in its place.
+        acted: (result, *arguments) → whether it did anything.
+    """
+
+    owner: Any
+    name: str
+    off: Callable[..., Any]
+    acted: Acted
+
+
+def _some(result: Any, *_: Any) -> bool:
+    return result is not None
+
+
+def _nothing(*_: Any, **__: Any) -> None:
+    return None
+
+
+SWITCHES: Mapping[str, Switch] = MappingProxyType(
+    {
+        "move: pairs": Switch(forward_selection, "together", _nothing, _some),
+        "move: look-alikes in place": Switch(
+            forward_selection,
+            "swapped",
+            lambda search, base, model, effects: model,
+            lambda result, search, base, model, effects: result is not model,
+        ),
+        "move: first order": Switch(
+            whole,
+            "or_on_first_order",
+            lambda result, *_: result,
+            lambda found, result, *_: found is not result,
+        ),
+        "move: without jitter": Switch(DiagnosisSession, "without_jitter", _nothing, _some),
+        "rule: redundant": Switch(
+            forward_selection, "is_redundant", lambda *_: False, lambda found, *_: bool(found)
+        ),
+        "rule: needless dropped": Switch(
+            forward_selection.ForwardSelection,
+            "pruned",
+            lambda self, base, model: model,
+            lambda found, self, base, model: found is not model,
+        ),
+        "rule: shrunk delays": Switch(
+            forward_selection.ForwardSelection,
+            "_shrunk",
+            lambda *_: [],
+            lambda found, *_: bool(found),
+        ),
+    }
+)
+
+OBJECTIONS = {
+    f"objection: {name}": (book, name)
+    for book in ("BEFORE_INTERVALS", "OBJECTIONS")
+    for name in getattr(ledger, book)
+}
+
+
+@contextmanager
+def watched(acted: Counter[str]) -> Iterator[None]:
+    """Counts what acts."""
+    with _patches({n: _counting(s, n, acted) for n, s in SWITCHES.items()}), _rules(acted):
+        yield
+
+
+def _counting(switch: Switch, name: str, acted: Counter[str]) -> Callable[..., Any]:
+    function = getattr(switch.owner, switch.name)
+
+    def call(*args: Any, **more: Any) -> Any:
+        result = function(*args, **more)
+        acted[name] += switch.acted(result, *args)
+        return result
+
+    return call
+
+
+@contextmanager
+def _patches(functions: Mapping[str, Callable[..., Any]]) -> Iterator[None]:
+    patches = [
+        mock.patch.object(SWITCHES[n].owner, SWITCHES[n].name, f) for n, f in functions.items()
+    ]
+    for p in patches:
+        p.start()
+    try:
+        yield
+    finally:
+        for p in patches:
+            p.stop()
+
+
+@contextmanager
+def _rules(acted: Counter[str], without: str = "") -> Iterator[None]:
+    books: dict[str, dict[str, Any]] = {"BEFORE_INTERVALS": {}, "OBJECTIONS": {}}
+    for key, (book, name) in OBJECTIONS.items():
+        rule = getattr(ledger, book)[name]
+
+        def said(*args: Any, rule: Any = rule, key: str = key) -> Any:
+            result = rule(*args)
+            acted[key] += result is not None
+            return result
+
+        if key != without:
+            books[book][name] = said
+    with mock.patch.multiple(ledger, **{k: MappingProxyType(v) for k, v in books.items()}):
+        yield
+
+
+@contextmanager
+def left_out(name: str) -> Iterator[None]:
+    """Without one rule or move."""
+    if name in SWITCHES:
+        with _patches({name: SWITCHES[name].off}):
+            yield
+    else:
+        with _rules(Counter(), name):
+            yield
+
+
+def answers(suite: str, seed: int) -> dict[str, Any]:
+    """Names with everything, what acted, and the names without each thing that did."""
+    made = case(suite, seed)
+    with tempfile.TemporaryDirectory() as folder:
+        *_, told = write(make(made), Path(folder))
+        logs = Path(folder) / "est.csv", Path(folder) / "val.csv"
+        told.unlink()
+
+        def named() -> list[list[str]]:
+            found = diagnose(*logs, made.rig.lengths)["effects"]
+            return [sorted((e["id"], *e["indistinguishable"])) for e in found]
+
+        acted: Counter[str] = Counter()
+        with watched(acted):
+            names = named()
+        without = {}
+        for name, times in acted.items():
+            if times:
+                with left_out(name):
+                    without[name] = named()
+    truth = sorted({h.id for h in made.hidden})
+    also = {a for h in made.hidden for a in getattr(h, "also", ())}
+    return {
+        "key": f"{suite} {seed}",
+        "truth": truth,
+        "also": sorted(also),
+        "names": names,
+        "acted": dict(acted),
+        "without": without,
+    }
+
+
+def marks(names: list[list[str]], run: Mapping[str, Any]) -> tuple[int, int]:
+    """(right names, wrong names)."""
+    known = {*run["truth"], *run["also"]}
+    right = sum(any(t in entry for entry in names) for t in run["truth"])
+    return right, sum(not known & set(entry) for entry in names)
+
+
+def page(runs: list[dict[str, Any]]) -> str:
+    """The table, one row a rule or move."""
+    rows = []
+    for name in (*SWITCHES, *OBJECTIONS):
+        asked = [r for r in runs if r["acted"].get(name)]
+        changed = [r for r in asked if r["without"][name] != r["names"]]
+        lost = gained = came = went = 0
+        for r in changed:
+            (right, wrong), (then, false) = marks(r["names"], r), marks(r["without"][name], r)
+            lost, gained = lost + max(right - then, 0), gained + max(then - right, 0)
+            came, went = came + max(false - wrong, 0), went + max(wrong - false, 0)
+        counts = (len(asked), len(changed), lost, gained, came, went)
+        rows.append([name, *map(str, counts)])
+    heads = [
+        "left out",
+        "acted in",
+        "changed",
+        "right lost",
+        "right won",
+        "wrong came",
+        "wrong went",
+    ]
+    total = Counter(r["key"].split()[0] for r in runs)
+    said = ", ".join(f"{n} {suite}" for suite, n in total.items())
+    return "\n".join(
+        [
+            "# What each rule of a diagnosis is worth",
+            "",
+            f"Physics twin, development seeds from {FIRST} on: {said}. Each rule and move is left",
+            "out where it acted. Counts are runs (acted in, changed) and names (the others).",
+            "",
+            table(heads, rows, "lrrrrrr"),
+            "",
+            foot("python -m studies.ablation"),
+        ]
+    )
+
+
+def main() -> None:
+    """Runs what is not done yet, and writes the page of what is."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, help="of each suite at most")
+    parser.add_argument("--results", type=Path, help="keeps finished runs, a line of JSON each")
+    parser.add_argument("-o", type=Path, default=PAGE)
+    asked = parser.parse_args()
+    kept = asked.results
+    done = (
+        [json.loads(line) for line in kept.read_text().splitlines()]
+        if kept and kept.exists()
+        else []
+    )
+    known = {r["key"] for r in done}
+    counts = {s: min(n, asked.runs or n) for s, n in SUITES.items()}
+    for k in range(max(counts.values())):
+        for suite, n in counts.items():
+            if k < n and f"{suite} {FIRST + k}" not in known:
+                done.append(answers(suite, FIRST + k))
+                if kept:
+                    with kept.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps(done[-1]) + "\n")
+    asked.o.write_text(page(done) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""Which base effects are searched on, and which effects."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from sysid.data.column_words import may_move
+from sysid.data.facts import LogFacts
+from sysid.diagnosis.base_model import fit_baseline
+from sysid.diagnosis.search.forward_selection import Progress
+from sysid.diagnosis.session import SelectionResult
+from sysid.effects.base import Effect
+from sysid.effects.catalogue import chain_effects
+from sysid.errors import SysidError
+
+
+def possible(effects: Sequence[Effect], facts: LogFacts) -> tuple[Effect, ...]:
+    """Effects without those that gather over a log, where a log changes at one time."""
+    at_once = any(c.is_step for c in facts.changes)
+    return tuple(e for e in effects if not (at_once and e.hints.gathers))
+
+
+def or_on_first_order(
+    result: SelectionResult,
+    facts: LogFacts,
+    holdout: LogFacts | None,
+    say: Progress,
+) -> SelectionResult:
+    """What a search on the plain base has found, or on one of first order where that explains more.
+
+    Play and friction look like further poles, and a base with these poles leaves of them what no
+    law explains.
+    """
+    session, selection = result.session, result.selection
+    moves = any(may_move(c.name, c.unit) for c in session.base.parts.estimation[0].outputs)
+    if session.base.search.model.order == 1 or not moves or not session.needs_explanation:
+        return result
+    if selection.selected and not session.unexplained(selection):
+        return result
+    try:
+        base = fit_baseline(facts, holdout, possible(chain_effects(), facts), highest=1)
+    except SysidError:
+        return result
+    first_order = replace(session, base=base).searched(base.search.model.effects, say)
+    more = first_order.session.explains_more(first_order.selection, selection.final)
+    return first_order if more else result

@@ -1,0 +1,59 @@
+"""What may speak against an accepted effect: the list of rules, and how it is walked."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+from sysid.diagnosis.diagnosis import RejectedEffect
+from sysid.diagnosis.rules.behind_linear_motion import behind_linear_motion
+from sysid.diagnosis.rules.better_shape import shape_instead
+from sysid.diagnosis.rules.final_model import measured, weakest
+from sysid.diagnosis.rules.outside_catalogue import outside_catalogue
+from sysid.diagnosis.rules.too_few_samples import too_few_samples
+from sysid.diagnosis.search.selection import Selection
+from sysid.diagnosis.session import DiagnosisSession
+
+Objection = Callable[[DiagnosisSession, Selection], RejectedEffect | None]
+"""The accepted effect that a rule speaks against, and why; None where it has nothing to say."""
+
+BEFORE_INTERVALS: Mapping[str, Objection] = MappingProxyType({"better-shape": shape_instead})
+"""Rules that need no intervals of parameters."""
+
+OBJECTIONS: Mapping[str, Objection] = MappingProxyType(
+    {
+        "final-model": lambda session, selection: weakest(session.base, selection),
+        "linear-motion": behind_linear_motion,
+        "too-few-samples": too_few_samples,
+        "outside-catalogue": outside_catalogue,
+    }
+)
+"""Rules by name, in the order in which they are asked. ``studies/ablation.py`` leaves each out."""
+
+
+def confirmed(
+    session: DiagnosisSession, selection: Selection
+) -> tuple[Selection, tuple[RejectedEffect, ...]]:
+    """The accepted effects against which no rule speaks, and the others, each with its rule.
+
+    After each rejection what is left is fitted again, and every rule is asked once more.
+    """
+    rejected: list[RejectedEffect] = []
+    while (said := objection(BEFORE_INTERVALS, session, selection)) is not None:
+        rejected.append(said)
+        selection = session.base.search.without_effect(selection, said.id)
+    selection = measured(session.base, selection)
+    while (said := objection(OBJECTIONS, session, selection)) is not None:
+        rejected.append(said)
+        rest = session.base.search.without_effect(selection, said.id)
+        selection = measured(session.base, rest)
+    return selection, tuple(rejected)
+
+
+def objection(
+    rules: Mapping[str, Objection], session: DiagnosisSession, selection: Selection
+) -> RejectedEffect | None:
+    """What the first rule that objects says, with its name."""
+    for name, rule in rules.items():
+        if selection.selected and (said := rule(session, selection)) is not None:
+            return replace(said, rule=name)
+    return None

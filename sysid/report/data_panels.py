@@ -1,0 +1,280 @@
+"""What can be shown of logs, and of models on logs: data, spectra, fits, residuals, horizons."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.criteria.verdicts import ResidualReport
+from sysid.data.record import Array, Record
+from sysid.errors import ModelError
+from sysid.estimation.assessment.figures import Start, figures, outputs, residual_tests
+from sysid.estimation.assessment.spectra import Spectra, spectra
+from sysid.report.panels import RAD, Curve, Panel, Panels, Shown
+from sysid.report.style import labelled
+from sysid.structures.model import Model
+
+LIMIT_99 = 2.576
+"""Half-width of the band that holds a standard normal value with 99 %."""
+
+HORIZONS = (1, 2, 3, 5, 8, 13, 21, 34, 55, 89)
+"""Steps ahead that a fit is shown for, before the free run."""
+
+ZOOMS, ZOOM = 3, 60
+"""Windows in which a fit is shown enlarged, where it is worst, and their length [samples]."""
+
+GRID = 41
+"""Levels on each side of a surface."""
+
+
+def log(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """Raw data, sampling interval, spectra and coherence."""
+    first = records[0]
+    panels = []
+    for names, signals, kind in (
+        (first.inputs, [r.u for r in records], "steps"),
+        (first.outputs, [r.y for r in records], "line"),
+    ):
+        for i, channel in enumerate(names):
+            curves = tuple(
+                Curve(
+                    r.name if len(records) > 1 else "",
+                    r.t,
+                    s[:, i],
+                    kind="steps" if kind == "steps" else "line",
+                    colour=k,
+                )
+                for k, (r, s) in enumerate(zip(records, signals, strict=True))
+            )
+            axis = labelled(channel.name, channel.unit)
+            panels.append(Panel(f"log-{channel.name}", channel.name, "time [s]", axis, curves))
+    found = spectra(records)
+    powers = [*zip(first.input_names, found.inputs.T, strict=True)]
+    powers += [*zip(first.output_names, found.outputs.T, strict=True)]
+    curves = tuple(
+        Curve(n, found.w, p / max(float(p.max()), 1e-300), colour=k)
+        for k, (n, p) in enumerate(powers)
+    )
+    panels.append(
+        Panel(
+            "spectra", "Power spectra", RAD, "share of the largest", curves, log_x=True, log_y=True
+        )
+    )
+    if first.nu:
+        panels.append(_coherence(found, first))
+    return tuple(panels)
+
+
+def _coherence(found: Spectra, record: Record) -> Panel:
+    curves = tuple(
+        Curve(n, found.w, c, colour=k)
+        for k, (n, c) in enumerate(zip(record.output_names, found.coherence.T, strict=True))
+    )
+    note = "Share of the output's power that depends linearly on the inputs."
+    return Panel(
+        "coherence", "Coherence", RAD, "γ²", curves, log_x=True, limits=(0.0, 1.05), note=note
+    )
+
+
+def residuals(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """Correlations of the residuals with their past and with the inputs; lines at 99 %."""
+    panels: list[Panel] = []
+    for s in shown:
+        fitted = {d.sha256 for d in s.model.provenance.data}
+        seen = all(r.sha256 in fitted for r in records)
+        report = residual_tests(s.model, records, fitted=seen)
+        panels += residual_panels(report, s.model, f"{s.label}: " if len(shown) > 1 else "")
+    return tuple(panels)
+
+
+def residual_panels(report: ResidualReport, model: Model, head: str = "") -> Panels:
+    """Those of one report.
+
+    Args:
+        head: what titles begin with.
+    """
+    panels = []
+    for tests, what in ((report.whiteness, "past residuals"), (report.independence, "inputs")):
+        for test, channel in zip(tests, model.outputs, strict=True):
+            if test.parts is None or not test.parts.values.size:
+                continue
+            lags = np.array(test.parts.lags, dtype=np.float64)
+            count = len(test.parts.signals)
+            beside = [0.3 * (k - 0.5 * (count - 1)) for k in range(count)]
+            curves = tuple(
+                Curve(n if count > 1 else "", lags + beside[k], v, kind="stems", colour=k)
+                for k, (n, v) in enumerate(zip(test.parts.signals, test.parts.values, strict=True))
+            )
+            verdict = "pass" if test.passed else "FAIL" if test.judged else "not judged"
+            panels.append(
+                Panel(
+                    f"residuals-{what.replace(' ', '-')}-{channel.name}",
+                    f"{head}{channel.name}, {what}: {verdict}",
+                    "lag [samples]",
+                    "correlation / its error",
+                    curves,
+                    rules=(0.0, -LIMIT_99, LIMIT_99),
+                    note=f"p = {test.p_value:.2g}; lines: 99 %",
+                )
+            )
+    return tuple(panels)
+
+
+def fit(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """Measured and simulated, whole and enlarged where the first model is worst, and residuals."""
+    runs = {id(s): [outputs(s.model, r, None, Start.ESTIMATED) for r in records] for s in shown}
+    panels = []
+    first = shown[0]
+    for i, channel in enumerate(first.model.outputs):
+        axis = labelled(channel.name, channel.unit)
+        fits = figures(first.model, records, "", None).fit_percent[channel.name]
+        for k, r in enumerate(records):
+            name = f"{channel.name}{f', {r.name}' if len(records) > 1 else ''}"
+            lines = [Curve("measured", r.t, r.y[:, i], colour=-1)]
+            lines += [
+                Curve(s.label, r.t, runs[id(s)][k][:, i], colour=n) for n, s in enumerate(shown)
+            ]
+            panels.append(
+                Panel(f"fit-{name}", f"{name}: {fits:.1f} % fit", "time [s]", axis, tuple(lines))
+            )
+            errors = [
+                Curve(s.label, r.t, r.y[:, i] - runs[id(s)][k][:, i], colour=n)
+                for n, s in enumerate(shown)
+            ]
+            panels.append(
+                Panel(
+                    f"residual-{name}",
+                    f"{name}: measured less simulated",
+                    "time [s]",
+                    axis,
+                    tuple(errors),
+                    rules=(0.0,),
+                )
+            )
+            error = r.y[:, i] - runs[id(first)][k][:, i]
+            for at in worst_windows(error):
+                part = slice(at, at + ZOOM)
+                near = tuple(Curve(c.label, c.x[part], c.y[part], colour=c.colour) for c in lines)
+                panels.append(
+                    Panel(
+                        f"zoom-{name}-{at}",
+                        f"{name} at its worst, {r.t[at]:.4g} s",
+                        "time [s]",
+                        axis,
+                        near,
+                    )
+                )
+    return tuple(panels)
+
+
+def worst_windows(error: Array) -> list[int]:
+    """First samples of the windows with the largest squared error, none over another."""
+    square = np.nan_to_num(error**2, nan=0.0)
+    if len(square) <= 2 * ZOOM:
+        return []
+    sums = np.convolve(square, np.ones(ZOOM), "valid")
+    starts: list[int] = []
+    for _ in range(ZOOMS):
+        at = int(np.argmax(sums))
+        if sums[at] <= 0.0:
+            break
+        starts.append(at)
+        sums[max(at - ZOOM, 0) : at + ZOOM] = 0.0
+    return sorted(starts)
+
+
+def horizon(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """Fit against steps ahead; the free run is the line's end beyond them."""
+    panels = []
+    longest = max(map(len, records)) // 3
+    ks = [k for k in HORIZONS if k <= max(longest, 1)]
+    made = {
+        id(s): [figures(s.model, records, "", k).fit_percent for k in ks]
+        + [figures(s.model, records, "", None).fit_percent]
+        for s in shown
+    }
+    x = np.array([*ks, 1.6 * ks[-1]], dtype=np.float64)
+    for c in shown[0].model.outputs:
+        lines = []
+        for k, s in enumerate(shown):
+            y = np.array([p[c.name] for p in made[id(s)]])
+            lines += [
+                Curve(s.label, x[:-1], y[:-1], colour=k),
+                Curve("", x[-1:], y[-1:], kind="dots", colour=k),
+            ]
+        panels.append(
+            Panel(
+                f"horizon-{c.name}",
+                c.name,
+                "steps ahead",
+                "fit [%]",
+                tuple(lines),
+                log_x=True,
+                note="Dot at the right: free run.",
+            )
+        )
+    return tuple(panels)
+
+
+def surface(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """The next output over the one at rest before it, at several constant inputs: one-step maps."""
+    panels = []
+    for s in shown:
+        model = s.model
+        if not model.inputs or len(model.ranges) < len(model.inputs) + len(model.outputs):
+            raise ModelError(f"{s.label} does not know the ranges of its signals; fit it again")
+        length = model.structure.first_sample() + 1
+        for i, out in enumerate(model.outputs):
+            low, high = model.ranges[len(model.inputs) + i]
+            y = np.linspace(float(low), float(high), GRID)
+            j = min(i, len(model.inputs) - 1)
+            curves = []
+            for k, level in enumerate(np.linspace(model.ranges[j][0], model.ranges[j][1], 5)):
+                u = np.zeros((length, len(model.inputs)))
+                u[:, j] = level
+                nexts = np.array([_next(model, u, i, v, length) for v in y])
+                unit = model.inputs[j].unit
+                curves.append(Curve(f"{level:.3g} {unit}".strip(), y, nexts, colour=k))
+            if all(np.ptp(c.y) == 0.0 for c in curves):
+                raise ModelError(
+                    f"{s.label} computes no output from measured ones, so it has no surface; that "
+                    "is for narx-wavelet, narmax and arx"
+                )
+            axis = labelled(out.name, out.unit)
+            panels.append(
+                Panel(
+                    f"surface-{s.label}-{out.name}",
+                    f"{s.label}: next {out.name} by {model.inputs[j].name}",
+                    f"{axis} held",
+                    f"next {axis}",
+                    tuple(curves),
+                )
+            )
+    return tuple(panels)
+
+
+def _next(model: Model, u: Array, i: int, held: float, length: int) -> float:
+    y = np.zeros((length, len(model.outputs)))
+    y[:, i] = held
+    record = Record(u, y, model.dt, model.inputs, model.outputs)
+    return float(model.predict(record, 1, 0)[-1, i])
+
+
+def ranking(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """Fits of several models on one log, and fit against the number of parameters."""
+    names = [c.name for c in shown[0].model.outputs]
+    made = [figures(s.model, records, "", None).fit_percent for s in shown]
+    places = np.arange(len(shown), dtype=np.float64)
+    rows = tuple(s.label for s in shown)
+    bars = tuple(
+        Curve(n, places, np.array([m[n] for m in made]), kind="dots", colour=k)
+        for k, n in enumerate(names)
+    )
+    sizes = np.array([len(s.model.theta) for s in shown], dtype=np.float64)
+    pareto = tuple(
+        Curve(n, sizes, np.array([m[n] for m in made]), kind="dots", colour=k)
+        for k, n in enumerate(names)
+    )
+    return (
+        Panel("ranking", "Fit in free run", "fit [%]", "", bars, names=rows),
+        Panel("pareto", "Fit against size", "parameters", "fit [%]", pareto),
+    )

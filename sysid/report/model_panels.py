@@ -1,0 +1,234 @@
+"""What can be shown of models: a function for each word of ``sysid plot WHAT``, and their table.
+
+Each takes the models with their names and the records, and gives panels. Bands are 95 %.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from sysid.data.record import Array, Record
+from sysid.errors import ModelError, UsageError
+from sysid.estimation.assessment.delta_method import NORMAL
+from sysid.estimation.assessment.responses import (
+    ResponseCurve,
+    frequency_curves,
+    main_paths,
+    root_clouds,
+    static_curves,
+    step_curves,
+)
+from sysid.estimation.assessment.spectra import spectra
+from sysid.report.data_panels import fit, horizon, log, ranking, residuals, surface
+from sysid.report.panels import RAD, Curve, Panel, Panels, Shown
+from sysid.report.style import labelled
+
+
+def step(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """Responses to a step of each input."""
+    return _responses(shown, "step", {id(s): step_curves(s.model) for s in shown})
+
+
+def impulse(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """Responses to one sample of each input."""
+    return _responses(shown, "impulse", {id(s): step_curves(s.model, pulse=True) for s in shown})
+
+
+def curve(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """Outputs at rest over each input: statics, friction and limits."""
+    return _responses(shown, "curve", {id(s): static_curves(s.model) for s in shown})
+
+
+def _responses(
+    shown: Sequence[Shown], kind: str, curves: Mapping[int, Sequence[ResponseCurve]]
+) -> Panels:
+    """A panel for each path that any of the models has; side paths that pass on little stay out."""
+    wanted = {(c.input, c.output) for each in curves.values() for c in main_paths(each)}
+    first = shown[0].model
+    units = {c.name: c.unit for c in (*first.inputs, *first.outputs)}
+    panels = []
+    for key in [(c.input, c.output) for c in curves[id(shown[0])]]:
+        if key not in wanted:
+            continue
+        lines = [
+            (s, c, k)
+            for k, s in enumerate(shown)
+            for c in curves[id(s)]
+            if (c.input, c.output) == key
+        ]
+        u, y = key
+        notes = dict.fromkeys(c.note for _, c, _ in lines if c.note)
+        per = "" if kind == "curve" or notes else f" per {labelled(u, units.get(u, ''))}"
+        panels.append(
+            Panel(
+                f"{kind}-{u}-{y}",
+                f"{u} → {y}" + "".join(f", {n}" for n in notes),
+                labelled(u, units.get(u, "")) if kind == "curve" else "time [s]",
+                labelled(y, units.get(y, "")) + per,
+                tuple(_banded(s.label, c.x, c.y, c.error, k) for s, c, k in lines),
+                rules=() if kind == "curve" else (0.0,),
+            )
+        )
+    return tuple(panels)
+
+
+def _banded(label: str, x: Array, y: Array, error: Array, colour: int) -> Curve:
+    with np.errstate(invalid="ignore"):
+        return Curve(label, x, y, y - NORMAL * error, y + NORMAL * error, colour=colour)
+
+
+def bode(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """Gain and phase of each path, over the measured frequency response where there is a log."""
+    every = {id(s): {(c.input, c.output): c for c in frequency_curves(s.model)} for s in shown}
+    found = spectra(records) if records else None
+    panels = []
+    for u, y in _paths(shown, every):
+        gains, phases = [], []
+        if found is not None:
+            j, i = records[0].input_names.index(u), records[0].output_names.index(y)
+            g, error = found.response[:, i, j], found.gain_error[:, i]
+            size = np.abs(g)
+            with np.errstate(over="ignore"):
+                ends = size * np.exp(-NORMAL * error), size * np.exp(NORMAL * error)
+            gains.append(Curve("measured", found.w, size, *ends, kind="dots", colour=-1))
+            sure = found.coherence[:, i] > 0.5
+            angle = np.degrees(np.unwrap(np.angle(g[sure])))
+            phases.append(Curve("measured", found.w[sure], angle, kind="dots", colour=-1))
+        for k, s in enumerate(shown):
+            c = every[id(s)].get((u, y))
+            if c is None:
+                continue
+            size, angle = np.abs(c.response), np.degrees(c.phase)
+            with np.errstate(over="ignore"):
+                ends = (size * np.exp(-NORMAL * c.gain_error), size * np.exp(NORMAL * c.gain_error))
+            gains.append(Curve(s.label, c.w, size, *ends, colour=k))
+            phases.append(_banded(s.label, c.w, angle, np.degrees(c.phase_error), k))
+        sizes = np.concatenate([c.y for c in gains if c.colour >= 0])
+        top = float(np.max(sizes))
+        limits = (max(float(np.min(sizes)) / 3.0, top * 1e-5), 3.0 * top)
+        name = f"{u} → {y}"
+        panels += [
+            Panel(
+                f"gain-{u}-{y}",
+                f"{name}: gain",
+                RAD,
+                "|G|",
+                tuple(gains),
+                log_x=True,
+                log_y=True,
+                limits=limits,
+            ),
+            Panel(f"phase-{u}-{y}", f"{name}: phase", RAD, "arg G [°]", tuple(phases), log_x=True),
+        ]
+    return tuple(panels)
+
+
+def _paths(
+    shown: Sequence[Shown], every: Mapping[int, Mapping[tuple[str, str], object]]
+) -> list[tuple[str, str]]:
+    return list(dict.fromkeys(key for s in shown for key in every[id(s)]))
+
+
+def nyquist(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """G in the complex plane with 95 % ellipses at some frequencies."""
+    every = {id(s): {(c.input, c.output): c for c in frequency_curves(s.model)} for s in shown}
+    panels = []
+    for u, y in _paths(shown, every):
+        curves = []
+        for k, s in enumerate(shown):
+            c = every[id(s)].get((u, y))
+            if c is None:
+                continue
+            curves.append(Curve(s.label, c.response.real, c.response.imag, colour=k))
+            some = range(0, len(c.w), max(len(c.w) // 10, 1))
+            curves += [_ellipse(c.response[at], c.root[at], k) for at in some]
+        panels.append(
+            Panel(f"nyquist-{u}-{y}", f"{u} → {y}", "Re G", "Im G", tuple(curves), equal=True)
+        )
+    return tuple(panels)
+
+
+def _ellipse(centre: complex, root: Array, colour: int) -> Curve:
+    """The 95 % ellipse of a point of the plane: χ² of two degrees of freedom is 5.99."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 49)
+    if not np.isfinite(root).all():
+        return Curve("", np.zeros(0), np.zeros(0), colour=colour)
+    half, axes, _ = np.linalg.svd(root, full_matrices=False)
+    points = half @ (axes[:, None] * np.array([np.cos(turn), np.sin(turn)])) * np.sqrt(5.991)
+    return Curve("", centre.real + points[0], centre.imag + points[1], colour=colour)
+
+
+def poles(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """Poles (×) and zeros (○) in the z plane with 95 % ellipses."""
+    every = {id(s): {(c.input, c.output): c for c in root_clouds(s.model)} for s in shown}
+    panels = []
+    for u, y in _paths(shown, every):
+        curves = []
+        for k, s in enumerate(shown):
+            c = every[id(s)].get((u, y))
+            if c is None:
+                continue
+            curves += [
+                Curve(s.label, c.poles.real, c.poles.imag, kind="marks", colour=k),
+                Curve("", c.zeros.real, c.zeros.imag, kind="dots", colour=k),
+                *(_ellipse(p, r, k) for p, r in zip(c.poles, c.pole_root, strict=True)),
+                *(
+                    _ellipse(z, r, k)
+                    for z, r in zip(c.zeros, c.zero_root, strict=True)
+                    if abs(z) < 2.0
+                ),
+            ]
+        panels.append(
+            Panel(
+                f"poles-{u}-{y}",
+                f"{u} → {y}",
+                "Re z",
+                "Im z",
+                tuple(curves),
+                equal=True,
+                circle=True,
+                note="× pole, ○ zero, 95 % ellipses, unit circle",
+            )
+        )
+    return tuple(panels)
+
+
+WHAT: Mapping[str, Callable[[Sequence[Shown], Sequence[Record]], Panels]] = {
+    "log": log,
+    "step": step,
+    "impulse": impulse,
+    "bode": bode,
+    "nyquist": nyquist,
+    "poles": poles,
+    "residuals": residuals,
+    "fit": fit,
+    "curve": curve,
+    "horizon": horizon,
+    "surface": surface,
+    "ranking": ranking,
+}
+"""Word → what it shows."""
+
+NEEDS_LOG = ("log", "residuals", "fit", "horizon", "ranking")
+"""What cannot be shown without data."""
+
+
+OF_LINEAR = ("bode", "nyquist", "poles")
+"""What only linear models have."""
+
+
+def panels_of(what: str, shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """The panels of a word.
+
+    Raises:
+        UsageError: there is no such word, or it needs a log.
+        ModelError: a model has nothing of the kind.
+    """
+    if what not in WHAT:
+        raise UsageError(f"{what!r} cannot be plotted; choose one of {', '.join(WHAT)}")
+    if what in NEEDS_LOG and not records:
+        raise UsageError(f"{what} needs a log, and that of the model is gone; name one")
+    panels = WHAT[what](shown, records)
+    if not panels:
+        raise ModelError(f"there is nothing to show as {what}")
+    return panels

@@ -1,0 +1,71 @@
+"""The bundled files in a folder, and the five commands on them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import sysid_datasets
+from command_line import Capture, contents, run
+from sysid_cli import demo
+
+NUMERIC = ("numpy", "scipy", "pandas", "yaml", "rich.table")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "sysid-demo"
+
+
+def test_everything_that_is_bundled_is_copied(folder: Path, capsys: Capture) -> None:
+    document = run(capsys, "demo", "--json").document
+    assert document["commands"] == [*demo.COMMANDS]
+    for kind, place in demo.FOLDERS.items():
+        for path in (sysid_datasets.folder() / kind).glob("*.*"):
+            assert (folder / place / path.name).read_bytes() == path.read_bytes()
+    assert len(document["files"]) == len(contents(folder)) >= 26
+    named = {w for line in demo.COMMANDS for w in line.split() if w.endswith((".csv", ".yaml"))}
+    assert named <= {*document["files"]}
+
+
+def test_it_may_be_asked_again_and_overwrites_no_change(folder: Path, capsys: Capture) -> None:
+    first = run(capsys, "demo")
+    assert first.out == run(capsys, "demo").out
+    assert all(f"\n  {line}\n" in first.out for line in demo.COMMANDS)
+    changed = folder / "prbs.csv"
+    changed.write_text("mine")
+    refused = run(capsys, "demo")
+    assert (refused.code, refused.out) == (2, "")
+    assert refused.err == "sysid-demo/prbs.csv was changed; name another folder, or remove it\n"
+    assert changed.read_text() == "mine"
+    assert run(capsys, "demo", "else/where").code == 0
+    assert run(capsys, "demo", "--run", "--json").code == 2
+
+
+def test_it_imports_no_numeric_library(folder: Path) -> None:
+    code = (
+        "import sys; from sysid_cli import app; app.main(['demo']); "
+        f"sys.exit(str([m for m in {NUMERIC!r} if m in sys.modules]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr == "[]\n"
+
+
+def test_a_command_that_fails_ends_the_run(
+    folder: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(demo, "COMMANDS", ("sysid models", "sysid export", "sysid models"))
+    result = run(capsys, "demo", "--run")
+    assert result.code == 1
+    assert result.out.count("$ sysid models") == 1
+    assert "$ sysid export" in result.out
+    assert Path.cwd() == folder.parent
+
+
+@pytest.mark.slow
+def test_the_five_commands_run(folder: Path, capsys: Capture) -> None:
+    result = run(capsys, "demo", "--run")
+    assert result.code == 0, result.err
+    for made in ("plant/plant.json", "missions/obstacles_6_3.csv", "diagnosis/index.html"):
+        assert (folder / ".sysid" / made).is_file()
