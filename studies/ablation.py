@@ -1,4 +1,4 @@
-"""What each rule and move of a diagnosis is worth: every one left out in turn, on development seeds.
+"""What each rule and move of a diagnosis is worth: each left out in turn, on development seeds.
 
 A rule is left out only where it acted; elsewhere the answer is the same without it. The page counts
 for each how often it acted, how often the answer changed without it, and how many right names were
@@ -25,7 +25,7 @@ from sysid_datasets.physics.suites import case
 from studies.physics_diagnose import diagnose
 from sysid.diagnosis import diagnose as whole
 from sysid.diagnosis.rules import ledger
-from sysid.diagnosis.search import candidates, forward_selection, moves
+from sysid.diagnosis.search import forward_selection
 from sysid.diagnosis.session import DiagnosisSession
 from sysid.report.markdown import foot, table
 
@@ -66,8 +66,6 @@ def _nothing(*_: Any, **__: Any) -> None:
 SWITCHES: Mapping[str, Switch] = MappingProxyType(
     {
         "move: pairs": Switch(forward_selection, "together", _nothing, _some),
-        "move: the other lag": Switch(moves, "with_other_lag", _nothing, _some),
-        "move: more tracks": Switch(forward_selection, "on_more_tracks", _nothing, _some),
         "move: look-alikes in place": Switch(
             forward_selection,
             "swapped",
@@ -81,20 +79,8 @@ SWITCHES: Mapping[str, Switch] = MappingProxyType(
             lambda found, result, *_: found is not result,
         ),
         "move: without jitter": Switch(DiagnosisSession, "without_jitter", _nothing, _some),
-        "move: from ties": Switch(
-            candidates.CandidateSearch,
-            "_from_ties",
-            lambda self, model, q, cost, chosen: q,
-            lambda found, self, model, q, cost, chosen: found is not q,
-        ),
         "rule: redundant": Switch(
             forward_selection, "is_redundant", lambda *_: False, lambda found, *_: bool(found)
-        ),
-        "rule: unrivalled": Switch(
-            forward_selection.ForwardSelection,
-            "unrivalled",
-            lambda *_: False,
-            lambda found, *_: bool(found),
         ),
         "rule: needless dropped": Switch(
             forward_selection.ForwardSelection,
@@ -245,8 +231,8 @@ def page(runs: list[dict[str, Any]]) -> str:
         [
             "# What each rule of a diagnosis is worth",
             "",
-            f"Physics twin, development seeds from {FIRST} on: {said}. Each rule and move is left out",
-            "where it acted. Counts are runs (acted in, changed) and names (the others).",
+            f"Physics twin, development seeds from {FIRST} on: {said}. Each rule and move is left",
+            "out where it acted. Counts are runs (acted in, changed) and names (the others).",
             "",
             table(heads, rows, "lrrrrrr"),
             "",

@@ -47,7 +47,7 @@ def gap(rng: np.random.Generator, rig: Rig, factor: float) -> Drawn:
         "backlash",
         "play between teeth",
         sizes,
-        ("coulomb-friction",),
+        ("coulomb-friction", "position-play"),
         channels,
         {"gap": play},
         spread=SPREAD,

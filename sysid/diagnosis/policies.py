@@ -27,9 +27,6 @@ class AcceptanceRule:
             must take ``of_remainder`` of what is left; otherwise it corrects the other's law.
         of_remainder: a third effect that takes more than this share of what the others leave above
             the noise is not redundant, however small its share of the whole gap.
-        unrivalled: an effect that scores so many times more than any other beside the same model,
-            and beyond chance more, is no stand-in: a stand-in has rivals. An effect that others
-            wait for need not meet ``in_loop`` then.
         touched: an effect touches a block when its predictions move by this share of the error.
         alike: runs that differ by less than this share of the remaining error are the same
             explanation.
@@ -55,7 +52,6 @@ class AcceptanceRule:
     look_alike: float = 0.10
     of_remainder: float = 0.5
     minor: float = 0.98
-    unrivalled: float = 2.0
     touched: float = 0.02
     alike: float = 0.25
     tie: float = 1.02

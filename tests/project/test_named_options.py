@@ -43,6 +43,7 @@ EVERYWHERE = {
 
 SHOWN_BY = {
     "cli/reading.py": ("inspect", "fit", "diagnose"),  # those that compose all of it
+    "cli/report.py": ("fit",),  # the line that makes a model again
     "cli/bag_contents.py": ("inspect", "fit"),  # the line to paste is a fit
     "cli/mission_options.py": ("diagnose",),
     "cli/missions": ("simulate",),

@@ -190,8 +190,7 @@ class CandidateSearch:
             return []
         chosen = [tried[k] for k in kept]
         far = range(BUDGET.leading if model.effects else len(kept))
-        full, cost = self._search(model, q[kept], chosen, BUDGET.full_steps, far)
-        full = self._from_ties(model, full, cost, chosen)
+        full, _ = self._search(model, q[kept], chosen, BUDGET.full_steps, far)
         models = [self._trimmed(model, e, full[k]) for k, e in enumerate(chosen)]
         samples = common_samples(models)
         judged = [self.scored(model, n, len(effects), samples) for n in models]
@@ -319,41 +318,6 @@ class CandidateSearch:
         if steps < BUDGET.full_steps:
             return search(self.model, q, free, self.data, steps, BUDGET.coarse)
         return refined(self.model, q, free, self.data, steps, BUDGET.coarse, unknown)
-
-    def _from_ties(
-        self, model: CandidateModel, q: Array, cost: Array, chosen: Sequence[Effect]
-    ) -> Array:
-        """Effects that are alike searched once more, each from where the other one ended.
-
-        Else the one whose search was slower would look the worse explanation.
-        """
-        pairs = [
-            (k, j)
-            for k, a in enumerate(chosen)
-            for j, b in enumerate(chosen)
-            if (b.id in a.hints.ties or a.id in b.hints.ties) and cost[j].sum() < cost[k].sum()
-        ]
-        if not pairs:
-            return q
-        starts = []
-        for k, j in pairs:
-            row = q[j].copy()
-            free = free_indices(self.model, chosen[k], q[k], range(self.model.tracks))
-            rival_values = {(s.name, s.track): q[j, i] for i, s in self._parameters_of(chosen[j])}
-            for i, s in self._parameters_of(chosen[k]):
-                other = rival_values.get((s.name, s.track), q[k, i])
-                row[i] = s.within(other) if i in free else q[k, i]
-            for i, s in self._parameters_of(chosen[j]):
-                row[i] = s.null
-            starts.append(row)
-        again, costs = self._search(
-            model, np.array(starts), [chosen[k] for k, _ in pairs], BUDGET.full_steps
-        )
-        out, least = q.copy(), cost.copy()
-        for (k, _), row, c in zip(pairs, again, costs, strict=True):
-            if c.sum() < least[k].sum():
-                out[k], least[k] = row, c
-        return out
 
     def _parameters_of(self, e: Effect) -> list[tuple[int, ModelParameter]]:
         return [(i, self.model.parameters[i]) for i in self.model.of(e.id)]

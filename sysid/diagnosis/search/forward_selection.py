@@ -9,12 +9,7 @@ from sysid.diagnosis.policies import BUDGET, RULE, VERDICT
 from sysid.diagnosis.search.admission import beyond_sampling, tied
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
 from sysid.diagnosis.search.evidence import Evidence, alike
-from sysid.diagnosis.search.moves import (
-    beside_either,
-    on_more_tracks,
-    swapped,
-    together,
-)
+from sysid.diagnosis.search.moves import swapped, together
 from sysid.diagnosis.search.redundancy import is_redundant
 from sysid.diagnosis.search.selection import (
     CandidateModel,
@@ -59,7 +54,8 @@ class ForwardSelection(CandidateSearch):
         passed = [j for j in self.passing(judged) if j.evidence.ratio < (needed or self.needed)]
         others = [j for j in passed[1:] if j.id not in passed[0].model.excluded]
         beam = passed[:1] + others[: BUDGET.beam - 1]
-        pair = None if beam else together(self, base, judged, effects, needed or self.needed)
+        least = min(needed or self.needed, RULE.in_loop)  # two at once must do more
+        pair = None if beam else together(self, base, judged, effects, least)
         minor = self._minor(judged)
         if not beam and pair is None:
             return Selection(base, base, (), minor, first)
@@ -107,8 +103,6 @@ class ForwardSelection(CandidateSearch):
             say(f"{', '.join(model.effects)}: looking for more", 0.2 * len(model.effects))
             passed, judged = self._next(base, model, effects, needed)
             minor = self._minor(judged)
-            if not passed and (wide := on_more_tracks(self, model)) is not None:
-                passed, _ = self._next(base, wide, effects, needed)
             if not passed or self.best_of(base, (model, passed[0].model)) is model:
                 break
             model = passed[0].model
@@ -120,15 +114,13 @@ class ForwardSelection(CandidateSearch):
         self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect], needed: float
     ) -> tuple[list[ScoredCandidate], list[ScoredCandidate]]:
         """Effects that may be added to a candidate, likeliest first, and all that were tried."""
-        judged = beside_either(self, model, effects)
-        return [
+        judged = self.candidates(model, effects)
+        passed = [
             j
             for j in self.passing(judged)
-            if (j.evidence.ratio < needed or self.unrivalled(j.id, judged))
-            and not is_redundant(
-                base, model, j.model, self.data.noise, self.unrivalled(j.id, judged)
-            )
-        ], judged
+            if j.evidence.ratio < needed and not is_redundant(base, model, j.model, self.data.noise)
+        ]
+        return passed, judged
 
     def passing(self, judged: Sequence[ScoredCandidate]) -> list[ScoredCandidate]:
         """Accepted candidates, the most likely first; nearly equal ones by fewest parameters."""
@@ -195,13 +187,6 @@ class ForwardSelection(CandidateSearch):
                 break
             model = best
         return model
-
-    def unrivalled(self, id: str, judged: Sequence[ScoredCandidate]) -> bool:
-        """Whether of the effects tried on one model no other one comes near this one."""
-        scores = {j.id: j.score for j in judged}
-        most = max((s for other, s in scores.items() if other != id), default=0.0)
-        most, score = max(most, 0.0), scores.get(id, 0.0)
-        return score > RULE.unrivalled * most and score - most > -RULE.certain_bic
 
     def account(
         self,

@@ -1,8 +1,6 @@
 """Effects that only correct the laws of effects accepted before: what one law leaves looks partly
 like its look-alikes, and what two leave like anything."""
 
-from enum import Enum, auto
-
 import numpy as np
 
 from sysid.data.record import Array
@@ -12,54 +10,31 @@ from sysid.effects.base import Effect, Place
 from sysid.effects.catalogue import NOT_NAMED, about
 
 
-class SmallGain(Enum):
-    """How an effect takes little of the gap."""
-
-    NO = auto()
-    LOOK_ALIKE = auto()
-    PARTIAL = auto()
-    AMONG_OTHERS = auto()
-
-
 def is_redundant(
-    base: CandidateModel,
-    rest: CandidateModel,
-    whole: CandidateModel,
-    noise: Array,
-    unrivalled: bool,
+    base: CandidateModel, rest: CandidateModel, whole: CandidateModel, noise: Array
 ) -> bool:
     """Whether the newest effect of ``whole`` is redundant.
 
-    A look-alike that takes little of the gap is, and one that takes less than it leaves; and a
-    third effect with a minor share, unless it takes most of the rest or has no rivals.
+    A look-alike that takes hardly anything of the gap is, and one that takes less than it leaves;
+    and a third effect with a minor share, unless it takes most of the rest.
 
     Args:
         base: the original model.
         rest: without the effect.
         noise: of each output, (ny,).
-        unrivalled: whether no other effect comes near it beside ``rest``.
     """
-    small = small_gain(base, rest, whole)
-    if small in (SmallGain.NO, SmallGain.LOOK_ALIKE):
-        return small is SmallGain.LOOK_ALIKE
-    most = explains_most_of_remainder(rest, whole, noise)
-    return not most and (small is SmallGain.PARTIAL or not unrivalled)
-
-
-def small_gain(base: CandidateModel, rest: CandidateModel, whole: CandidateModel) -> SmallGain:
-    """Whether the newest effect takes little of the gap, beside a look-alike or several others."""
     id = whole.effects[-1]
     others = [e for e in rest.effects if e not in NOT_NAMED]
     alike = any(_look_alike(about(id), about(other)) for other in others)
     if id in NOT_NAMED or not (alike or len(others) > 1):
-        return SmallGain.NO
+        return False
     first, now, then = (n.errors.mean_squares()[1][whole.touched] for n in (base, rest, whole))
     taken, gap = now - then, first - then
-    if alike and np.any(taken >= RULE.redundant * gap):
-        return SmallGain.NO if np.any(taken >= RULE.look_alike * gap) else SmallGain.PARTIAL
-    if not alike and np.any(taken >= 0.01 * VERDICT.min_share * gap):
-        return SmallGain.NO
-    return SmallGain.LOOK_ALIKE if alike else SmallGain.AMONG_OTHERS
+    if alike and not np.any(taken >= RULE.redundant * gap):
+        return True
+    small = RULE.look_alike if alike else 0.01 * VERDICT.min_share
+    enough = bool(np.any(taken >= small * gap))
+    return not enough and not explains_most_of_remainder(rest, whole, noise)
 
 
 def explains_most_of_remainder(rest: CandidateModel, whole: CandidateModel, noise: Array) -> bool:

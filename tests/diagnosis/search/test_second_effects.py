@@ -10,13 +10,9 @@ from sysid.data.record import Channel
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.rules.outside_catalogue import least_damping, outside_catalogue
 from sysid.diagnosis.search.evidence import Evidence
-from sysid.diagnosis.search.forward_selection import (
-    ForwardSelection,
-)
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.selection import (
     CandidateModel,
-    ScoredCandidate,
     SelectedEffect,
     Selection,
 )
@@ -63,24 +59,6 @@ def test_a_small_share_of_a_large_gap_is_looked_into_while_it_is_above_the_noise
     study = session(search=SimpleNamespace(needed=0.9))
     naming = selection(node(50 * NOISE), node(left * NOISE, "load-bias"))
     assert (study.remains(naming) > 0.0) is searched
-
-
-def judged(id: str, score: float, ratio: float = 0.5) -> ScoredCandidate:
-    """An effect tried beside two others."""
-    return ScoredCandidate(node(0.4, id), Evidence(-score, 9.0, 1.0, ratio, 1e-9), score)
-
-
-@pytest.mark.parametrize(
-    ("rival", "alone"), [(25.0, True), (600.0, False), (-40.0, True)], ids=["far", "near", "worse"]
-)
-def test_what_no_other_effect_comes_near_is_no_stand_in(rival: float, alone: bool) -> None:
-    """However little of the gap it takes."""
-    search = ForwardSelection.__new__(ForwardSelection)
-    search.data = SimpleNamespace(noise=np.array([NOISE]))  # type: ignore[assignment]
-    tried = [judged("dead-time", 926.0), judged("gravity-load", rival)]
-    assert search.unrivalled("dead-time", tried) is alone
-    little = [judged("dead-time", 40.0), judged("gravity-load", 2.0)]
-    assert not search.unrivalled("dead-time", little)  # few units of BIC are chance
 
 
 @pytest.mark.parametrize(
