@@ -10,7 +10,7 @@ from sysid.errors import UsageError
 from sysid.workspace.logs import StoredData, as_fitted
 from sysid.workspace.store import StoredModel, Workspace
 
-from . import fit_options, reading, render, targets
+from . import fit_options, reading, render
 from .answer import Answer
 from .fit_report import fits, residual_marks
 from .options import argument, command, group, option
@@ -44,7 +44,6 @@ def compare(
     folds: int | None = option(
         "K", "Also cross-validate with K folds: each model is refitted without one block.", min=2
     ),
-    plot: Path | None = targets.picture("Draw the ranking: .svg or .png."),
     policy: "Policy" = group(fit_options.Judging),
     read: "ReadOptions" = group(reading.Reading, hidden=True),
     workspace: Path = reading.WORKSPACE,
@@ -83,15 +82,11 @@ def compare(
     crossed = _cross_validated(ranking, folds)
     read_as = decided(judged_on[0] if judged_on else ())
     store.remember("best", ranking.best.contender.id)
-    if plot is not None:
-        from sysid.report.fits import draw_ranking
-
-        draw_ranking(plot, ranking)
     if json:
         _document(ranking, crossed, read_as)
         return
     page = _page(store, ranking, judged_on, contenders)
-    _show(ranking, crossed, {"Picture": plot, "Page": page}, read_as, notes(findings))
+    _show(ranking, crossed, {"Page": page}, read_as, notes(findings))
 
 
 def _page(

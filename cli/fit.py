@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.workspace.logs import judged_on
 from sysid.workspace.store import StoredModel, Workspace
 
-from . import fit_options, reading, render, targets
+from . import fit_options, reading, render
 from .fit_report import show
 from .live.follow import Followed, check_alone, follow, stopping
 from .live.options import Following
@@ -46,7 +46,6 @@ def fit(
         default="auto",
         advanced=True,
     ),
-    plot: Path | None = targets.picture("Draw the best model: .svg or .png."),
     jobs: int = option(
         "N", "Processes for the search.", "-j", "--jobs", default=2, min=1, advanced=True
     ),
@@ -95,15 +94,11 @@ def fit(
         stored = _stored(store, identification, validation or logs)
     offsets = identification.assessments[0].model.operating_point.decision
     read_as = decided(records, offsets)
-    if plot is not None:
-        from sysid.report.fits import draw_fit
-
-        draw_fit(plot, stored[0].id, identification)
     if json:
         _document(stored, identification, followed, read_as)
     else:
         page = _page(store, stored[0], identification)
-        show(stored, identification, read_as, {"Picture": plot, "Page": page}, notes)
+        show(stored, identification, read_as, {"Page": page}, notes)
         if full:
             show_model(stored[0])
 

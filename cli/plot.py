@@ -26,6 +26,7 @@ def plot(
         "[MODEL|LOG]...",
         "Models by id, and logs [the best model; its validation log].",
         default=None,
+        autocompletion=reading.stored_models,
     ),
     output: Path | None = targets.picture_target(
         "Picture: .svg, .png or .pdf [WORKSPACE/WHAT.svg].", "-o"
@@ -33,11 +34,11 @@ def plot(
     save: Path | None = targets.target(
         "DATA.csv", "Also write the numbers, with 95 % bands.", "--save", suffixes=(".csv",)
     ),
-    read: "ReadOptions" = group(reading.Reading),
+    read: "ReadOptions" = group(reading.Reading, hidden=True),
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Plot models over each other, with 95 % bands, and over what was measured."""
+    """Draw responses, poles, residuals of models, with 95 % bands."""
     from sysid.data.files import write_atomic
     from sysid.report.model_panels import NEEDS_LOG, panels_of
     from sysid.report.panels import PanelPicture, Shown, table
@@ -47,7 +48,7 @@ def plot(
     logs = [Path(w) for w in which or [] if Path(w).is_file()]
     ids = [w for w in which or [] if not Path(w).is_file()]
     if missing := [i for i in ids if Path(i).suffix or "/" in i]:
-        raise UsageError(f"file not found: {missing[0]}")
+        raise UsageError(f"{missing[0]}: file not found")
     models: list[StoredModel] = [store.load(i) for i in dict.fromkeys(ids)]
     if not models and not (what == "log" and logs):
         models = store.readable()[0] if what == "ranking" else [_best(store, what)]

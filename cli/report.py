@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 @command
 def report(
     models: list[str] | None = argument(
-        "[MODEL]...", "Model ids; several are compared [the best model].", default=None
+        "[MODEL]...",
+        "Model ids; several are compared [the best model].",
+        default=None,
+        autocompletion=reading.stored_models,
     ),
     output: Path | None = targets.target(
         "FILE.html", "Page [WORKSPACE/report.html].", "-o", suffixes=(".html",)
@@ -26,7 +29,7 @@ def report(
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Write a page on a model: can it be trusted, for what, and what shows it."""
+    """Write a page on a model: can it be trusted, and for what?"""
     from sysid.data.files import write_atomic
     from sysid.data.inspection import inspect_records
     from sysid.estimation.assessment.figures import residual_tests

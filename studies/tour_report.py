@@ -20,6 +20,7 @@ from sysid.report.diagnosis_drawing import draw_worst
 from sysid.report.diagnosis_picture import Window, worst_windows
 from sysid.report.fits import draw_fit
 from sysid.report.missions.drives import draw_mission
+from sysid.report.panels import Shown
 from sysid.report.plots import write_picture
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import load_mission
@@ -106,7 +107,9 @@ def _output(command: str, place: str) -> str:
 def _draw(folder: Path) -> None:
     """The pictures of the tour, models called by their structure instead of by a hash."""
     found = identified()
-    draw_fit(folder / "fit.svg", f"{found.assessments[0].model.structure.name} of prbs.csv", found)
+    best = found.assessments[0].model
+    shown = Shown(f"{best.structure.name} of prbs.csv", best)
+    draw_fit(folder / "fit.svg", shown, found.validation)
     mission = load_mission(sysid_datasets.path("obstacles_6_3"))
     robot, _ = as_robot(found.assessments[0].model.plant(), mission)
     draw_mission(folder / "mission.svg", "obstacles_6_3", mission, simulate(mission, robot))

@@ -106,11 +106,13 @@ def _masked(line: str) -> str:
     return re.sub(r"\d[\d.]*e-1[3-9]\b", "…", line)
 
 
-def drive(path: Path, seconds: float = 60.0, seed: int = 3) -> None:
+def drive(path: Path, seconds: float = 120.0, seed: int = 3) -> None:
     """A log of somebody else's robot: commands of ±255 with a dead zone of 25, speeds in rpm."""
     rng = np.random.default_rng(seed)
     n = round(seconds / 0.05)
-    command = np.repeat(rng.integers(-250, 251, (n // 12 + 1, 2)), 12, axis=0)[:n]
+    share = rng.uniform(-1.0, 1.0, (n // 12 + 1, 2))  # small commands more often than large ones
+    levels = np.rint(250.0 * np.sign(share) * np.abs(share) ** 1.5).astype(int)
+    command = np.repeat(levels, 12, axis=0)[:n]
     driven = np.sign(command) * np.maximum(np.abs(command) - 25.0, 0.0)
     speed = np.zeros((n, 2))
     for k in range(1, n):

@@ -130,11 +130,6 @@ class Criterion:
         """Whether it is a figure of the free run, not of one-step errors and size."""
         return self.value is None
 
-    @property
-    def only_differences(self) -> bool:
-        """Whether only differences of its values mean something: its zero is arbitrary."""
-        return self.ratio in (ratio_of_deviances, ratio_of_logarithms)
-
     def cost(self, value: float) -> float:
         """A value as what is to be made small."""
         return value if self.smaller_is_better else -value

@@ -78,7 +78,7 @@ def read_log(path: str | Path, options: ReadOptions | None = None, **fields: Any
         UsageError: there is no such file, or an option does not fit it.
     """
     if options is not None and fields:
-        raise UsageError("give `options` or its fields, not both")
+        raise UsageError("give the options as one value or by their names, not both")
     log = read_file(path, ReadOptions(**fields) if fields else options)
     if len(log.records) > 1:
         raise DataError(

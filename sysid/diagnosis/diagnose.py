@@ -89,7 +89,7 @@ def diagnose(
     result = session.searched((*candidates, CHANGED) if elsewhere else candidates, say)
     if model is None:
         result = or_on_first_order(result, facts, holdout_facts, say)
-    say("validation", 0.72)
+    say("validation", 0.52)
     if geometry is None and mission is not None:
         geometry = load_mission(mission).vehicle.given_geometry
     result, pose_diagnosis = resolve_ties_by_pose(result, geometry)

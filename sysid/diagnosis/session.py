@@ -89,7 +89,7 @@ class DiagnosisSession:
             selection = self.base.search.run(
                 self.base.model,
                 effects,
-                lambda text, share: say(text, 0.1 + 0.6 * share),
+                lambda text, share: say(text, 0.06 + 0.46 * share),
                 lambda candidate: self.remains(replace(self.nothing, final=candidate)),
                 needed,
             )

@@ -1,9 +1,11 @@
 """What can be shown of logs, and of models on logs: data, spectra, fits, residuals, horizons."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from sysid.criteria.fit import fit_percent
 from sysid.criteria.verdicts import ResidualReport
 from sysid.data.record import Array, Record
 from sysid.errors import ModelError
@@ -121,54 +123,48 @@ def residual_panels(report: ResidualReport, model: Model, head: str = "") -> Pan
 
 def fit(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     """Measured and simulated, whole and enlarged where the first model is worst, and residuals."""
-    runs = {id(s): [outputs(s.model, r, None, Start.ESTIMATED) for r in records] for s in shown}
+    panels: list[Panel] = []
+    for r in records:
+        runs = {s.label: outputs(s.model, r, None, Start.ESTIMATED) for s in shown}
+        panels += run_panels(r, runs, f", {r.name}" if len(records) > 1 else "")
+    return tuple(panels)
+
+
+def run_panels(record: Record, runs: Mapping[str, Array], which: str = "") -> Panels:
+    """Measured outputs under runs, and what is between them.
+
+    Args:
+        runs: name → (N, ny).
+        which: what names of outputs end with, where there are several records.
+    """
     panels = []
-    first = shown[0]
-    for i, channel in enumerate(first.model.outputs):
-        axis = labelled(channel.name, channel.unit)
-        fits = figures(first.model, records, "", None).fit_percent[channel.name]
-        for k, r in enumerate(records):
-            name = f"{channel.name}{f', {r.name}' if len(records) > 1 else ''}"
-            lines = [Curve("measured", r.t, r.y[:, i], colour=-1)]
-            lines += [
-                Curve(s.label, r.t, runs[id(s)][k][:, i], colour=n) for n, s in enumerate(shown)
-            ]
-            panels.append(
-                Panel(f"fit-{name}", f"{name}: {fits:.1f} % fit", "time [s]", axis, tuple(lines))
-            )
-            errors = [
-                Curve(s.label, r.t, r.y[:, i] - runs[id(s)][k][:, i], colour=n)
-                for n, s in enumerate(shown)
-            ]
-            panels.append(
-                Panel(
-                    f"residual-{name}",
-                    f"{name}: measured less simulated",
-                    "time [s]",
-                    axis,
-                    tuple(errors),
-                    rules=(0.0,),
-                )
-            )
-            error = r.y[:, i] - runs[id(first)][k][:, i]
-            for at in worst_windows(error):
-                part = slice(at, at + ZOOM)
-                near = tuple(Curve(c.label, c.x[part], c.y[part], colour=c.colour) for c in lines)
-                panels.append(
-                    Panel(
-                        f"zoom-{name}-{at}",
-                        f"{name} at its worst, {r.t[at]:.4g} s",
-                        "time [s]",
-                        axis,
-                        near,
-                    )
-                )
+    first = next(iter(runs.values()))
+    fits = fit_percent([record.y], [first])
+    for i, channel in enumerate(record.outputs):
+        name, axis = f"{channel.name}{which}", labelled(channel.name, channel.unit)
+        y = record.y[:, i]
+        lines = [Curve("measured", record.t, y, colour=-1)]
+        lines += [
+            Curve(n, record.t, run[:, i], colour=k) for k, (n, run) in enumerate(runs.items())
+        ]
+        title = f"{name}: {fits[i]:.1f} % fit" if np.isfinite(fits[i]) else name
+        panels.append(Panel(f"fit-{name}", title, "time [s]", axis, tuple(lines)))
+        with np.errstate(invalid="ignore", over="ignore"):
+            errors = tuple(replace(c, y=y - c.y) for c in lines[1:])
+        words = f"{name}: measured less simulated"
+        panels.append(Panel(f"residual-{name}", words, "time [s]", axis, errors, rules=(0.0,)))
+        for at in worst_windows(errors[0].y):
+            part = slice(at, at + ZOOM)
+            near = tuple(replace(c, x=c.x[part], y=c.y[part]) for c in lines)
+            words = f"{name} at its worst, {record.t[at]:.4g} s"
+            panels.append(Panel(f"zoom-{name}-{at}", words, "time [s]", axis, near))
     return tuple(panels)
 
 
 def worst_windows(error: Array) -> list[int]:
     """First samples of the windows with the largest squared error, none over another."""
-    square = np.nan_to_num(error**2, nan=0.0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = np.nan_to_num(error**2, nan=0.0, posinf=0.0)
     if len(square) <= 2 * ZOOM:
         return []
     sums = np.convolve(square, np.ones(ZOOM), "valid")

@@ -79,8 +79,9 @@ def draw_candidates(
     accepted: Sequence[str],
     tied: Sequence[str],
 ) -> None:
-    """Every effect tried first by its score; accepted ones and their ties in colour."""
-    shown = candidates[:MOST]
+    """The best effects tried first by their score, and every accepted one; those in colour."""
+    more = [c for c in candidates[MOST:] if c[0] in accepted]
+    shown = [*candidates[: MOST - len(more)], *more]
     left, entries = 1.5, _kinds(accepted, tied)
     axes = _panel(figure, _CANDIDATE_ROW, len(shown), (left, 0.6), entries)
     for k, (id, score) in enumerate(shown):
@@ -99,7 +100,7 @@ def draw_candidates(
     scores = [s for _, s in shown if np.isfinite(s)] or [0.0]
     axes.set_xlim(min(0.0, 1.05 * min(scores)), max(1.02 * max(scores), 1e-9))
     axes.locator_params(axis="x", nbins=3)
-    axes.set_xlabel("score of the first round")
+    axes.set_xlabel("fall of BIC, each alone")
     if entries:
         legend(axes, entries)
 

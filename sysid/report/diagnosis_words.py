@@ -22,6 +22,9 @@ from sysid.estimation.assessment.figures import Figures
 CLEAR = 0.01
 """Residual tests are called failed below this p-value."""
 
+OF_POSE = {"x": "m", "y": "m", "psi": "rad"}
+"""Units of what a path is made of."""
+
 DONE = 1.0
 """Per cent of the error beyond the noise below which nothing is left to be explained."""
 
@@ -85,7 +88,7 @@ def channel_lines(result: Diagnosis) -> tuple[ChannelLine, ...]:
     lines = []
     for name, c in result.gap.channels.items():
         at = [c.name for c in outputs].index(name) if name in units else -1
-        factor, unit = units.get(name, (1.0, ""))
+        factor, unit = units.get(name, (1.0, OF_POSE.get(name, "")))
         gap = c.rmse_before**2 - c.noise_floor**2
         remaining = c.rmse_after**2 - c.noise_floor**2
         closed = 100.0 * (1.0 - remaining / gap) if gap > 0.0 else math.nan

@@ -28,6 +28,9 @@ BINS = 700
 ABOVE = 2
 """Names that stand beside the title; more stand within the panel."""
 
+LONGEST = 36
+"""Letters of a name at a panel's side."""
+
 HEIGHT = 2.5
 """Of one panel [in]."""
 
@@ -117,9 +120,9 @@ def draw_panel(axes: "Axes", panel: Panel) -> None:
     for curve in panel.curves:
         _draw(axes, curve, lying=bool(panel.names))
     _frame(axes, panel)
-    axes.set_xlabel(panel.x)
-    axes.set_ylabel(panel.y)
-    named = {c.label: (_colour(c), 2.0) for c in reversed(panel.curves) if c.label}
+    axes.set_xlabel(_cut(panel.x))
+    axes.set_ylabel(_cut(panel.y))
+    named = {_cut(c.label): (_colour(c), 2.0) for c in reversed(panel.curves) if c.label}
     named = dict(reversed(named.items()))
     style.title(axes, panel.title, 1.9 if len(named) == ABOVE else 3.6)
     if len(named) == ABOVE:
@@ -146,7 +149,7 @@ def _frame(axes: "Axes", panel: Panel) -> None:
     if panel.equal:
         axes.set_aspect("equal", adjustable="datalim")
     if panel.names:
-        axes.set_yticks(range(len(panel.names)), list(panel.names))
+        axes.set_yticks(range(len(panel.names)), [_cut(n) for n in panel.names])
         axes.invert_yaxis()
     if any(c.kind in ("dots", "marks") for c in panel.curves):
         axes.margins(x=0.05)
@@ -163,6 +166,12 @@ def _logarithmic(axes: "Axes", axis: Any) -> None:
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.5g}"))
     axis.set_minor_formatter(NullFormatter())
+
+
+def _cut(words: str) -> str:
+    """Words that leave room for what they name."""
+    shown = style.printable(words)
+    return shown if len(shown) <= LONGEST else f"{shown[: LONGEST - 1]}…"
 
 
 def _colour(curve: Curve) -> str:

@@ -45,6 +45,18 @@ def test_a_fit_with_a_search(name: str, tmp_path: Path, capsys: Capture) -> None
         )
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_a_diagnosis_and_what_follows(name: str, tmp_path: Path, capsys: Capture) -> None:
+    place = ("--workspace", tmp_path)
+    told = run(capsys, "diagnose", LOGS / f"{name}.csv", "--val", LOGS / f"{name}_val.csv", *place)
+    assert told.code == 0
+    assert_fits_a_screen(told.out, told.err)
+    ranked = run(capsys, "compare", *place)
+    assert_fits_a_screen(ranked.out, ranked.err)
+    assert f"validated on {name}_val.csv" in ranked.out
+
+
 def test_warnings_share_the_lines_that_are_left(capsys: Capture) -> None:
     """Whole where there is room, else their first sentences, else their number."""
     answer = Answer(ending=1)

@@ -362,9 +362,10 @@ def test_compare_goes_on_without_the_log(tmp_path: Path, capsys: Capture) -> Non
 def test_pictures_are_drawn(tmp_path: Path, capsys: Capture) -> None:
     log = robot_log(tmp_path / "log.csv")
     (tmp_path / "mission.yaml").write_text("goal: [1, 0]\nobstacles: [[0.5, 0.4]]\n")
-    assert run(capsys, "fit", log, *ARX, "--split", 0.7, "--plot", "fit.svg").code == 0
+    assert run(capsys, "fit", log, *ARX, "--split", 0.7).code == 0
+    assert run(capsys, "plot", "fit", "-o", "fit.svg").code == 0
     assert run(capsys, "fit", log, *OE).code == 0
-    assert run(capsys, "compare", "--plot", "ranking.png").code == 0
+    assert run(capsys, "plot", "ranking", "-o", "ranking.png").code == 0
     assert run(capsys, "export").code == 0
     assert run(capsys, "simulate", "mission.yaml", "--plot", "path.svg").code == 0
     heads = {"fit.svg": b"<?xml", "ranking.png": b"\x89PNG", "path.svg": b"<?xml"}

@@ -215,7 +215,7 @@ def test_after_a_diagnosis_everything_is_ranked_on_its_held_out_log(
     found = diagnosed(capsys, "--val", "other.csv")
     ranked = run(capsys, "compare", "--json").document
     assert ranked["data"] == "other.csv"
-    assert len(ranked["ranking"]) == 3
+    assert len(ranked["ranking"]) == 4, "two fits, the baseline, the augmented model"
     assert ranked["best"] == found["augmented_model"]
     assert (ranked["excluded"], ranked["notes"]) == ([], [])
 

@@ -78,7 +78,7 @@ def test_models_lie_over_what_was_measured(here: Path, capsys: Capture) -> None:
     ("line", "code", "words"),
     [
         ("plot sky", 2, "'sky' cannot be plotted; choose one of log"),
-        ("plot step nowhere.csv", 2, "file not found: nowhere.csv"),
+        ("plot step nowhere.csv", 2, "nowhere.csv: file not found"),
         ("plot step bj", 2, "no model 'bj'"),
         ("plot step -o step.gif", 2, "ends in .svg, .png or .pdf"),
         ("plot step -o no/where/step.svg", 2, "does not exist"),

@@ -43,13 +43,14 @@ EVERYWHERE = {
 
 SHOWN_BY = {
     "cli/reading.py": ("inspect", "fit", "diagnose"),  # those that compose all of it
+    "cli/report.py": ("fit",),  # the line that makes a model again
     "cli/bag_contents.py": ("inspect", "fit"),  # the line to paste is a fit
     "cli/mission_options.py": ("diagnose",),
     "cli/missions": ("simulate",),
     "cli/vehicles/fit_vehicle.py": ("fit-vehicle",),
     "cli/fit_options.py": ("fit",),
     "cli/live": ("fit",),
-    "cli/targets.py": ("fit", "compare", "simulate", "plan"),
+    "cli/targets.py": ("simulate", "plan"),
     "cli/structures.py": ("fit",),
     "cli/report.py": ("fit",),  # the line that makes a model again
 }
