@@ -43,6 +43,7 @@ EVERYWHERE = {
 
 SHOWN_BY = {
     "cli/reading.py": ("inspect", "fit", "diagnose"),  # those that compose all of it
+    "cli/structures.py": ("fit",),
     "cli/report.py": ("fit",),  # the line that makes a model again
     "cli/bag_contents.py": ("inspect", "fit"),  # the line to paste is a fit
     "cli/mission_options.py": ("diagnose",),
@@ -51,8 +52,6 @@ SHOWN_BY = {
     "cli/fit_options.py": ("fit",),
     "cli/live": ("fit",),
     "cli/targets.py": ("simulate", "plan"),
-    "cli/structures.py": ("fit",),
-    "cli/report.py": ("fit",),  # the line that makes a model again
 }
 """Module or folder of the command line → the commands whose messages it writes."""
 
