@@ -16,6 +16,9 @@ from .field_options import with_options
 LINES = 24
 """Lines of an answer, warnings included: those of the smallest terminal in use."""
 
+HANGING = ("! ", "Read as: ")
+"""Beginnings of paragraphs whose other lines are indented."""
+
 NARROWEST, WIDEST = 40, 100
 """Columns within which the width of the terminal is followed: longer lines are hard to read."""
 
@@ -139,7 +142,7 @@ def _wrapped(text: str, most: int) -> list[str]:
     """A text in lines of the answer's width; what is longer ends in dots."""
     lines: list[str] = []
     for part in text.splitlines():
-        indent = " " * (len(part) - len(part.lstrip()) + (2 if part.startswith("! ") else 0))
+        indent = " " * (len(part) - len(part.lstrip()) + (2 if part.startswith(HANGING) else 0))
         lines += textwrap.wrap(
             part,
             width(),

@@ -31,7 +31,7 @@ def show(
     answer = Answer(ending=2 + len(paths))
     answer.note(decisions_in_words(read_as), 2)
     for note in reading[:2]:
-        answer.say(note, "dim", 1)
+        answer.say(note, "dim", 2)
     _ranking(answer, stored, identification)
     answer.say(f"* {identification.reason}", "bold", 2)
     _responses(answer, best)

@@ -108,9 +108,12 @@ class ShapeRule:
             (10 in units of BIC is very strong evidence; Kass & Raftery 1995).
         clearly_more: a name is withheld where a shape of another place, or of time, leaves less
             than this share of its held-out error: as much as a first effect must bring.
+        numbers_of_law: at the place of a name a shape of so many numbers is as plain as a law: a
+            size and a width, a size and a time.
     """
 
     near: float = 10.0
+    numbers_of_law: int = 2
     clearly_more: float = 0.90
 
 

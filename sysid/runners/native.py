@@ -4,16 +4,19 @@ import ctypes
 import hashlib
 import os
 import shutil
-import subprocess
 import tempfile
 from functools import lru_cache
 from pathlib import Path
 
+from sysid.processes import run
 from sysid.runners.compiled import cache_folder
 
 FLAGS = ("-O2", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 """Two thirds of the speed of ``-O3 -march=native`` at a quarter of its compilation; without
 contraction the same numbers on every machine."""
+
+LONGEST = 300.0
+"""Seconds that a compilation may take on a machine that does other things, too."""
 
 COMPILERS = ("cc", "gcc", "clang")
 
@@ -46,9 +49,9 @@ def library(source: str) -> ctypes.CDLL:
         built = Path(made) / "kernel.so"
         (Path(made) / "kernel.c").write_text(source, encoding="utf-8")
         command = [cc, *FLAGS, "-o", str(built), str(Path(made) / "kernel.c"), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise OSError(f"{cc} does not accept a generated kernel: {done.stderr.strip()[:300]}")
+        done = run(command, Path(made), LONGEST)
+        if done.code:
+            raise OSError(f"{cc} does not accept a generated kernel: {done.err.strip()[:300]}")
         if folder is not None and _moved(built, folder / f"kernel-{key}.so"):
             return ctypes.CDLL(str(folder / f"kernel-{key}.so"))
         return ctypes.CDLL(str(built))

@@ -14,7 +14,7 @@ from sysid.diagnosis.shapes.track import Mask, Track
 from sysid.fitting.holdout import Errors
 
 ROUNDS = 4
-"""Fits of a shape that depends on the speed: each with the speed that the last one simulates."""
+"""Fits of a shape, each with the speed that the last one simulates; the best counts."""
 
 LEAST_FITTED, LEAST_JUDGED = 30, 10
 
@@ -126,20 +126,27 @@ def _on_track(
 
 def _fitted(shape: Shape, track: Track, rows: Mask) -> tuple[Terms, int, Fit] | None:
     """The terms, which of the scanned values is best, and the fit; None where nothing fits."""
+    terms = shape.terms(track)
+    if terms is None:
+        return None
+    at = 0
+    if len(terms.columns) > 1:
+        at, _ = best_of_scan(track.error, _own(track, terms), terms.columns, rows)
     seen, best = track, None
-    for _ in range(ROUNDS if shape.of_speed else 1):
-        terms = shape.terms(seen)
-        if terms is None:
-            return None
-        own, at = _own(track, terms), 0
-        if len(terms.columns) > 1:
-            at, _rss = best_of_scan(track.error, own, terms.columns, rows)
+    for _ in range(ROUNDS):
+        # terms of the speed already hold what the core's own numbers would do to it
+        own = _own(track if shape.of_speed else seen, terms)
         result = fit(track.error, own, terms.columns[at], terms.penalty, rows)
         if not np.isfinite(result.rss):
             break
         if best is None or result.rss < best[2].rss:
             best = terms, at, result
         seen = replace(track, speed=track.run + result.moved)
+        if shape.of_speed:
+            terms = shape.terms(seen) or terms
+            at = min(at, len(terms.columns) - 1)
+            if len(terms.columns) > 1:
+                at, _ = best_of_scan(track.error, _own(track, terms), terms.columns, rows)
     return best
 
 

@@ -1,8 +1,9 @@
 """Shapes against names: what is proven, and which names a shape explains better.
 
 A name is withheld where a shape of another place of the chain, or of time, explains clearly more of
-the data: by the rule of acceptance, with the numbers of both counted. At the same place a better
-shape is what the law misses: the name stands, and the curve shows the rest.
+the data: by the rule of acceptance, with the numbers of both counted. At the same place a curve
+that explains more is what the law misses: the name stands, and the curve shows the rest; only a
+shape with as few numbers as a law takes its place.
 """
 
 from collections.abc import Sequence
@@ -13,9 +14,9 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.diagnosis.policies import SHAPES
 from sysid.diagnosis.search.candidates import CandidateSearch
-from sysid.diagnosis.search.evidence import Evidence, compare_errors, effective_samples
+from sysid.diagnosis.search.evidence import compare_errors, effective_samples
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
-from sysid.diagnosis.shapes.fitted import BOTH, FittedShape, fitted_shapes
+from sysid.diagnosis.shapes.fitted import FittedShape, fitted_shapes
 from sysid.diagnosis.shapes.shape import Curve, ShapePlace
 from sysid.diagnosis.shapes.track import tracks_of
 from sysid.effects.base import Place
@@ -134,52 +135,69 @@ def better_shape(
     without: CandidateModel,
     model_tracks: Sequence[int],
 ) -> FittedShape | None:
-    """The shape that explains clearly more than some names together, on each of their tracks.
+    """The shape that explains clearly more than some names together, over all of their tracks.
 
     Args:
         fitted: around the model ``without`` the names.
         model_tracks: the track of each parameter of the full model; −1 where all share it.
     """
     places = {PLACES.get(about(n.id).place) for n in names}
-    touched = np.flatnonzero(np.any([n.touched for n in names], axis=0))
-    best = None
-    for i in touched.tolist():
+    added = [model_tracks[k] for k in selection.final.free if k not in without.free]
+    pairs: list[tuple[Errors, Errors]] = []
+    numbers, best = 0.0, None
+    for i in np.flatnonzero(np.any([n.touched for n in names], axis=0)).tolist():
+        costs = sum(k in (-1, i) for k in added)
+        few = max(costs, SHAPES.numbers_of_law)
         rivals = [
             s
             for s in fitted
-            if s.index == i and s.proven and (s.shape.in_time or s.shape.place not in places)
+            if s.index == i
+            and s.proven
+            and (s.shape.in_time or s.shape.place not in places or s.numbers <= few)
         ]
-        added = [k for k in selection.final.free if k not in without.free]
-        numbers = sum(model_tracks[k] in (-1, i) for k in added)
-        beaten = [s for s in rivals if _clearly_more(s, selection.final.errors, i, numbers)]
-        if not beaten:
+        if not rivals:
             return None
-        best = best or beaten[0]
-    return best
+        rival = min(rivals, key=lambda s: _ratio(s, selection.final.errors))
+        best = best or rival
+        numbers += rival.numbers - costs
+        pairs.append((_as_judged(rival, selection.final.errors), rival.after))
+    if best is None:
+        return None
+    named, shaped = (_beside(parts) for parts in zip(*pairs, strict=True))
+    samples = effective_samples(shaped.estimation)
+    every = np.ones(len(pairs), dtype=bool)
+    evidence = compare_errors(named, shaped, numbers, 1, every, samples)
+    return best if evidence.significant and evidence.ratio < SHAPES.clearly_more else None
 
 
-def _clearly_more(shape: FittedShape, errors: Errors, i: int, numbers: int) -> bool:
-    """Whether the shape leaves clearly less than names with so many numbers."""
-    evidence = against(shape, errors, i, numbers)
-    return evidence.significant and evidence.ratio < SHAPES.clearly_more
+def _ratio(shape: FittedShape, errors: Errors) -> float:
+    """Held-out RMSE of the shape over that of a model with names."""
+    named, shaped = _as_judged(shape, errors).mean_squares()[1], shape.after.mean_squares()[1]
+    return float(np.sqrt(shaped[0] / max(named[0], 1e-300)))
 
 
-def against(shape: FittedShape, errors: Errors, i: int, numbers: int) -> Evidence:
-    """The shape against the errors of a model with names, on the rows of the shape.
+def _as_judged(shape: FittedShape, errors: Errors) -> Errors:
+    """Errors of a model with names on the rows of a shape, one column.
 
     In rows that only the shape holds out, the names were fitted: that speaks for them.
     """
-    named = [_either(a, b)[:, [i]] for a, b in _pairs(errors, shape)]
-    kept = [
+    named = [np.where(np.isfinite(a), a, b)[:, [shape.index]] for a, b in _pairs(errors, shape)]
+    estimation, holdout = (
         tuple(
             np.where(np.isfinite(part), whole, np.nan)
             for part, whole in zip(parts, named, strict=True)
         )
         for parts in (shape.after.estimation, shape.after.holdout)
-    ]
-    before = Errors(*kept)
-    samples = effective_samples(shape.after.estimation)
-    return compare_errors(before, shape.after, shape.numbers - numbers, 1, BOTH, samples)
+    )
+    return Errors(estimation, holdout)
+
+
+def _beside(parts: Sequence[Errors]) -> Errors:
+    """Errors of several tracks, one column each."""
+    return Errors(
+        tuple(np.hstack(e) for e in zip(*(p.estimation for p in parts), strict=True)),
+        tuple(np.hstack(e) for e in zip(*(p.holdout for p in parts), strict=True)),
+    )
 
 
 def _pairs(errors: Errors, shape: FittedShape) -> list[tuple[Array, Array]]:
@@ -188,7 +206,3 @@ def _pairs(errors: Errors, shape: FittedShape) -> list[tuple[Array, Array]]:
     if len(errors.estimation) == len(shape.after.estimation):
         return list(zip(errors.estimation, errors.holdout, strict=True))
     return [(e, np.full_like(e, np.nan)) for e in (*errors.estimation, *errors.holdout)]
-
-
-def _either(a: Array, b: Array) -> Array:
-    return np.where(np.isfinite(a), a, b)

@@ -5,7 +5,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.diagnosis.over_angle import over_angle, strongest_lines
 from sysid.diagnosis.shapes.reading import amount
-from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms
+from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms, best_of_scan
 from sysid.diagnosis.shapes.smoother import Fit
 from sysid.diagnosis.shapes.track import Track
 
@@ -14,10 +14,12 @@ WAVES = (0.5, 20.0)
 
 LINES = 8
 LEAST_PERIODS = 3.0
-MODES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-"""Further time constants in samples, that of the base times or over which are tried."""
+SPEEDS, REFINED = 14, 6
+"""Natural frequencies of a further swing that are tried first, and how often the best is refined
+between its neighbours."""
 
-DAMPINGS = (0.1, 0.3, 0.7)
+DAMPINGS = (0.05, 0.12, 0.3, 0.6, 1.1, 2.0, 4.0)
+"""Damping ratios tried first."""
 
 
 def _whitened(track: Track) -> Array:
@@ -83,38 +85,53 @@ def wave_over_time(track: Track) -> Terms | None:
 
 
 def mode(track: Track) -> Terms | None:
-    """One more real pole or pair of poles behind the base's, scanned."""
-    samples = -1.0 / np.log(np.clip(track.pole, 1e-3, 0.9999))
-    sets: list[Array] = []
-    said: list[str] = []
-    base = track.through(track.gain * track.drive)
-    for factor in (*MODES, *(1.0 / m for m in MODES[1:])):
-        p = np.exp(-1.0 / (samples * factor))
-        late = track.filtered(np.array([1.0 - p]), np.array([1.0, -p]), base)
-        sets.append(np.column_stack([late, _last(track, late)]))
-        said.append(f"a further lag of {samples * factor * track.dt:.2g} s")
-    for factor in MODES:
-        for damping in DAMPINGS:
-            w = np.pi / 2.0 / (samples * factor)
-            if w > 1.5:
-                continue
-            z = np.exp(w * (-damping + 1j * np.sqrt(1.0 - damping**2)))
-            a = np.array([1.0, -2.0 * z.real, abs(z) ** 2])
-            late = track.filtered(np.array([a.sum()]), a, base)
-            sets.append(np.column_stack([late, _last(track, late)]))
-            said.append(
-                f"a further swing every {2.0 * np.pi / w * track.dt:.2g} s, damping {damping:.1g}"
-            )
-    columns = np.array(sets)
+    """y = (b₁ q⁻¹ + b₂ q⁻²)/(1 + a₁ q⁻¹ + a₂ q⁻²) u beside the base; a scanned, refined.
+
+    In continuous time the poles are those of s² + 2 ζ ω₀ s + ω₀²; above ζ = 1 they are two lags.
+    """
+    slowest = float(np.clip(0.05 * np.log(1.0 / track.pole), 6.0 / len(track.drive), 0.05))
+    speeds = np.geomspace(slowest, 1.5, SPEEDS)
+    rows = track.fitted & np.isfinite(track.error)
+    tried = np.array([(w, z) for w in speeds for z in DAMPINGS])
+    columns = _swings(track, tried)
+    step = np.array([speeds[1] / speeds[0], 1.8])
+    for _ in range(REFINED):
+        w, z = tried[best_of_scan(track.error, track.own, columns, rows)[0]]
+        step = step**0.5
+        near = [
+            (w * a, z * b)
+            for a in (1.0, 1.0 / step[0], step[0])
+            for b in (1.0, 1.0 / step[1], step[1])
+        ]
+        tried = np.array(near)
+        columns = _swings(track, tried)
 
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
-        return f"{track.output.name} follows {track.command.name} with {said[k]}", None
+        w, z = tried[k]
+        second = track.dt / w
+        if z < 1.0:
+            how = f"swings every {2.0 * np.pi * second:.2g} s with a damping of {z:.2g}"
+        else:
+            lags = second * (z + np.sqrt(z**2 - 1.0)), second * (z - np.sqrt(z**2 - 1.0))
+            how = f"has lags of {lags[0]:.2g} and {lags[1]:.2g} s"
+        words = (
+            f"{track.output.name} follows {track.command.name} linearly with one more state, such "
+            f"as a spring, an elastic part or a store of energy: it {how}"
+        )
+        return words, None
 
-    return Terms(columns, says, np.arange(len(said), dtype=np.float64))
+    return Terms(columns, says, tried[:, 0])
 
 
-def _last(track: Track, column: Array) -> Array:
-    return track.past(column[:, 0], 1)[:, None]
+def _swings(track: Track, tried: Array) -> Array:
+    """The command through two poles each, now and a sample later, (V, N, 2)."""
+    sets = []
+    for w, z in tried:
+        poles = np.exp(w * (-z + np.array([1.0, -1.0]) * np.sqrt(complex(z**2 - 1.0))))
+        a = np.real(np.poly(poles))
+        late = track.filtered(np.array([0.0, a.sum()]), a, track.gain * track.drive)[:, 0]
+        sets.append(np.column_stack([late, track.past(late, 1)]))
+    return np.array(sets)
 
 
 def tie(track: Track) -> Terms | None:

@@ -12,13 +12,16 @@ from sysid.diagnosis.shapes.reading import (
     in_log,
     static_gain,
 )
-from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms
+from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms, best_of_scan
 from sysid.diagnosis.shapes.smoother import Fit, bend, spline
 from sysid.diagnosis.shapes.track import Track
 
 PIECES = 16
 WIDTHS = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18, 0.25, 0.35)
-"""Half widths of a play, in units of the command's range."""
+"""Half widths of a play that are tried first, in units of the command's range."""
+
+FINE = 12
+"""Widths that are then tried between the neighbours of the best."""
 
 LEVELS = 4
 """A command of fewer levels has no curve: any is another gain."""
@@ -76,9 +79,17 @@ def play(track: Track) -> Terms | None:
     size = float(np.ptp(track.drive))
     if size <= 0.0:
         return None
-    widths = size * np.array(WIDTHS)
-    behind = played(track.drive, widths, track.starts)
-    columns = track.through(track.gain * (behind - track.drive[:, None])).T[:, :, None]
+
+    def lost(widths: Array) -> Array:
+        behind = played(track.drive, widths, track.starts)
+        return track.through(track.gain * (behind - track.drive[:, None])).T[:, :, None]
+
+    coarse = size * np.array(WIDTHS)
+    rows = track.fitted & np.isfinite(track.error)
+    best, _ = best_of_scan(track.error, track.own, lost(coarse), rows)
+    ends = coarse[max(best - 1, 0)], coarse[min(best + 1, len(coarse) - 1)]
+    widths = np.linspace(*ends, FINE)
+    columns = lost(widths)
 
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
         words = (

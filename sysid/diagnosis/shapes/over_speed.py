@@ -4,6 +4,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.diagnosis.shapes.over_command import played
+from sysid.diagnosis.shapes.over_time import constant
 from sysid.diagnosis.shapes.reading import (
     GRID,
     NORMAL,
@@ -85,6 +86,31 @@ def _resistance(track: Track, odd: bool) -> Terms:
         return words, Curve(axis(track.output), label, x, y, y - half, y + half)
 
     return Terms(columns[None], says, np.zeros(1), S)
+
+
+def loss(track: Track) -> Terms | None:
+    """−f(y), a smooth curve without friction's jump: outflow, radiation, drag."""
+    low, high = float(np.min(track.measured)), float(np.max(track.measured))
+    basis = spline(low, high, PIECES)
+    middle = basis(track.speed).mean(axis=0)
+    columns = track.through(-(basis(track.speed) - middle))
+
+    def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
+        x = np.linspace(low, high, GRID)
+        B = basis(x) - middle
+        y = x * (1.0 - own_feedback(track, fit)) + B @ fit.coefficients
+        half = half_band(B, fit.covariance, noise)
+        slope = np.gradient(y, x)
+        factor, _ = track.output.to_file
+        words = (
+            f"what is lost grows with {track.output.name} in a curve: its slope at the top is "
+            f"{100.0 * slope[-5] / slope[5] if slope[5] else 0.0:.0f} % of that at the bottom"
+        )
+        x, y, half = factor * x, factor * y, factor * half
+        label = axis(track.output, "loss, as lost")
+        return words, Curve(axis(track.output), label, x, y, y - half, y + half)
+
+    return Terms(columns[None], says, np.zeros(1), bend(columns.shape[1]), constant(track))
 
 
 def spring(track: Track) -> Terms | None:
@@ -182,6 +208,7 @@ def reading_curve(track: Track) -> Terms | None:
 SHAPES = (
     Shape("resistance-odd", ShapePlace.TORQUE, odd_resistance, of_motion=True, of_speed=True),
     Shape("resistance", ShapePlace.TORQUE, resistance, of_motion=True, of_speed=True),
+    Shape("loss-curve", ShapePlace.TORQUE, loss, of_speed=True),
     Shape("spring", ShapePlace.TORQUE, spring, of_motion=True, of_speed=True),
     Shape("angle-hysteresis", ShapePlace.TORQUE, hysteresis, of_motion=True, of_speed=True),
     Shape("lag-by-command", ShapePlace.SPEED, lag_by_command, of_speed=True),

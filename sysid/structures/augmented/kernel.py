@@ -22,7 +22,7 @@ from sysid.runners.native import library
 from sysid.runners.trace.program import Program, assigned
 from sysid.runners.trace.traced import TRACE, Traced, cells_of
 
-NUMBER = ctypes.POINTER(ctypes.c_double)
+_NUMBER = ctypes.POINTER(ctypes.c_double)
 
 OF_CONTEXT = {
     "w": "w",
@@ -44,7 +44,7 @@ SIGNALS = ("drive", "y", "moving", "counted", "t", "log", "reset")
 
 
 class _Data(ctypes.Structure):
-    _fields_ = [*((name, NUMBER) for name in SIGNALS), ("rows", ctypes.c_long)]
+    _fields_ = [*((name, _NUMBER) for name in SIGNALS), ("rows", ctypes.c_long)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ class Kernel:
 
 
 def _pointer(values: Array) -> Any:
-    return values.ctypes.data_as(NUMBER)
+    return values.ctypes.data_as(_NUMBER)
 
 
 @lru_cache(32)
@@ -120,8 +120,8 @@ def kernel(effects: tuple[Effect, ...], order: int, tracks: int, dt: float) -> K
     function = library(source(effects, order, tracks, dt)).runs
     function.restype = None
     function.argtypes = [
-        ctypes.c_long, ctypes.c_long, NUMBER, NUMBER, ctypes.POINTER(ctypes.c_long),
-        ctypes.POINTER(_Data), NUMBER,
+        ctypes.c_long, ctypes.c_long, _NUMBER, _NUMBER, ctypes.POINTER(ctypes.c_long),
+        ctypes.POINTER(_Data), _NUMBER,
     ]  # fmt: skip
     return Kernel(rows_of(effects, order), function)
 

@@ -1,0 +1,81 @@
+"""Shapes on tracks simulated from their own equation in fine steps: each is found at its place."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from sysid.data.record import Array, Channel, Record
+from sysid.diagnosis.base_model import fit_baseline
+from sysid.diagnosis.session import noise_of
+from sysid.diagnosis.shapes.grading import proven, shapes_around
+from sysid.effects.catalogue import chain_effects
+
+DT, SUBSTEPS, SECONDS, NOISE, AT = 0.05, 10, 70.0, 0.08, 41.0
+GAIN, TAU = 20.0, 0.25
+
+Plant = Callable[[float, float, float, list[float]], tuple[float, float, float]]
+"""(t, d, angle, memory) → command that acts, factor on the gain, load [rad/s]."""
+
+
+def log(plant: Plant, slower: float = 1.0, seed: int = 1) -> Record:
+    """One track τ ω̇ = g K d − L − ω behind steps of the command; τ times ``slower`` after AT."""
+    rng = np.random.default_rng(seed)
+    n, drive = round(SECONDS / DT), np.zeros(0)
+    while len(drive) < n:
+        level = rng.choice(np.linspace(-0.9, 0.9, 13))
+        drive = np.append(drive, np.full(rng.integers(6, 40), level))
+    speed = angle = 0.0
+    memory, y = [float(drive[0])], np.zeros(n)
+    for k in range(n):
+        y[k] = speed
+        for s in range(SUBSTEPS):
+            t = k * DT + s * DT / SUBSTEPS
+            d, factor, load = plant(t, float(drive[k]), angle, memory)
+            tau = TAU * (slower if t > AT else 1.0)
+            speed += DT / SUBSTEPS / tau * (factor * GAIN * d - load - speed)
+            angle += DT / SUBSTEPS * speed
+    y += NOISE * rng.standard_normal(n)
+    u: Array = 20000.0 * drive[:n, None]
+    channels = (Channel("pwm_l", "µs"),), (Channel("omega_l", "rad/s"),)
+    return Record(u, y[:, None], DT, *channels, name="log.csv")
+
+
+def play(t: float, d: float, angle: float, memory: list[float]) -> tuple[float, float, float]:
+    memory[0] = min(max(memory[0], d - 0.12), d + 0.12)
+    return memory[0], 1.0, 0.0
+
+
+CASES: dict[str, tuple[Plant, float, str]] = {
+    "gain steps": (lambda t, d, a, m: (d, 0.82 if t > AT else 1.0, 0.0), 1.0, "gain-step"),
+    "load engages": (lambda t, d, a, m: (d, 0.77 if t > AT else 1.0, 0.0), 1.3, "plant-step"),
+    "load steps": (lambda t, d, a, m: (d, 1.0, 2.0 if t > AT else 0.0), 1.0, "load-step"),
+    "gain drifts": (lambda t, d, a, m: (d, 1.0 - 0.25 * np.sin(t / 22.0), 0.0), 1.0, "gain-drift"),
+    "spring": (lambda t, d, a, m: (d, 1.0, 0.8 * a), 1.0, "linear-mode"),
+    "hysteresis": (play, 1.0, "command-play"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_shape_is_found_at_its_place(case: str) -> None:
+    plant, slower, id = CASES[case]
+    (found,) = _found(log(plant, slower))
+    assert found.id == id
+    # what is left is noise, and what the base's first order leaves of a play or of a change
+    assert found.share > 0.95
+    if case == "gain steps":
+        assert found.curve is not None
+        # 1 %: 18 % of the gain against noise of 0.4 % of the speed, over some 500 samples
+        assert found.curve.y[-1] == pytest.approx(82.0, abs=1.0)
+        # the spacing of the times that are tried is 0.15 s at most
+        assert found.curve.x[1] == pytest.approx(AT, abs=0.3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_linear_track_has_no_shape(seed: int) -> None:
+    assert not _found(log(lambda t, d, a, m: (d, 1.0, 0.0), seed=seed))
+
+
+def _found(record: Record) -> tuple:  # type: ignore[type-arg]
+    base = fit_baseline([record], None, chain_effects())
+    return proven(shapes_around(base.search, base.model, noise_of(base).value, moves=True))
