@@ -168,8 +168,9 @@ class _Assembly:
             several=several_logs(session, selection),
             isolability=isolability_of(base),
         )
-        nothing = remaining.structure is None and not (selection.effects or self.shapes)
-        if not nothing or not (poor or verdict == "unexplained"):
+        shaped = self.shapes and not poor
+        nothing = remaining.structure is None and not (selection.effects or shaped)
+        if not nothing or not (poor or verdict in ("unexplained", "shape-found")):
             return diagnosis
         # so few samples show no more than that the log is too short
         sentence = too_short(remaining)

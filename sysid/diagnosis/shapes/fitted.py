@@ -130,12 +130,16 @@ def _fitted(shape: Shape, track: Track, rows: Mask) -> tuple[Terms, int, Fit] | 
     if terms is None:
         return None
     at = 0
+    if not np.isfinite(terms.columns).all():
+        return None
     if len(terms.columns) > 1:
         at, _ = best_of_scan(track.error, _own(track, terms), terms.columns, rows)
     seen, best = track, None
     for _ in range(ROUNDS):
         # terms of the speed already hold what the core's own numbers would do to it
         own = _own(track if shape.of_speed else seen, terms)
+        if not (np.isfinite(own).all() and np.isfinite(terms.columns[at]).all()):
+            break  # a simulated speed that grows without end
         result = fit(track.error, own, terms.columns[at], terms.penalty, rows)
         if not np.isfinite(result.rss):
             break
@@ -145,7 +149,7 @@ def _fitted(shape: Shape, track: Track, rows: Mask) -> tuple[Terms, int, Fit] | 
         if shape.of_speed:
             terms = shape.terms(seen) or terms
             at = min(at, len(terms.columns) - 1)
-            if len(terms.columns) > 1:
+            if len(terms.columns) > 1 and np.isfinite(terms.columns).all():
                 at, _ = best_of_scan(track.error, _own(track, terms), terms.columns, rows)
     return best
 
