@@ -100,6 +100,7 @@ def fit(
         page = _page(store, stored[0], identification)
         show(stored, identification, read_as, {"Page": page}, notes)
         if full:
+            render.reading(notes)
             show_model(stored[0])
 
 

@@ -1,6 +1,9 @@
 """What holds for every test."""
 
 import gc
+import os
+
+os.environ.pop("COLUMNS", None)  # workers of pytest-xdist are told a width
 
 
 def pytest_collection_finish() -> None:

@@ -34,7 +34,8 @@ def test_a_running_count_is_said_with_the_options_that_work(
     monkeypatch.chdir(tmp_path)
     u, y = counts()
     log = drive(tmp_path / "run.csv", "enc", y, u)
-    shown = run(capsys, *command[:1], log, *command[1:])
+    full = ("--full",) if command[0] == "fit" else ()
+    shown = run(capsys, *command[:1], log, *command[1:], *full)
     said = " ".join((shown.out + shown.err).split())
     assert "--speed-of enc --unit enc=counts=N/rev" in said
     done = run(capsys, "inspect", log, "--speed-of", "enc", "--unit", "enc=counts=1320/rev")

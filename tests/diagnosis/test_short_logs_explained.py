@@ -87,7 +87,7 @@ def test_sixty_rows_say_nothing_of_an_effect_but_that_they_are_few(held: int) ->
 
 
 def test_a_test_of_few_blocks_is_no_evidence() -> None:
-    effect: Any = SimpleNamespace(id="backlash", heldout_gain=0.9, delta_bic=-70.0, p_value=0.34)
+    effect: Any = SimpleNamespace(id="backlash", fit_words="", delta_bic=-70.0, p_value=0.34)
     assert "0.34" not in evidence_sentence(effect)
 
 

@@ -82,12 +82,9 @@ def test_every_free_parameter_has_a_standard_error(
 
 def test_the_table_says_in_words_what_is_no_number() -> None:
     """An infinite error is "not determined", a bound is named; ± 0 is only a fixed value's."""
-    assert render.standard_error(ParameterEstimate("a", 1.0, 0.25, "", False, False)) == "0.25"
-    assert (
-        render.standard_error(ParameterEstimate("a", 1.0, np.inf, "", False, False))
-        == "not determined"
-    )
-    assert (
-        render.standard_error(ParameterEstimate("a", 1.0, 0.25, "", False, True)) == "at its bound"
-    )
-    assert render.standard_error(ParameterEstimate("a", 1.0, 0.0, "", True, False)) == "fixed"
+    assert render.interval(ParameterEstimate("a", 1.0, 0.25, "", False, False)) == "0.49"
+    assert render.interval(ParameterEstimate("a", 1.0, 0.75, "", False, False)) == "1.47 ?"
+    unknown = ParameterEstimate("a", 1.0, np.inf, "", False, False)
+    assert render.interval(unknown) == "not determined"
+    assert render.interval(ParameterEstimate("a", 1.0, 0.25, "", False, True)) == "at its bound"
+    assert render.interval(ParameterEstimate("a", 1.0, 0.0, "", True, False)) == "fixed"

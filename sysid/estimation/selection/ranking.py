@@ -216,7 +216,7 @@ def _ahead(order: StructureRanking, criterion: str, words: str, *, given: bool) 
         tied = ", ".join(f"{e.model.structure.name} {_share(e)}" for e in order.tied)
         return (
             f"{text} leads: fewest parameters ({_size(first)}) among models tied on held-out data "
-            f"({tied}; errors within {100.0 * order.margin:.2g} %).{loop}"
+            f"({tied} {how}; errors within {100.0 * order.margin:.2g} %).{loop}"
         )
     second = order.entries[1]
     sentence = (

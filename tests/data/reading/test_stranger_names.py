@@ -239,7 +239,7 @@ def test_an_error_is_shown_in_the_file_unit_first(tmp_path: Path, capsys: Captur
     k, u, y = motor(400)
     path = put(tmp_path, "millis,pwm,rpm\n" + lines([whole(20 * k), whole(u), point(y)]))
     arguments = ("fit", path, "--structure", "arx", "--orders", "na=1 nb=1 nk=1")
-    found = run(capsys, *arguments, "--workspace", tmp_path / "w")
+    found = run(capsys, *arguments, "--workspace", tmp_path / "w", "--full")
     assert found.code == 0
     assert " rpm (" in found.out
     document = run(capsys, *arguments, "--workspace", tmp_path / "w", "--json").document
