@@ -10,6 +10,7 @@ import typer
 from sysid.errors import UsageError
 
 from . import reading, render
+from .field_options import running
 from .options import argument, command, flag
 
 COMMANDS = (
@@ -83,15 +84,15 @@ def _run(folder: Path) -> None:
     """Run the commands in the folder, one after the other, as a shell would.
 
     Raises:
-        typer.Exit: one failed, with its exit code.
+        typer.Exit: one ended with another code than 0.
     """
-    from .app import main
-
+    line = running().obj
     with contextlib.chdir(folder):
-        for line in COMMANDS:
-            render.command(f"\n$ {line}")
+        for command in COMMANDS:
+            render.command(f"\n$ {command}")
             started = monotonic()
-            code = main(line.split()[1:])
-            if code != 0:
+            words = command.split()
+            code = line.root.main(words[1:], words[0], standalone_mode=False, obj=line)
+            if code:
                 raise typer.Exit(code)
             render.note(f"({monotonic() - started:.1f} s)")

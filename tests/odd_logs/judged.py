@@ -50,7 +50,8 @@ def judge(log: OddLog, seed: int, folder: Path, printed: Callable[[], Any]) -> V
     code = main(["inspect", *line])
     said = "\n".join(printed())
     faults += _spoken("inspect", said, code, log.inspected, log.says, log.never)
-    code = main(["fit", *line, *shlex.split(log.fit_options), "--workspace", str(folder / "ws")])
+    workspace = ["--workspace", str(folder / "ws")]
+    code = main(["fit", *line, *shlex.split(log.fit_options), *workspace, "--full"])
     told = Streams(*printed())
     faults += _spoken("fit", "\n".join(told), code, log.code, log.fit_says, log.never)
     gains: tuple[tuple[str, float, float, float], ...] = ()
@@ -80,9 +81,9 @@ def _spoken(command: str, said: str, code: int, wanted: int, says: str, never: s
 
 def _winner(out: str, models: list[Path]) -> dict[str, Any]:
     """The stored model that the fit says it kept."""
-    kept = re.search(r"Stored as (\S+) in", out)
+    kept = re.search(r"Stored in \S*?([\w-]+)\.json|Saved ([\w-]+)\.", out)
     assert kept is not None, out
-    path = next(m for m in models if m.stem == kept[1])
+    path = next(m for m in models if m.stem in kept.groups())
     found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return found
 

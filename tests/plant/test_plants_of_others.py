@@ -96,7 +96,7 @@ def test_every_command_speaks_of_the_log_it_reads(
     plant, columns = log
     file = f"{plant}.csv"
     orders = ("--orders", "na=1 nb=1 nc=1 nd=1 nf=1")
-    lines: list[tuple[str, ...]] = [("inspect", file), ("fit", file, *orders)]
+    lines: list[tuple[str, ...]] = [("inspect", file), ("fit", file, *orders, "--full")]
     if plant == "motor":
         lines.append(
             ("fit", file, "--structure", "hammerstein-wiener", "--orders", "nb=1 nf=1 nk=1")

@@ -126,7 +126,7 @@ def ranked_entries(
             lambda e: e in sound,
             equal,
             settled,
-            lambda e: (_size(e), *score[id(e)]) if by_error else score[id(e)],
+            lambda e: (_size(e), *errors[id(e)]) if by_error else score[id(e)],
         )
 
     first, lead = first_of(lambda e: True), first_of(lambda e: calm[id(e)])
