@@ -25,7 +25,7 @@ from sysid_datasets.physics.suites import case
 from studies.physics_diagnose import diagnose
 from sysid.diagnosis import diagnose as whole
 from sysid.diagnosis.rules import ledger
-from sysid.diagnosis.search import forward_selection
+from sysid.diagnosis.search import forward_selection, moves
 from sysid.diagnosis.session import DiagnosisSession
 from sysid.report.markdown import foot, table
 
@@ -66,6 +66,7 @@ def _nothing(*_: Any, **__: Any) -> None:
 SWITCHES: Mapping[str, Switch] = MappingProxyType(
     {
         "move: pairs": Switch(forward_selection, "together", _nothing, _some),
+        "move: the other lag": Switch(moves, "with_other_lag", _nothing, _some),
         "move: look-alikes in place": Switch(
             forward_selection,
             "swapped",

@@ -168,8 +168,7 @@ class _Assembly:
             several=several_logs(session, selection),
             isolability=isolability_of(base),
         )
-        shaped = self.shapes and not poor
-        nothing = remaining.structure is None and not (selection.effects or shaped)
+        nothing = remaining.structure is None and not selection.effects
         if not nothing or not (poor or verdict in ("unexplained", "shape-found")):
             return diagnosis
         # so few samples show no more than that the log is too short
@@ -180,6 +179,8 @@ class _Assembly:
     @cached_property
     def shapes(self) -> tuple[FoundShape, ...]:
         """Proven shapes of what the augmented model leaves."""
+        if self.remaining.structure is None:  # too few samples to test what remains
+            return ()
         return proven(self.session.shapes(self.selection.final))
 
     def curves(self) -> tuple[FoundShape, ...]:

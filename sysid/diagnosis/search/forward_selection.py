@@ -9,7 +9,7 @@ from sysid.diagnosis.policies import BUDGET, RULE, VERDICT
 from sysid.diagnosis.search.admission import beyond_sampling, tied
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
 from sysid.diagnosis.search.evidence import Evidence, alike
-from sysid.diagnosis.search.moves import swapped, together
+from sysid.diagnosis.search.moves import beside_either, swapped, together
 from sysid.diagnosis.search.redundancy import is_redundant
 from sysid.diagnosis.search.selection import (
     CandidateModel,
@@ -114,7 +114,7 @@ class ForwardSelection(CandidateSearch):
         self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect], needed: float
     ) -> tuple[list[ScoredCandidate], list[ScoredCandidate]]:
         """Effects that may be added to a candidate, likeliest first, and all that were tried."""
-        judged = self.candidates(model, effects)
+        judged = beside_either(self, model, effects)
         passed = [
             j
             for j in self.passing(judged)
