@@ -22,6 +22,10 @@ DAMPINGS = (0.05, 0.12, 0.3, 0.6, 1.1, 2.0, 4.0)
 """Damping ratios tried first."""
 
 
+LINEAR_MODE = "linear-mode"
+"""The shape of a linear model with one more state."""
+
+
 def _whitened(track: Track) -> Array:
     """The errors as torque: F(q) e, 0 where samples are missing, (N,)."""
     e = np.nan_to_num(track.error)
@@ -151,6 +155,6 @@ def tie(track: Track) -> Terms | None:
 SHAPES = (
     Shape("angle-wave", ShapePlace.TORQUE, wave_over_angle, of_motion=True),
     Shape("time-wave", ShapePlace.TIME, wave_over_time),
-    Shape("linear-mode", ShapePlace.SPEED, mode),
+    Shape(LINEAR_MODE, ShapePlace.SPEED, mode),
     Shape("track-tie", ShapePlace.TORQUE, tie),
 )
