@@ -45,7 +45,7 @@ MISSION = "goal: [1, 0]\n"
 
 WRONG: dict[str, tuple[str, int, str]] = {
     "unknown command": ("frobnicate", 2, "No such command 'frobnicate'"),
-    "a near miss": ("exprt", 2, "Did you mean 'export'?"),
+    "a near miss": ("exprt", 2, "Did you mean 'export'"),
     "unknown root option": ("--nope", 2, "No such option: --nope; see `sysid --help`"),
     "option of no command": ("models --nope", 2, "see `sysid models --help`"),
     "option without value": ("export --model", 2, "requires an argument"),
