@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 PAGE = 6
-"""Most models on a page: more lines over each other are told apart by nobody."""
+"""Most models on a page: nobody distinguishes more lines over each other."""
 
 
 @command

@@ -57,7 +57,7 @@ def _several(records: Records) -> tuple[Record, ...]:
 
 
 def from_dataframe(frame: "DataFrame", **options: Any) -> Record:
-    """A table as a record: columns are told apart as those of a CSV file are.
+    """A table as a record: columns are distinguished as those of a CSV file are.
 
     Args:
         frame: a column of time, or ``ts`` among the options; an index with a name is a column.

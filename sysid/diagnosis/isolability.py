@@ -3,7 +3,7 @@
 The signature of an effect is what it changes of the base's free run at a usual size, what the base
 could follow projected out (``search/screen.py``), in units of the noise. Its length says whether
 the effect would show. Of two effects the part of one signature that the best size of the other
-cannot imitate says whether they could be told apart: where it does not show, a diagnosis can only
+cannot imitate says whether they could be distinguished: where it does not show, a diagnosis can only
 name both as one entry (Isermann 2006, §17; Gertler 1998, §2.6).
 """
 
@@ -81,7 +81,7 @@ class Isolability:
 
 
 def isolability(records: Sequence[Record] | LogFacts) -> Isolability:
-    """Which effects would show on logs, and which of these could be told apart.
+    """Which effects would show on logs, and which of these could be distinguished.
 
     Raises:
         DataError: the logs cannot serve a diagnosis.
