@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 PAGE = 6
-"""Most models on a page: nobody distinguishes more lines over each other."""
+"""Most models on a page: of more lines over each other none can be followed."""
 
 
 @command
