@@ -3,8 +3,8 @@
 The signature of an effect is what it changes of the base's free run at a usual size, what the base
 could follow projected out (``search/screen.py``), in units of the noise. Its length says whether
 the effect would show. Of two effects the part of one signature that the best size of the other
-cannot imitate says whether they could be distinguished: where it does not show, a diagnosis can only
-name both as one entry (Isermann 2006, §17; Gertler 1998, §2.6).
+cannot imitate says whether they could be distinguished: where it does not show, a diagnosis can
+only name both as one entry (Isermann 2006, §17; Gertler 1998, §2.6).
 """
 
 from collections.abc import Sequence
