@@ -22,7 +22,7 @@ from sysid.fitting.problem import Parameter
 from sysid.fitting.searchable import StartReport
 from sysid.structures import model_text
 from sysid.structures.base import Structure
-from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.transfer import TransferMatrix
 from sysid.structures.motion import initial_state_window
 from sysid.structures.plant import Plant
@@ -373,7 +373,7 @@ class Model:
         """
         from scipy.signal import StateSpace
 
-        return StateSpace(*self._transfer("state space").matrices, dt=self.dt)
+        return StateSpace(*self._linear("state space").matrices(self.theta), dt=self.dt)
 
     def to_control(self) -> Any:
         """``control.StateSpace`` of the deterministic part, about the operating point.
@@ -381,7 +381,7 @@ class Model:
         Raises:
             ModelError: the model is not linear, or python-control is not installed.
         """
-        matrices = self._transfer("state space").matrices
+        matrices = self._linear("state space").matrices(self.theta)
         try:
             from control import StateSpace
         except ImportError:
@@ -392,12 +392,15 @@ class Model:
         return StateSpace(*matrices, self.dt, inputs=names[0], outputs=names[1])
 
     def _transfer(self, what: str) -> TransferMatrix:
-        if not isinstance(self.structure, PolynomialStructure):
+        return self._linear(what).transfer(self.theta)
+
+    def _linear(self, what: str) -> LinearStructure:
+        if not isinstance(self.structure, LinearStructure):
             raise ModelError(
                 f"{self.structure.name} is not linear and has no {what}; simulate it, or fit a "
                 "linear structure such as oe"
             )
-        return self.structure.transfer(self.theta)
+        return self.structure
 
     def to_json(self) -> dict[str, Any]:
         """Everything about the model as JSON-able values; non-finite numbers as null.

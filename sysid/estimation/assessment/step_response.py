@@ -12,6 +12,7 @@ from sysid.data.record import Array, Channel
 from sysid.data.unit_words import bracketed
 from sysid.estimation.assessment.delta_method import Estimate, Number, estimates
 from sysid.estimation.assessment.own_motion import Poles, mode_numbers, modes_of
+from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model
 
@@ -286,8 +287,7 @@ def _reaches(model: Model, i: int, j: int) -> bool:
 def entry_of(model: Model, theta: Array, i: int, j: int) -> tuple[Array, Array] | None:
     """Numerator and denominator from input j to output i in powers of q⁻¹."""
     structure = model.structure
-    # only a matrix of polynomials has such an entry
-    if not isinstance(structure, PolynomialStructure):
+    if not isinstance(structure, LinearStructure):
         return None
     for g in structure.transfer(theta).groups:
         if g.output == i and j in g.inputs:
