@@ -124,7 +124,7 @@ class ContinuousStructure(RealizedStructure):
             )
             lag += [d, d + 1]
             source += [j, j]
-        used = [c for c in range(columns) if c % 2 == 0 or np.any(B[:, c] != 0.0)]
+        used = range(0, columns, 1 if self.delayed else 2)
         return Realization(
             A,
             B[:, used],

@@ -8,7 +8,6 @@ real ones: with A(θ + iε e_k) the imaginary part over ε is the derivative, ex
 (Squire & Trapp 1998, SIAM Rev. 40, 110).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,8 +16,8 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.structures.linear.transfer import TransferMatrix
 
-BLOCK = 32
-"""Samples of a block."""
+BLOCK, SHORT = 32, 8
+"""Samples of a block of one run, and of many side by side."""
 
 SMALL = 1e-30
 """Step of the complex derivatives."""
@@ -144,47 +143,49 @@ class Realization:
 
 
 def run(matrices: tuple[Any, Any, Any, Any], u: Array, x0: Any = None) -> Any:
-    """y (N, ny) of x⁺ = A x + B u, y = C x + D u from x0, rest when None."""
+    """y (…, N, ny) of x⁺ = A x + B u, y = C x + D u from x0, rest when None.
+
+    Args:
+        matrices: (…, n, n), (…, n, m), (…, ny, n), (…, ny, m); the same inputs drive them all.
+        u: (N, m).
+    """
     A, B, C, D = matrices
-    n, m, ny, samples = len(A), B.shape[1], len(C), len(u)
+    *many, n, m = B.shape
+    ny, samples = C.shape[-2], len(u)
     kind = np.result_type(A, B, C, D, u)
     if not samples:
-        return np.zeros((0, ny), dtype=kind)
-    L = min(BLOCK, samples)
+        return np.zeros((*many, 0, ny), dtype=kind)
+    L = min(SHORT if many else BLOCK, samples)
     blocks = -(-samples // L)
     padded = np.zeros((blocks * L, m))
     padded[:samples] = u
-    seen = np.empty((L, ny, n), dtype=kind)  # C Aᵏ
-    reach = np.empty((L, n, m), dtype=kind)  # Aᵏ B
-    seen[0], reach[0] = C, B
+    seen = np.empty((*many, L, ny, n), dtype=kind)  # C Aᵏ
+    reach = np.empty((*many, L, n, m), dtype=kind)  # Aᵏ B
+    seen[..., 0, :, :], reach[..., 0, :, :] = C, B
     for k in range(1, L):
-        seen[k], reach[k] = seen[k - 1] @ A, A @ reach[k - 1]
-    markov = np.concatenate([[D], C @ reach[:-1], np.zeros((1, ny, m))])
+        seen[..., k, :, :] = seen[..., k - 1, :, :] @ A
+        reach[..., k, :, :] = A @ reach[..., k - 1, :, :]
+    markov = np.zeros((*many, L + 1, ny, m), dtype=kind)
+    markov[..., 0, :, :] = D
+    markov[..., 1:L, :, :] = C[..., None, :, :] @ reach[..., :-1, :, :]
     later = np.subtract.outer(np.arange(L), np.arange(L))
-    toeplitz = markov[np.where(later >= 0, later, L)].transpose(0, 2, 1, 3)
+    toeplitz = markov[..., np.where(later >= 0, later, L), :, :]  # (…, L, L, ny, m)
     U = padded.reshape(blocks, L * m)
-    y = (U @ toeplitz.reshape(L * ny, L * m).T).reshape(blocks * L, ny)
-    drive = U @ reach[::-1].transpose(1, 0, 2).reshape(n, L * m).T
+    rows = np.moveaxis(toeplitz, -2, -1).swapaxes(-4, -3).swapaxes(-3, -2)
+    y = U @ rows.reshape(*many, L * m, L * ny)
+    drive = U @ reach[..., ::-1, :, :].swapaxes(-2, -1).reshape(*many, L * m, n)
     over = A @ np.linalg.matrix_power(A, L - 1)
-    states = np.empty((blocks, n), dtype=np.result_type(kind, 0.0 if x0 is None else x0))
-    x = np.zeros(n, dtype=states.dtype) if x0 is None else np.asarray(x0)
+    states = np.empty((blocks, *many, n), dtype=np.result_type(kind, 0.0 if x0 is None else x0))
+    x = np.zeros((*many, n), dtype=states.dtype) + (0.0 if x0 is None else np.asarray(x0))
     for b in range(blocks):
         states[b] = x
-        x = over @ x + drive[b]
-    return (y + (states @ seen.reshape(L * ny, n).T).reshape(blocks * L, ny))[:samples]
+        x = (over @ x[..., None])[..., 0] + drive[..., b, :]
+    out = seen.reshape(*many, L * ny, n).swapaxes(-2, -1)
+    y = y + np.moveaxis(states, 0, -2) @ out
+    return y.reshape(*many, blocks * L, ny)[..., :samples, :]
 
 
-def complex_slopes(f: Callable[[Any], Any], theta: Array, wanted: Array | None = None) -> Array:
-    """∂f/∂θ by complex steps, (len(θ), …): exact where f is made of analytic functions.
-
-    Args:
-        wanted: entries to differentiate by, all when None; the others' rows are zero.
-    """
-    rows: list[Any] = [None] * len(theta)
-    for k in range(len(theta)) if wanted is None else wanted:
-        moved = theta.astype(np.complex128)
-        step = SMALL * max(abs(float(theta[k])), 1e-10)
-        moved[k] += 1j * step
-        rows[k] = np.imag(f(moved)) / step
-    zero = np.zeros_like(next(r for r in rows if r is not None))
-    return np.array([zero if r is None else r for r in rows])
+def moved(theta: Array) -> tuple[Any, Array]:
+    """θ with each entry moved by a complex step, (n, n), and the steps, (n,)."""
+    steps = SMALL * np.maximum(np.abs(theta), 1e-10)
+    return theta + 1j * np.diag(steps), steps

@@ -18,7 +18,7 @@ from sysid.structures.linear.polynomial import pole_words
 from sysid.structures.linear.transfer import TransferMatrix
 from sysid.structures.motion import poles
 from sysid.structures.special_runs import readout
-from sysid.structures.state_space.realization import Realization, complex_slopes
+from sysid.structures.state_space.realization import Realization, moved, run
 
 INTEGRATES = 1e-9
 """A pole so near to 1 is an integrator's."""
@@ -184,11 +184,7 @@ class RealizedStructure(LinearStructure, Searchable):
         window = min(len(y), max(3 * r.core, 1))
         x0 = _fitted_core(r, inputs[:window], y[:window])
 
-        def of(moved: Any) -> Any:
-            at, signals = _one_step(self.realization(moved), u, y)
-            return at.run(signals, x0)[:, output]
-
-        return complex_slopes(of, theta).T
+        return _slopes(self, theta, inputs, x0, ahead=True)[:, :, output].T
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
         g = self.transfer(theta)
@@ -269,15 +265,23 @@ class RealizedErrors(RunErrors):
     def tangents(self, p: Array) -> Iterator[Array]:
         theta, states = p[: self.n_theta], self.states(p)
         for k, (u, y) in enumerate(self.data):
+            r, inputs = self._at(theta, u, y)
             x0 = states[k] if self.states_each else None
-
-            def of(moved: Any, u: Array = u, y: Array = y, x0: Array | None = x0) -> Any:
-                r, inputs = self._at(moved, u, y)
-                return r.run(inputs, x0)
-
-            slopes = np.moveaxis(complex_slopes(of, theta), (0, 1, 2), (1, 2, 0))
+            slopes = np.moveaxis(_slopes(self.structure, theta, inputs, x0, self.ahead), 2, 0)
             if self.states_each:
-                r, _ = self._at(theta, u, y)
                 free = np.moveaxis(r.free_responses(len(y)), (0, 1, 2), (2, 0, 1))
                 slopes = np.concatenate([slopes, free], axis=1)
             yield slopes
+
+
+def _slopes(
+    structure: RealizedStructure, theta: Array, inputs: Array, x0: Array | None, ahead: bool
+) -> Array:
+    """∂ŷ/∂θ of a run with known inputs from a known state, (len(θ), N, ny), by complex steps."""
+    thetas, steps = moved(np.asarray(theta, dtype=np.float64))
+    every = [structure.realization(row) for row in thetas]
+    if ahead:
+        every = [r if r.K is None else r.predictor() for r in every]
+    stacked = [np.stack([getattr(r, name) for r in every]) for name in "ABCD"]
+    A, B, C, D = stacked
+    return np.asarray(np.imag(run((A, B, C, D), inputs, x0)) / steps[:, None, None])
