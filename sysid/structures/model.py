@@ -24,7 +24,7 @@ from sysid.structures import model_text
 from sysid.structures.base import Structure
 from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.transfer import TransferMatrix
-from sysid.structures.motion import initial_state_window
+from sysid.structures.motion import initial_state_window, poles
 from sysid.structures.plant import Plant
 from sysid.structures.registry import require_readable, structure_from_json, structure_to_json
 
@@ -347,7 +347,8 @@ class Model:
         Raises:
             ModelError: the model is not linear.
         """
-        return self._transfer("poles").poles()
+        every = poles(self._linear("poles"), self.theta)
+        return every[every != 0.0]
 
     def bode(self, frequencies: Array | None = None) -> tuple[Array, NDArray[np.complex128]]:
         """Frequency response G(e^{jω dt}) from inputs to outputs.
