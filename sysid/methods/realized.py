@@ -25,7 +25,7 @@ def fit(
     as_fitted = structure.for_fit(records, options.focus)
     if as_fitted != structure:
         names = [p.name for p in as_fitted.parameters(records[0].inputs, records[0].outputs)]
-        kept = [k for k, p in enumerate(parameters) if p.name in names or p.name.startswith("off")]
+        kept = [k for k, p in enumerate(parameters) if p.name in names]
         parameters = tuple(parameters[k] for k in kept)
         initial_guesses = [(n, theta[kept]) for n, theta in initial_guesses]
     return by_search(as_fitted, records, options, parameters, initial_guesses)

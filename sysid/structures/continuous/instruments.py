@@ -15,8 +15,8 @@ from sysid.data.record import Array
 from sysid.structures.continuous.channel import discretised, held
 from sysid.structures.state_space.realization import run
 
-ROUNDS = 12
-"""Rounds of refinement."""
+ROUNDS, FEW = 10, 3
+"""Rounds of refinement, and those that show whether a dead time is worth them."""
 
 CUT_OFFS = (0.02, 0.08, 0.3)
 """First filters: λ as a share of the Nyquist frequency."""
@@ -72,50 +72,50 @@ def found_paths(
 
     def at(d: int) -> float:
         if d not in tried:
-            tried[d] = _at_dead_time(rows, n, m, dt, d, level)
+            best = min(tried.values(), key=lambda f: f.cost, default=None)
+            first = [best.paths[0].den] if best else [_filter(s, n, dt) for s in CUT_OFFS]
+            tried[d] = _at_dead_time(rows, first, m, dt, d, level, FEW)
         return tried[d].cost
 
-    if not delayed:
-        at(0)
-    else:
-        lags = [d for d in DEAD_TIMES if d < shortest // 4]
-        best = min(lags, key=at)
-        near = [d for d in lags if d < best][-1:] + [d for d in lags if d > best][:1]
-        low, high = min([best, *near]), max([best, *near])
-        while high - low > 2 and len(tried) < 3 * len(DEAD_TIMES):
-            best = min(tried, key=at)
-            at((low + best) // 2)
-            at((best + high + 1) // 2)
-            best = min(tried, key=at)
-            around = sorted(tried)
-            place = around.index(best)
-            new = around[max(place - 1, 0)], around[min(place + 1, len(around) - 1)]
-            if new == (low, high):
-                break
-            low, high = new
-    ordered = sorted(tried.values(), key=lambda f: f.cost)
-    return tuple(ordered[:KEPT])
+    lags = [d for d in DEAD_TIMES if d < shortest // 4] if delayed else [0]
+    best = min(lags, key=at)
+    low = max([d for d in lags if d < best], default=best)
+    high = min([d for d in lags if d > best], default=best)
+    while high - low > 2:
+        below, above = (low + best) // 2, (best + high + 1) // 2
+        new = min((below, best, above), key=at)
+        low, high = (low, best) if new < best else (best, high) if new > best else (below, above)
+        best = new
+    kept = sorted(tried, key=at)[:KEPT]
+    every = [_filter(s, n, dt) for s in CUT_OFFS]
+    full = [
+        _at_dead_time(rows, [tried[d].paths[0].den, *others], m, dt, d, level, ROUNDS)
+        for d, others in zip(kept, (every, [], []), strict=False)
+    ]
+    return tuple(sorted(full, key=lambda f: f.cost))
 
 
-def _at_dead_time(rows: Rows, n: int, m: int, dt: float, d: int, level: bool) -> FoundRow:
+def _filter(share: float, n: int, dt: float) -> Array:
+    """(s + λ)ⁿ, λ a share of the Nyquist frequency."""
+    return np.asarray(np.poly([-share * np.pi / dt] * n), dtype=np.float64)[:0:-1]
+
+
+def _at_dead_time(
+    rows: Rows, first: Sequence[Array], m: int, dt: float, d: int, level: bool, rounds: int
+) -> FoundRow:
+    """The best from several first filters."""
     delayed = [(_later(u, d), y) for u, y in rows]
-    best: FoundRow | None = None
-    for share in CUT_OFFS:
-        cut = share * np.pi / dt
-        found = _refined(
-            delayed, np.asarray(np.poly([-cut] * n)[:0:-1], dtype=np.float64), m, dt, d, level
-        )
-        if best is None or found.cost < best.cost:
-            best = found
-    assert best is not None
-    return best
+    found = (_refined(delayed, den, m, dt, d, level, rounds) for den in first)
+    return min(found, key=lambda f: f.cost)
 
 
-def _refined(rows: Rows, den: Array, m: int, dt: float, d: int, level: bool) -> FoundRow:
+def _refined(
+    rows: Rows, den: Array, m: int, dt: float, d: int, level: bool, rounds: int
+) -> FoundRow:
     """The best of the rounds from one first filter."""
     nu, best = rows[0][0].shape[1], None
     instruments: list[Array] | None = None
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         last = den
         left, right, sides = [], [], []
         for k, (u, y) in enumerate(rows):

@@ -71,9 +71,9 @@ class Process(ContinuousStructure):
         orders = {"np": 0, "nw": 0, "nz": 0, "ni": 0, **raw}
         waits = delayed(cls.name, given)
         if "type" in given:
-            if raw:
-                raise UsageError("`orders`: process has a type already; give one of the two")
             orders, waits = _of_type(given["type"])
+            if raw and {k: v for k, v in orders.items() if v} != dict(raw):
+                raise UsageError("`orders`: process has a type already; give one of the two")
         counts = [orders[k] for k in ("np", "nw", "nz", "ni")]
         fitting = set(orders) == {"np", "nw", "nz", "ni"} and all(
             isinstance(c, int) for c in counts
@@ -96,6 +96,12 @@ class Process(ContinuousStructure):
         """The usual kinds, the smallest first."""
         kinds = ("P1D", "P2D", "P2DZ", "P2DU", "P2DUZ", "P3D", "P1DI")
         return tuple({k: v for k, v in _of_type(kind)[0].items() if v} for kind in kinds)
+
+    @classmethod
+    def orders_said(cls, options: Mapping[str, str]) -> Mapping[str, Any] | None:
+        """Those of a type."""
+        orders = _of_type(options["type"])[0] if "type" in options else {}
+        return {k: v for k, v in orders.items() if v} or None
 
     def order_values(self) -> dict[str, Any]:
         values = {"np": self.np, "nw": self.nw, "nz": self.nz, "ni": self.ni}

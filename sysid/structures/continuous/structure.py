@@ -18,6 +18,7 @@ from sysid.fitting.problem import Focus, Parameter
 from sysid.fitting.searchable import InitialGuesses
 from sysid.structures.continuous.channel import discretised
 from sysid.structures.continuous.instruments import Found, found_paths
+from sysid.structures.motion import dead_time_entry
 from sysid.structures.state_space.realization import Realization
 from sysid.structures.state_space.structure import RealizedStructure
 
@@ -91,13 +92,13 @@ class ContinuousStructure(RealizedStructure):
         """With the records' sample time."""
         return replace(self, dt=records[0].dt)
 
-    def parameters(
+    def plain_parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[Parameter, ...]:
         table = []
         single = self.inputs == self.outputs == 1
         for y in outputs:
-            for u in inputs[: self.inputs]:
+            for u in inputs:
                 tag = "" if single else f"[{y.name},{u.name}]"
                 table += [replace(p, name=p.name + tag) for p in self.path_parameters(u, y)]
         return tuple(table)
@@ -191,3 +192,9 @@ def _text(coefficients: Sequence[float]) -> str:
         term = f"{number}{power}".strip()
         parts.append(f"{sign} {term}" if parts else ("−" if value < 0 else "") + term)
     return " ".join(parts) or "0"
+
+
+@dead_time_entry.register
+def _(s: ContinuousStructure, i: int, j: int) -> int | None:
+    each = s.n_plain // (s.inputs * s.outputs)
+    return (i * s.inputs + j + 1) * each - 1 if s.delayed else None

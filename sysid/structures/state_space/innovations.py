@@ -130,13 +130,12 @@ class StateSpace(RealizedStructure):
     def n_plain(self) -> int:
         return sum(self._sizes)
 
-    def parameters(
+    def plain_parameters(
         self, inputs: Sequence[Channel], outputs: Sequence[Channel]
     ) -> tuple[Parameter, ...]:
         """Names by row and column, counted from 1; units of state over input or output."""
         of_state = [outputs[i] for i, k in enumerate(self._lengths) for _ in range(k)]
         last = np.cumsum(self._lengths)
-        own = inputs[: self.inputs]
         table = [
             Parameter(f"A{last[i]},{k + 1}", ratio(out.unit, of_state[k].unit))
             for i, out in enumerate(outputs)
@@ -145,13 +144,13 @@ class StateSpace(RealizedStructure):
         table += [
             Parameter(f"B{k + 1},{j + 1}", ratio(c.unit, u.unit))
             for k, c in enumerate(of_state)
-            for j, u in enumerate(own)
+            for j, u in enumerate(inputs)
         ]
         if self.nk == 0:
             table += [
                 Parameter(f"D{i + 1},{j + 1}", ratio(c.unit, u.unit))
                 for i, c in enumerate(outputs)
-                for j, u in enumerate(own)
+                for j, u in enumerate(inputs)
             ]
         if self.noise:
             table += [

@@ -8,9 +8,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Array, Index, Record
+from sysid.data.record import Array, Channel, Index, Record
 from sysid.fitting.normal_equations import scaled_lstsq
-from sysid.fitting.problem import Data, Focus, Initial, Problem
+from sysid.fitting.problem import Data, Focus, Initial, Parameter, Problem
 from sysid.fitting.run_errors import RunErrors
 from sysid.fitting.searchable import Searchable
 from sysid.structures.linear.base import LinearStructure
@@ -49,6 +49,22 @@ class RealizedStructure(LinearStructure, Searchable):
     @property
     def nu(self) -> int:
         return self.own_inputs + bool(self.levels)
+
+    @abstractmethod
+    def plain_parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        """Names, units and bounds of θ without the constant's coefficients."""
+
+    def parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        levels = [
+            Parameter(f"offset[{c.name}]", c.unit)
+            for c, has in zip(outputs, self.levels, strict=False)
+            if has
+        ]
+        return (*self.plain_parameters(inputs[: self.own_inputs], outputs), *levels)
 
     def realization(self, theta: Any) -> Realization:
         """The matrices of θ."""
