@@ -347,9 +347,8 @@ class Model:
         Raises:
             ModelError: the model is not linear.
         """
-        self._linear("poles")
-        found = poles(self.structure, self.theta)
-        return found[np.abs(found) > 0.0]
+        every = poles(self._linear("poles"), self.theta)
+        return every[every != 0.0]
 
     def bode(self, frequencies: Array | None = None) -> tuple[Array, NDArray[np.complex128]]:
         """Frequency response G(e^{jω dt}) from inputs to outputs.

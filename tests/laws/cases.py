@@ -246,6 +246,13 @@ CASES: Mapping[str, Callable[[], Case]] = {
         [0.5, 0.4, -0.6, -0.97],
         [0.5, 0.4, -0.6, -1.1],
     ),
+    "ss": lambda: _polynomial(
+        "ss",
+        {"n": 2},
+        [-0.42, 1.3, 0.5, 0.3, 0.5, 0.3],
+        [-0.485, 1.47, 0.5, 0.3, 0.5, 0.3],
+        [-0.55, 1.6, 0.5, 0.3, 0.5, 0.3],
+    ),
     "ar": lambda: _polynomial("ar", {"na": 2}, [-1.2, 0.5], None, [-1.2, 1.1]),
     "arma": lambda: _polynomial("arma", {"na": 1, "nc": 1}, [-0.7, 0.4], None, [-1.1, 0.4]),
     "ma": lambda: _polynomial("ma", {"nc": 1}, [0.5], None, None),

@@ -1,6 +1,6 @@
 """State space in innovations form, ``ss``: one model for all inputs and outputs together."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -13,6 +13,7 @@ from sysid.fitting.problem import Focus, Parameter
 from sysid.fitting.searchable import InitialGuesses
 from sysid.structures.base import refuse_options
 from sysid.structures.linear.polynomial import linear_traits
+from sysid.structures.special_runs import traced_step
 from sysid.structures.state_space.realization import Realization
 from sysid.structures.state_space.structure import RealizedStructure
 from sysid.structures.state_space.subspace import Subspace, subspace
@@ -250,6 +251,27 @@ class StateSpace(RealizedStructure):
                 rows = "; ".join(", ".join(f"{v:.5g}" for v in row) for row in M)
                 lines.append(f"{name} = [{rows}]")
         return tuple(lines)
+
+
+@traced_step.register
+def _(s: StateSpace, theta: Any, like: Array) -> Callable[[Any, Any], tuple[Any, Any]]:
+    if s.levels:  # only while it is fitted
+        return s.step(theta)
+    n, nu, ny = s.n, s.inputs, s.ny
+    ends = np.cumsum(s._sizes)
+    last = np.cumsum(s._lengths) - 1
+    first = last - np.array(s._lengths) + 1
+    B = theta[ends[0] : ends[1]].reshape((n, nu))
+    D = theta[ends[1] : ends[2]].reshape((ny, nu)) if s.nk == 0 else None
+    rows = {int(k): theta[i * n : (i + 1) * n] for i, k in enumerate(last)}
+
+    def advance(x: Any, u: Any) -> tuple[Any, Any]:
+        xp = theta.__array_namespace__()
+        y = xp.stack([x[int(k)] for k in first])
+        after = xp.stack([rows[k] @ x if k in rows else x[k + 1] for k in range(n)])
+        return after + B @ u, y if D is None else y + D @ u
+
+    return advance
 
 
 def _settled(
