@@ -22,7 +22,13 @@ COMMANDS = (
 )
 """The main job: a look at a log, models of it, the plant package, a drive, what is missing."""
 
-FOLDERS = {"devastator": "", "missions": "", "bench": "bench", "vehicles": "vehicles"}
+FOLDERS = {
+    "devastator": "",
+    "missions": "",
+    "bench": "bench",
+    "vehicles": "vehicles",
+    "equations": "equations",
+}
 """Bundled kinds of files → the folder of the copy, where a name alone is quickest to type."""
 
 
@@ -42,7 +48,9 @@ def demo(
     if json:
         render.document({"folder": folder, "files": copied, "commands": COMMANDS})
         return
-    render.say(f"{len(copied)} bundled files are in {folder}: logs and missions, bench, vehicles.")
+    render.say(
+        f"{len(copied)} bundled files are in {folder}: logs, missions, bench, vehicles, equations."
+    )
     if run:
         _run(folder)
         return

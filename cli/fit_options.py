@@ -18,7 +18,10 @@ _fitting_more = in_panel("Fitting", advanced=True)
 _judging_more = in_panel("Judging", advanced=True)
 
 STRUCTURES = fitting_option(
-    "NAME", "Structures, e.g. oe,narmax [the four linear ones].", "-s", "--structure"
+    "NAME",
+    "Structures, e.g. oe,narmax, or a file of equations my.ode.yaml [the four linear ones].",
+    "-s",
+    "--structure",
 )
 _INITIAL = _judging_more(
     "HOW",
@@ -41,8 +44,9 @@ def validation(help: str) -> Any:
 
 
 def names(text: str | None) -> tuple[str, ...]:
-    """``--structure arx,oe`` as names; none where the option is not given."""
-    return tuple(n.strip().lower() for n in (text or "").split(",") if n.strip())
+    """``--structure arx,my.ode.yaml`` as names and files; none where the option is not given."""
+    given = (n.strip() for n in (text or "").split(",") if n.strip())
+    return tuple(n if n.endswith((".yaml", ".yml")) else n.lower() for n in given)
 
 
 def _number(text: str) -> float:

@@ -89,11 +89,12 @@ class Setting:
         if len(p0) == problem.n_theta:
             p0 = problem.initial_guess(p0)
         none = np.full(problem.n_initial, np.inf)
+        moved = np.array(self.structure.physics.estimated_states() * len(self.records), dtype=bool)
         return levenberg_marquardt(
             problem,
             p0,
             Descent(
-                free=np.concatenate([free, np.ones(problem.n_initial, dtype=bool)]),
+                free=np.concatenate([free, moved[: problem.n_initial]]),
                 lower=np.concatenate([self.lower, -none]),
                 upper=np.concatenate([self.upper, none]),
                 huber=huber,

@@ -34,8 +34,14 @@ BUILT_IN = {
 }
 """Module and class of the structures that come with the package, imported when asked for."""
 
-MADE = {"augmented": "augmented.structure:Augmented"}
-"""Structures that a workflow makes and a file may hold, but that nobody fits by name."""
+MADE = {
+    "augmented": "augmented.structure:Augmented",
+    "ode": "grey_box.file.structure:FromFile",
+}
+"""Structures that a workflow or a file of equations makes, but that nobody fits by name."""
+
+FILE_ENDINGS = (".yaml", ".yml")
+"""Endings of files of equations, which are structures, too."""
 
 
 def _load(place: str) -> type[NamedStructure]:
@@ -60,11 +66,16 @@ def structure_classes() -> dict[str, type[NamedStructure]]:
 
 
 def structure_class(name: str) -> type[NamedStructure]:
-    """The structure called ``name`` (case does not matter).
+    """The structure called ``name`` (case does not matter), or of a file of equations.
 
     Raises:
         UsageError: there is none of that name.
+        DataError: the file cannot be read.
     """
+    if name.endswith(FILE_ENDINGS):
+        from sysid.structures.grey_box.file.structure import structure_of_file
+
+        return structure_of_file(name)
     key = name.lower()
     if key in BUILT_IN:
         return _load(BUILT_IN[key])

@@ -30,6 +30,7 @@ from sysid.structures.blocks.static.kinds import KINDS
 from sysid.structures.blocks.wiener_hammerstein import WienerHammerstein
 from sysid.structures.difference_equations.expressions import FUNCTIONS
 from sysid.structures.grey_box.dc_motor.structure import DCMotor, MotorPhysics
+from sysid.structures.grey_box.file.structure import FromFile
 from sysid.structures.grey_box.physics import Constant, Physics, Sampling
 from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
 from sysid.structures.grey_box.tanks import Tanks, TanksPhysics
@@ -38,6 +39,7 @@ from sysid.structures.narmax.structure import NARMAX
 from sysid.structures.narx.structure import NarxWavelet
 from sysid.structures.narx.wavelet_network import KINDS as ESTIMATORS
 from sysid.structures.narx.wavelet_network import RowDesign
+from sysid.structures.registry import structure_class
 from sysid.structures.traits import Traits
 
 EXACT = 1e-10
@@ -171,6 +173,15 @@ def tanks() -> Model:
     return replace(hand_made(made, theta, reach=(0.0, 3.0)), dt=4.0)
 
 
+def equations(name: str) -> Model:
+    """A bundled file of equations at its starts."""
+    path = Path(__file__).parents[2] / "datasets" / "equations" / f"{name}.ode.yaml"
+    made = structure_class(str(path)).from_orders({}, 1, 1)
+    assert isinstance(made, FromFile)
+    made = replace(made, sampling=Sampling(DT, 4))
+    return hand_made(made, made.physics.pack({}), reach=(0.0, 3.0))
+
+
 def augmented(effects: tuple[str, ...], order: int = 2, delay: int = 3) -> Model:
     made = Augmented(order, delay, (2.0, 2.0), DT, effects)
     core = [3.0, -1.2, 0.4, 0.1] if order == 2 else [3.0, -0.8]
@@ -224,6 +235,8 @@ CASES = {
     "motor-tracks-rk4": partial(motor, 2, MOTOR, {"integrator": "rk4"}),
     "motor-bench": partial(motor, 2, {}, {"parameters": "bench", "input": "pwm"}),
     "tanks": tanks,
+    "pendulum.ode": partial(equations, "pendulum"),
+    "two_tanks.ode": partial(equations, "two_tanks"),
     **{f"effect-{e.id}": partial(augmented, (e.id,)) for e in chain_effects()},
     "behind-narx": partial(behind, partial(narx, "wavelet", 2)),
     "behind-hw": partial(behind, partial(hammerstein_wiener, "dead-zone", 2)),

@@ -17,6 +17,8 @@ from sysid.fitting.options import FitOptions
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.base import Structure
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
+from sysid.structures.grey_box.file.physics import FilePhysics
+from sysid.structures.grey_box.file.structure import FromFile
 from sysid.structures.grey_box.physics import Sampling
 from sysid.structures.grey_box.tanks import Tanks
 from sysid.structures.model import Model
@@ -213,6 +215,24 @@ def _tanks() -> Case:
     return Case(truth, theta, plain, slow, runaway, level=2.5, span=2.5, unique=False)
 
 
+MOTOR_FILE = """
+inputs: {u: }
+states: {w: {}}
+parameters:
+  gain: {start: 1.5}
+  tau: {start: 0.5, bounds: [-10, 10]}
+equations: {w: (gain*u - w)/tau}
+outputs: {y: {equation: w}}
+"""
+
+
+def _ode() -> Case:
+    plain = FromFile(FilePhysics(1, 1, MOTOR_FILE), Sampling(substeps=1))
+    truth = replace(plain, sampling=Sampling(DT, 1, ((-1.0, 1.0),)))
+    theta, slow, runaway = (np.array([2.0, tau]) for tau in (0.3, 5.0, -0.3))
+    return Case(truth, theta, plain, slow, runaway)
+
+
 def _augmented() -> Case:
     made = Augmented(1, 1, (1.0,), DT, ("dead-zone",))
     theta, slow, runaway = (np.array([2.0, f, 0.2, 0.1, 0.0]) for f in (-0.7, -0.97, -1.1))
@@ -262,5 +282,6 @@ CASES: Mapping[str, Callable[[], Case]] = {
     "wiener-hammerstein": _wiener_hammerstein,
     "dc-motor": _dc_motor,
     "tanks": _tanks,
+    "ode": _ode,
     "augmented": _augmented,
 }

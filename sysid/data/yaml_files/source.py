@@ -2,7 +2,7 @@
 
 import errno
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +28,13 @@ class YamlSource:
         name: the file's name for messages.
         values: the mapping at the top of the file, made of dict, list, str, float, bool, None.
         lines: line number, counted from 1, of every place in ``values``.
+        texts: line and column, counted from 1, at which the first character of each text stands.
     """
 
     name: str
     values: dict[str, Any]
     lines: dict[Place, int]
+    texts: dict[Place, tuple[int, int]] = field(default_factory=dict)
 
     def where(self, place: Place) -> str:
         """Return ``file:line`` of a place, or of the nearest one around it that the file has."""
@@ -77,7 +79,11 @@ def read_yaml(path: str | Path) -> YamlSource:
     """
     path = Path(path)
     name = path.name or str(path)
-    text = _text(path, name)
+    return yaml_of(text_of(path), name)
+
+
+def yaml_of(text: str, name: str) -> YamlSource:
+    """``read_yaml`` of a text that was read before, called ``name`` in messages."""
     try:
         _refuse_excess(text, name)
         root = yaml.compose(text, Loader=_Loader)
@@ -91,10 +97,11 @@ def read_yaml(path: str | Path) -> YamlSource:
                 "write lines of the form key: value"
             )
         lines: dict[Place, int] = {}
-        values = _plain(root, (), name, lines, _Loader(""))
+        texts: dict[Place, tuple[int, int]] = {}
+        values = _plain(root, (), YamlSource(name, {}, lines, texts), _Loader(""))
     except yaml.YAMLError as error:
         raise DataError(_syntax(error, text, name)) from None
-    return YamlSource(name, values, lines)
+    return YamlSource(name, values, lines, texts)
 
 
 def shown(value: Any) -> str:
@@ -110,7 +117,13 @@ def shown(value: Any) -> str:
     return f"the text '{text}'" if isinstance(value, str) else text
 
 
-def _text(path: Path, name: str) -> str:
+def text_of(path: Path) -> str:
+    """The text of a small file, for ``yaml_of``.
+
+    Raises:
+        DataError: it cannot be read, or is too large to be written by hand.
+    """
+    name = path.name or str(path)
     try:
         return contents(path, LARGEST_FILE).decode("utf-8-sig")
     except IsADirectoryError:
@@ -149,14 +162,15 @@ def _refuse_excess(text: str, name: str) -> None:
             raise DataError(f"{name}:{line}: brackets are nested too deep: flatten the file")
 
 
-def _plain(
-    node: yaml.Node, place: Place, name: str, lines: dict[Place, int], loader: _Loader
-) -> Any:
+def _plain(node: yaml.Node, place: Place, to: YamlSource, loader: _Loader) -> Any:
     """Turn a composed node into plain values and note the line of every place on the way."""
-    lines.setdefault(place, node.start_mark.line + 1)
+    name, lines, mark = to.name, to.lines, node.start_mark
+    lines.setdefault(place, mark.line + 1)
     if isinstance(node, yaml.SequenceNode):
-        return [_plain(item, (*place, i), name, lines, loader) for i, item in enumerate(node.value)]
+        return [_plain(item, (*place, i), to, loader) for i, item in enumerate(node.value)]
     if not isinstance(node, yaml.MappingNode):
+        quoted = isinstance(node, yaml.ScalarNode) and node.style in ("'", '"')
+        to.texts[place] = (mark.line + 1, mark.column + 1 + quoted)
         return loader.construct_object(node)
     values: dict[str, Any] = {}
     for key_node, value_node in node.value:
@@ -170,7 +184,7 @@ def _plain(
                 f"{lines[(*place, key)]}: keep one of them"
             )
         lines[(*place, key)] = line
-        values[key] = _plain(value_node, (*place, key), name, lines, loader)
+        values[key] = _plain(value_node, (*place, key), to, loader)
     return values
 
 

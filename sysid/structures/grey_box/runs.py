@@ -184,7 +184,7 @@ def stays_bounded(structure: "AnyBox", theta: Array) -> bool:
     p = physics.prepared(np, physics.unpack(np, np.asarray(theta)), sampling.h)
     ranges = sampling.input_range or ((-1.0, 1.0),) * physics.nu
     inputs = probing_inputs(ranges, length)
-    x = np.zeros((structure.n_states(theta), inputs.shape[2]))
+    x = np.tile(physics.rest_state()[:, None], (1, inputs.shape[2]))
     outputs = np.zeros((length, physics.ny, inputs.shape[2]))
     with np.errstate(all="ignore"):
         for k, u in enumerate(inputs):
@@ -265,9 +265,9 @@ class GreyErrors(RunErrors):
         self._last: tuple[bytes, tuple[list[Any], list[Array]]] = (b"", ([], []))
 
     def initial_states(self, p: Array) -> Array:
-        """Initial states (n, records): those in p, or zeros."""
+        """Initial states (n, records): those in p, or rest."""
         if not self.states_each:
-            return np.zeros((self._n_states, len(self.data)))
+            return np.tile(self.structure.physics.rest_state()[:, None], (1, len(self.data)))
         return np.ascontiguousarray(self.states(p).T)
 
     def _run(self, p: Array) -> tuple[list[Any], list[Array]]:
@@ -282,7 +282,7 @@ class GreyErrors(RunErrors):
         return self._run(p)[1]
 
     def tangents(self, p: Array) -> Iterator[Array]:
-        states = np.full(self._n_states, self.states_each > 0)
+        states = np.array(self.structure.physics.estimated_states()) & (self.states_each > 0)
         moved = np.ones(self.n_theta, dtype=bool) if self.wanted is None else self.wanted
         slopes = tangents(
             self.structure,
@@ -319,7 +319,8 @@ def fitted_state(structure: "AnyBox", theta: Array, u: Array, y: Array, samples:
     if n == 0 or k == 0:
         return prior
     scale = np.maximum(np.std(y, axis=0), 1e-300)
-    states = np.arange(len(theta) + n) >= len(theta)
+    moved = structure.physics.estimated_states()
+    states = np.concatenate([np.zeros(len(theta), dtype=bool), np.array(moved, dtype=bool)])
 
     def slopes(x: Array) -> Array:
         """∂ŷ/∂x in spreads of the outputs, (k·ny, n)."""

@@ -58,12 +58,14 @@ class GreyBox(NamedStructure, Generic[P]):
     Subclasses give their name, traits and the class of their physics.
 
     Attributes:
+        largest: numbers of channels with which it may show its largest form.
         physics: the equation.
         sampling: read off the data.
         opened: constants that are estimated although they are held by default.
     """
 
     physics_class: ClassVar[type[Physics]]
+    largest: ClassVar[tuple[tuple[int, int], ...]] = ((2, 2), (1, 1))
 
     physics: P
     sampling: Sampling = field(default_factory=Sampling)
@@ -108,7 +110,7 @@ class GreyBox(NamedStructure, Generic[P]):
         given = dict(options or {})
         sampling = Sampling(substeps=_substeps(given.get("substeps", "auto")))
         opened = tuple(n.strip() for n in given.get("free", "").split(",") if n.strip())
-        physics: Any = cls.physics_class.from_options(given, nu, ny)
+        physics: Any = cls.physics_for(given, nu, ny)
         known = [c.name for c in physics.constants]
         for name in opened:
             if name not in known:
@@ -117,6 +119,11 @@ class GreyBox(NamedStructure, Generic[P]):
                     f"{', '.join(known)}"
                 )
         return cls(physics, sampling, opened)
+
+    @classmethod
+    def physics_for(cls, given: Mapping[str, str], nu: int, ny: int) -> Physics:
+        """The physics with these options, for so many channels."""
+        return cls.physics_class.from_options(given, nu, ny)
 
     @classmethod
     def candidate_orders(
@@ -158,8 +165,8 @@ class GreyBox(NamedStructure, Generic[P]):
         return fitted_state(self, theta, u, y, samples)
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run from x0 (all states zero when None), (N, ny)."""
-        x = np.zeros(self.n_states(theta)) if x0 is None else x0
+        """Free run from x0 (rest when None), (N, ny)."""
+        x = self.physics.rest_state() if x0 is None else x0
         return free_run(self, theta, [u], x[:, None])[0]
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
@@ -244,9 +251,9 @@ def constant_words(cls: type[GreyBox[Any]]) -> tuple[Mapping[str, str], ...]:
 
     Those of its largest form: two tracks where it knows them.
     """
-    for channels in (2, 1):
+    for channels in cls.largest:
         try:
-            physics = cls.physics_class.from_options({}, channels, channels)
+            physics = cls.physics_for({}, *channels)
         except UsageError:
             continue
         tried = {name for rung in physics.ladder() for name in rung.names}

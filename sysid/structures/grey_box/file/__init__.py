@@ -1,0 +1,1 @@
+"""A grey box from a file: states, parameters and equations that a person wrote in YAML."""
