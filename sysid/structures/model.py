@@ -348,7 +348,7 @@ class Model:
             ModelError: the model is not linear.
         """
         every = poles(self._linear("poles"), self.theta)
-        return every[every != 0.0]
+        return np.asarray(every[every != 0.0])
 
     def bode(self, frequencies: Array | None = None) -> tuple[Array, NDArray[np.complex128]]:
         """Frequency response G(e^{jω dt}) from inputs to outputs.

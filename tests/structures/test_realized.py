@@ -1,4 +1,4 @@
-"""Structures that run by their matrices: runs, slopes, offsets, what is stored.
+"""Structures that run by their matrices: runs, slopes, offsets, what is stored."""
 
 from dataclasses import replace
 

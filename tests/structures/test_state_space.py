@@ -93,7 +93,8 @@ def test_plant_kalman_gain_and_innovations_are_found_with_their_errors(
 ) -> None:
     """Two experiments, with and without a controller; θ is unique, so every entry has its error."""
     model = fitted(logs((1500, 1000), feedback=feedback))  # type: ignore[arg-type]
-    assert model.termination.good and model.stable
+    assert model.termination.good
+    assert model.stable
     K, S = kalman_gain()
     truth = model.structure.theta_of((A, B, C, np.zeros((2, 2)), K))  # type: ignore[attr-defined]
     errors = np.sqrt(np.diag(model.covariance))
@@ -130,7 +131,7 @@ def test_a_response_within_the_sample_is_d() -> None:
 
 def test_an_offset_is_estimated_with_the_matrices() -> None:
     u, y = driven(800, 5)
-    record = Record(u + [2.0, -1.0], y + [10.0, 3.0], 0.1)
+    record = Record(u + np.array([2.0, -1.0]), y + np.array([10.0, 3.0]), 0.1)
     model = fit(StateSpace.from_orders({"n": 3}, 2, 2), [record])
     level = C @ np.linalg.solve(np.eye(3) - A, B @ (model.detrend.u_offset - [2.0, -1.0])) + [
         10.0,
