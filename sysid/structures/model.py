@@ -23,7 +23,7 @@ from sysid.fitting.searchable import StartReport
 from sysid.structures import model_text
 from sysid.structures.base import Structure
 from sysid.structures.linear.base import LinearStructure
-from sysid.structures.linear.transfer import TransferMatrix
+from sysid.structures.linear.transfer import TransferMatrix, control_model
 from sysid.structures.motion import initial_state_window, poles
 from sysid.structures.plant import Plant
 from sysid.structures.registry import require_readable, structure_from_json, structure_to_json
@@ -376,21 +376,23 @@ class Model:
 
         return StateSpace(*self._linear("state space").matrices(self.theta), dt=self.dt)
 
-    def to_control(self) -> Any:
+    def to_control(self, continuous: bool = False) -> Any:
         """``control.StateSpace`` of the deterministic part, about the operating point.
 
+        Args:
+            continuous: in continuous time: what a held input makes these samples of; a dead time
+                that the structure names is then a Padé approximation.
+
         Raises:
-            ModelError: the model is not linear, or python-control is not installed.
+            ModelError: the model is not linear, has no continuous counterpart, or python-control is
+                not installed.
         """
-        matrices = self._linear("state space").matrices(self.theta)
-        try:
-            from control import StateSpace
-        except ImportError:
-            raise ModelError(
-                "python-control is not installed; install sysid-workbench[control]"
-            ) from None
-        names = ([c.name for c in self.inputs], [c.name for c in self.outputs])
-        return StateSpace(*matrices, self.dt, inputs=names[0], outputs=names[1])
+        structure = self._linear("state space")
+        matrices = structure.matrices(self.theta)
+        if continuous:
+            matrices = structure.in_continuous_time(self.theta, self.dt)
+        names = ([c.name for c in channels] for channels in (self.inputs, self.outputs))
+        return control_model(matrices, 0.0 if continuous else self.dt, *names)
 
     def _transfer(self, what: str) -> TransferMatrix:
         return self._linear(what).transfer(self.theta)

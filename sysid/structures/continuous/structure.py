@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.record import Array, Channel, Record
 from sysid.data.schema import checked
@@ -21,6 +20,9 @@ from sysid.structures.continuous.instruments import Found, found_paths
 from sysid.structures.motion import dead_time_entry
 from sysid.structures.state_space.realization import Realization
 from sysid.structures.state_space.structure import RealizedStructure
+
+PADE = 4
+"""Order of the approximation of a dead time."""
 
 
 @dataclass(frozen=True)
@@ -157,14 +159,30 @@ class ContinuousStructure(RealizedStructure):
             starts.append((chosen[0].how, np.concatenate([theta, levels])))
         return starts
 
-    def continuous_response(self, theta: Array, w: Array) -> NDArray[np.complex128]:
-        """G(jω) without the hold, (len(w), ny, nu)."""
-        s = 1j * np.asarray(w)
-        out = np.zeros((len(s), self.outputs, self.inputs), dtype=np.complex128)
+    def in_continuous_time(self, theta: Array, dt: float) -> tuple[Array, Array, Array, Array]:
+        """The paths themselves, each dead time as its Padé approximation of order ``PADE``."""
+        from scipy.linalg import block_diag
+
+        blocks, B, C = [], [], []
         for k, (num, den, delay) in enumerate(self.paths(theta)):
-            bottom = np.polyval([1.0, *den[::-1]], s)
-            out[:, *divmod(k, self.inputs)] = np.polyval(num[::-1], s) / bottom * np.exp(-s * delay)
-        return out
+            top, bottom = np.asarray(num, dtype=np.float64)[::-1], np.append(1.0, den[::-1])
+            if delay > 0.0:
+                late, early = _pade(delay)
+                top, bottom = np.convolve(top, late), np.convolve(bottom, early)
+            n = len(bottom) - 1
+            top = np.concatenate([np.zeros(n + 1 - len(top)), top]) / bottom[0]
+            bottom = bottom / bottom[0]
+            A = np.eye(n, k=1)
+            A[-1] = -bottom[:0:-1]
+            b = np.zeros((n, self.inputs))
+            b[-1, k % self.inputs] = 1.0
+            c = np.zeros((self.outputs, n))
+            c[k // self.inputs] = top[:0:-1]
+            blocks.append(A)
+            B.append(b)
+            C.append(c)
+        D = np.zeros((self.outputs, self.inputs))
+        return block_diag(*blocks), np.vstack(B), np.hstack(C), D
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]
@@ -177,6 +195,16 @@ class ContinuousStructure(RealizedStructure):
             wait = f" e^(−{delay:.4g} s)" if delay > 0.0 else ""
             lines.append(f"{outputs[i].name} = ({top})/({bottom}){wait} · {inputs[j].name}")
         return tuple(lines)
+
+
+def _pade(delay: float) -> tuple[Array, Array]:
+    """Numerator and denominator of e^{−τ s}, the highest power first (Golub & Van Loan, §11.3)."""
+    n, terms = PADE, [1.0]
+    for k in range(1, n + 1):
+        terms.append(terms[-1] * (n - k + 1) / (k * (2 * n - k + 1)) * delay)
+    signs = (-1.0) ** np.arange(n + 1)
+    early = np.array(terms, dtype=np.float64)[::-1]
+    return np.asarray(signs[::-1] * early), early
 
 
 def _text(coefficients: Sequence[float]) -> str:

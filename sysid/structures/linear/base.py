@@ -5,9 +5,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
+import numpy as np
+
 from sysid.data.record import Array, Index
+from sysid.errors import ModelError
 from sysid.structures.base import NamedStructure
 from sysid.structures.linear.transfer import TransferMatrix
+
+REAL = 1e-9
+"""Imaginary and real parts below it are zero."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +31,27 @@ class LinearStructure(NamedStructure):
     def matrices(self, theta: Array) -> tuple[Array, Array, Array, Array]:
         """(A, B, C, D) of x⁺ = A x + B u, y = C x + D u with the states of ``step``."""
         return self.transfer(theta).matrices
+
+    def in_continuous_time(self, theta: Array, dt: float) -> tuple[Array, Array, Array, Array]:
+        """(A, B, C, D) of ẋ = A x + B u, y = C x + D u with these samples where u is held.
+
+        Raises:
+            ModelError: a pole at zero or below has no continuous counterpart.
+        """
+        from scipy.linalg import logm
+
+        A, B, C, D = self.matrices(theta)
+        n, nu = B.shape
+        values = np.linalg.eigvals(A)
+        if np.any((np.abs(values.imag) < REAL) & (values.real < REAL)):
+            raise ModelError(
+                f"{self.name} has poles at zero (a delay) or below, which no model in continuous "
+                "time has; fit process or tf"
+            )
+        whole = np.eye(n + nu)
+        whole[:n, :n], whole[:n, n:] = A, B
+        power = np.real(logm(whole)) / dt
+        return power[:n, :n], power[:n, n:], C, D
 
     @abstractmethod
     def with_constant(self, outputs: Sequence[bool]) -> Self:
