@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.errors import UsageError
 
 from . import reading, render, targets
-from .options import argument, changed, command, group, option
+from .options import argument, changed, command, flag, group, option
 
 if TYPE_CHECKING:
     from sysid.data.schedule import Schedule
@@ -46,6 +46,8 @@ class Shape:
     hold: tuple[float, float] | None = option("MIN MAX", "steps: time a level is held [s].")
     on: float | None = option("SECONDS", "pulses: time each is driven.")
     pause: float | None = option("SECONDS", "pulses: time at rest between them.")
+    odd: bool = flag("multisine: odd harmonics, some silent: they show distortions.")
+    periods: int | None = option("N", "multisine: periods [1; for distortions 3 or more].", min=1)
     seed: int | None = option("N", "prbs, multisine, steps: random seed.", min=0)
 
     def made(self) -> dict[str, Any]:

@@ -25,7 +25,16 @@ _NAMES = {
     "sysid.fitting.problem": ("Focus",),
     "sysid.interface": (
         *("compare", "diagnose", "fit", "fit_vehicle", "frequency_response", "from_dataframe"),
-        *("identify", "inspect", "load_model", "localize", "plan", "simulate", "simulate_runs"),
+        *(
+            "identify",
+            "inspect",
+            "load_model",
+            "localize",
+            "look",
+            "plan",
+            "simulate",
+            "simulate_runs",
+        ),
         *("step_response", "structure", "tune"),
     ),
     "sysid.plant.package": ("load_plant",),
@@ -67,6 +76,7 @@ if TYPE_CHECKING:
     from sysid.interface import inspect as inspect
     from sysid.interface import load_model as load_model
     from sysid.interface import localize as localize
+    from sysid.interface import look as look
     from sysid.interface import plan as plan
     from sysid.interface import simulate as simulate
     from sysid.interface import simulate_runs as simulate_runs

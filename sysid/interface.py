@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.diagnosis.diagnosis import Diagnosis
     from sysid.estimation.assessment.responses import FrequencyCurve, ResponseCurve
+    from sysid.estimation.look.summary import Look
     from sysid.estimation.selection.comparison import Ranking
     from sysid.robot.calibration.dynamic_motors import KnownMotors
     from sysid.robot.calibration.vehicle_fit import VehicleFit
@@ -78,6 +79,20 @@ def from_dataframe(frame: "DataFrame", **options: Any) -> Record:
 def inspect(records: Records) -> tuple[Finding, ...]:
     """Findings about a log before any fit, each with a severity, a sentence and an advice."""
     return tuple(inspect_records(_several(records)))
+
+
+def look(records: Records, kernel: str | None = None) -> "Look":
+    """What logs show before any model: responses with bands, delays, noise, distortions.
+
+    Args:
+        kernel: prior of the impulse response, TC, DC or SS; the likeliest when None.
+
+    Raises:
+        DataError: there are no inputs, or too few samples.
+    """
+    from sysid.estimation.look.summary import look as looked
+
+    return looked(_several(records), kernel)
 
 
 def structure(
