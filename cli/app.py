@@ -11,7 +11,20 @@ import typer
 
 from sysid.errors import SysidError
 
-from . import compare, demo, diagnose, excite, fit, inspect, models, plot, report, show, structures
+from . import (
+    compare,
+    demo,
+    diagnose,
+    excite,
+    fit,
+    inspect,
+    models,
+    plot,
+    report,
+    sensitivity,
+    show,
+    structures,
+)
 from .command_help import Command, Group
 from .cosim import node
 from .exporting import export, verify
@@ -31,7 +44,7 @@ app = typer.Typer(
     context_settings=_HELP,
 )
 _COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Data": (demo.demo, inspect.inspect, excite.excite),
+    "Data": (demo.demo, inspect.inspect, sensitivity.sensitivity, excite.excite),
     "Models": (
         fit.fit,
         compare.compare,
