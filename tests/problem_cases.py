@@ -14,6 +14,7 @@ from sysid.structures.grey_box.runs import GreyErrors
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.searchable import LinearSearch
+from sysid.structures.state_space.structure import RealizedStructure
 
 
 def problems_of(
@@ -29,6 +30,8 @@ def problems_of(
     match structure:
         case PolynomialStructure():
             return LinearSearch(structure).problems(records, focus, initial, stable)
+        case RealizedStructure():
+            return structure.problems(records, focus, initial, stable)
         case Augmented():
             return (ChainRuns(structure, data),)
         case RecursiveStructure():

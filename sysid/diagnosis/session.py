@@ -1,7 +1,7 @@
 """One diagnosis session: whether errors need an explanation, and which effects explain them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,6 +42,7 @@ class DiagnosisSession:
     scales: Array
     seed: int
     jitter: tuple[Jitter, ...] = ()
+    _shapes: dict[CandidateModel, tuple[FittedShape, ...]] = field(default_factory=dict, repr=False)
 
     @property
     def floor(self) -> Array:
@@ -209,7 +210,10 @@ class DiagnosisSession:
 
     def shapes(self, candidate: CandidateModel) -> tuple[FittedShape, ...]:
         """Every shape without physics around a candidate model, most evidence first."""
-        return shapes_around(self.base.search, candidate, self.floor, self.moves)
+        if candidate not in self._shapes:
+            found = shapes_around(self.base.search, candidate, self.floor, self.moves)
+            self._shapes[candidate] = found
+        return self._shapes[candidate]
 
     @cached_property
     def linear_rival(self) -> LinearRival:

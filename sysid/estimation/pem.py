@@ -23,7 +23,7 @@ from sysid.methods.method import Fitter
 from sysid.methods.outcome import FitOutcome
 from sysid.methods.table import method_of
 from sysid.structures.base import Structure
-from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.base import LinearStructure
 from sysid.structures.model import Model, Provenance, Source
 from sysid.structures.motion import initial_state_window
 from sysid.version import __version__
@@ -63,8 +63,8 @@ def fit(
     offsets = offsets_of(structure, facts, detrend)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
-    # an offset is the coefficient of a constant input, which only polynomials have
-    if any(offsets.estimated) and isinstance(structure, PolynomialStructure):
+    # an offset is the coefficient of a constant input, which linear structures have
+    if any(offsets.estimated) and isinstance(structure, LinearStructure):
         fitted = fit_with_offset(
             structure, facts, offsets, options, parameters, initial_guesses, solver
         )

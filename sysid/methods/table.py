@@ -10,6 +10,7 @@ from sysid.structures.base import Structure
 METHODS: Mapping[str, str] = {
     "base:Structure": "sysid.methods.search:METHOD",
     "linear.polynomial:PolynomialStructure": "sysid.methods.linear:METHOD",
+    "state_space.structure:RealizedStructure": "sysid.methods.realized:METHOD",
     "narx.structure:NarxWavelet": "sysid.methods.narx:METHOD",
     "narmax.structure:NARMAX": "sysid.methods.narmax:METHOD",
     "blocks.structure:BlockStructure": "sysid.methods.blocks:METHOD",

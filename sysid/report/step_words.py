@@ -97,10 +97,17 @@ def _cells(r: StepResponse, with_unit: bool, plain: bool) -> tuple[str, str, str
         shown = [f"{with_interval(t)}{'' if t.clear else UNSURE}" for t in r.time_constants]
         times = f"{', '.join(shown)}{second}" if shown else ""
     if math.isfinite(r.dead_time) and r.dead_time > 0.0:
-        times = f"{times}; dead time {r.dead_time:.3g}{second}".lstrip("; ")
+        times = f"{times}; dead time {_dead(r)}{second}".lstrip("; ")
     known = math.isfinite(r.settling.value) and gain.clear
     settling = f"{r.settling.value:.3g} s" if known else "–"
     return head, f"integrates: {word}" if r.integrates else word, times, settling
+
+
+def _dead(r: StepResponse) -> str:
+    """The dead time, with its interval where it is estimated."""
+    if not r.dead_error:
+        return f"{r.dead_time:.3g}"
+    return with_interval(Estimate(r.dead_time, r.dead_error))
 
 
 def mode_sentences(modes: Sequence[OwnMode]) -> tuple[str, ...]:
@@ -128,7 +135,7 @@ def sentence(r: StepResponse) -> str:
     parts = [_gain(r)]
     parts += _times(r)
     if math.isfinite(r.dead_time) and r.dead_time > 0.0:
-        parts.append(f"dead time {r.dead_time:.3g} s")
+        parts.append(f"dead time {_dead(r)} s")
     if math.isfinite(r.settling.value) and r.gain.clear:
         parts.append(f"settles in {r.settling.value:.3g} s")
     return f"{head}: {'; '.join(parts)}."

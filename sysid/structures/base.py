@@ -128,6 +128,11 @@ class NamedStructure(Structure):
         return ()
 
     @classmethod
+    def orders_said(cls, options: Mapping[str, str]) -> Mapping[str, Any] | None:
+        """Orders that options say already; None where none does."""
+        return None
+
+    @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
         """What a file says of it, {orders, settings, nu, ny}: undo ``order_values, settings``."""
         return cls.from_orders(raw["orders"], int(raw["nu"]), int(raw["ny"]))

@@ -22,9 +22,9 @@ from sysid.fitting.problem import Parameter
 from sysid.fitting.searchable import StartReport
 from sysid.structures import model_text
 from sysid.structures.base import Structure
-from sysid.structures.linear.polynomial import PolynomialStructure
-from sysid.structures.linear.transfer import TransferMatrix
-from sysid.structures.motion import initial_state_window
+from sysid.structures.linear.base import LinearStructure
+from sysid.structures.linear.transfer import TransferMatrix, control_model
+from sysid.structures.motion import initial_state_window, poles
 from sysid.structures.plant import Plant
 from sysid.structures.registry import require_readable, structure_from_json, structure_to_json
 
@@ -347,7 +347,8 @@ class Model:
         Raises:
             ModelError: the model is not linear.
         """
-        return self._transfer("poles").poles()
+        every = poles(self._linear("poles"), self.theta)
+        return np.asarray(every[every != 0.0])
 
     def bode(self, frequencies: Array | None = None) -> tuple[Array, NDArray[np.complex128]]:
         """Frequency response G(e^{jω dt}) from inputs to outputs.
@@ -373,31 +374,36 @@ class Model:
         """
         from scipy.signal import StateSpace
 
-        return StateSpace(*self._transfer("state space").matrices, dt=self.dt)
+        return StateSpace(*self._linear("state space").matrices(self.theta), dt=self.dt)
 
-    def to_control(self) -> Any:
+    def to_control(self, continuous: bool = False) -> Any:
         """``control.StateSpace`` of the deterministic part, about the operating point.
 
+        Args:
+            continuous: in continuous time: what a held input makes these samples of; a dead time
+                that the structure names is then a Padé approximation.
+
         Raises:
-            ModelError: the model is not linear, or python-control is not installed.
+            ModelError: the model is not linear, has no continuous counterpart, or python-control is
+                not installed.
         """
-        matrices = self._transfer("state space").matrices
-        try:
-            from control import StateSpace
-        except ImportError:
-            raise ModelError(
-                "python-control is not installed; install sysid-workbench[control]"
-            ) from None
-        names = ([c.name for c in self.inputs], [c.name for c in self.outputs])
-        return StateSpace(*matrices, self.dt, inputs=names[0], outputs=names[1])
+        structure = self._linear("state space")
+        matrices = structure.matrices(self.theta)
+        if continuous:
+            matrices = structure.in_continuous_time(self.theta, self.dt)
+        names = ([c.name for c in channels] for channels in (self.inputs, self.outputs))
+        return control_model(matrices, 0.0 if continuous else self.dt, *names)
 
     def _transfer(self, what: str) -> TransferMatrix:
-        if not isinstance(self.structure, PolynomialStructure):
+        return self._linear(what).transfer(self.theta)
+
+    def _linear(self, what: str) -> LinearStructure:
+        if not isinstance(self.structure, LinearStructure):
             raise ModelError(
                 f"{self.structure.name} is not linear and has no {what}; simulate it, or fit a "
                 "linear structure such as oe"
             )
-        return self.structure.transfer(self.theta)
+        return self.structure
 
     def to_json(self) -> dict[str, Any]:
         """Everything about the model as JSON-able values; non-finite numbers as null.

@@ -35,6 +35,12 @@ def time_constants(structure: Structure, theta: Array) -> Array:
     return constants
 
 
+@singledispatch
+def dead_time_entry(structure: Structure, i: int, j: int) -> int | None:
+    """Entry of θ that is the dead time from input j to output i [s]; None where there is none."""
+    return None
+
+
 def initial_state_window(structure: Structure, theta: Array, skip: int = 0) -> int:
     """Samples at the head of a record from which its unknown initial state is fitted.
 

@@ -4,7 +4,7 @@ A structure is tested by being registered: ``test_laws`` walks the registry and 
 case of each name. To add one, add a function to ``CASES``.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
@@ -16,6 +16,7 @@ from sysid.estimation.pem import fit
 from sysid.fitting.options import FitOptions
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.base import Structure
+from sysid.structures.continuous.structure import ContinuousStructure
 from sysid.structures.grey_box.dc_motor.structure import DCMotor
 from sysid.structures.grey_box.file.physics import FilePhysics
 from sysid.structures.grey_box.file.structure import FromFile
@@ -226,6 +227,16 @@ outputs: {y: {equation: w}}
 """
 
 
+def _in_seconds(name: str, orders: Mapping[str, int], truth: Sequence[float]) -> Case:
+    """A first-order lag with dead time, of which the second number decides how slow it is."""
+    plain = structure_class(name).from_orders(orders, 1, 1)
+    assert isinstance(plain, ContinuousStructure)
+    theta = np.array(truth)
+    pole = {"process": (5.0, -0.3), "tf": (0.2, -3.0)}[name]
+    slow, runaway = (np.array([truth[0], p, truth[2]]) for p in pole)
+    return Case(replace(plain, dt=DT), theta, plain, slow, runaway)
+
+
 def _ode() -> Case:
     plain = FromFile(FilePhysics(1, 1, MOTOR_FILE), Sampling(substeps=1))
     truth = replace(plain, sampling=Sampling(DT, 1, ((-1.0, 1.0),)))
@@ -266,6 +277,13 @@ CASES: Mapping[str, Callable[[], Case]] = {
         [0.5, 0.4, -0.6, -0.97],
         [0.5, 0.4, -0.6, -1.1],
     ),
+    "ss": lambda: _polynomial(
+        "ss",
+        {"n": 2},
+        [-0.42, 1.3, 0.5, 0.3, 0.5, 0.3],
+        [-0.485, 1.47, 0.5, 0.3, 0.5, 0.3],
+        [-0.55, 1.6, 0.5, 0.3, 0.5, 0.3],
+    ),
     "ar": lambda: _polynomial("ar", {"na": 2}, [-1.2, 0.5], None, [-1.2, 1.1]),
     "arma": lambda: _polynomial("arma", {"na": 1, "nc": 1}, [-0.7, 0.4], None, [-1.1, 0.4]),
     "ma": lambda: _polynomial("ma", {"nc": 1}, [0.5], None, None),
@@ -275,6 +293,8 @@ CASES: Mapping[str, Callable[[], Case]] = {
     "wiener-hammerstein": _wiener_hammerstein,
     "dc-motor": _dc_motor,
     "tanks": _tanks,
+    "process": lambda: _in_seconds("process", {"np": 1}, [2.0, 0.3, 0.05]),
+    "tf": lambda: _in_seconds("tf", {"np": 1}, [7.0, 3.0, 0.05]),
     "ode": _ode,
     "augmented": _augmented,
 }

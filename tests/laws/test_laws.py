@@ -15,6 +15,7 @@ from sysid.data.record import Array
 from sysid.fitting.problem import Focus, Problem
 from sysid.runners.compiled import jax_module
 from sysid.structures import special_runs
+from sysid.structures.continuous.structure import ContinuousStructure
 from sysid.structures.model import Model
 from sysid.structures.motion import LONGEST_HEAD, initial_state_window, time_constants
 from sysid.structures.registry import (
@@ -187,6 +188,8 @@ def test_the_step_is_the_simulation(name: str) -> None:
 def test_many_parameters_run_compiled_as_one_after_the_other(name: str) -> None:
     """The step of traced parameters, three of them side by side, is the step of each."""
     case, jax = case_of(name), jax_module()
+    if isinstance(case.structure, ContinuousStructure):
+        pytest.skip("how many states wait in a dead time follows from θ: its runs are not compiled")
     s = case.structure
     u, start = case.inputs(25, 4), rest(s, case.theta)
     thetas = case.theta * (1.0 + 1e-3 * np.arange(3)[:, None])

@@ -41,8 +41,8 @@ FITTED = 4
 LOWER = 0.5
 """A value held that raises the likelihood by more than this was the better estimate all along."""
 
-REPEATS = 2
-"""So many times at most the estimate moves to a better one."""
+REPEATS = 4
+"""So many times at most the estimate moves to a better one; the walk around it begins anew."""
 
 UNCERTAIN = 4.0
 """A parameter that slopes put fewer standard errors away from doing nothing is asked the
@@ -70,7 +70,7 @@ def intervals_of(
     """
     intervals: dict[int, Interval] = {}
     sampled: dict[int, Interval] = {}
-    for _ in range(REPEATS + 1):
+    for left in reversed(range(REPEATS + 1)):
         parameters = _profiled(base, candidate, uncertain)
         if not parameters:
             return candidate, {}
@@ -79,8 +79,8 @@ def intervals_of(
         if ragged and not sampled:  # once: walkers go far, wherever they begin
             sampled, best = sample_ensemble(base, candidate, ragged, walk.joined)
             walk.remember(best)
-        intervals = sampled | walk.intervals()
-        better = walk.better()
+        found, better = walk.out(to_the_end=not left)
+        intervals = sampled | found
         if better is None:
             break
         candidate = better
@@ -166,10 +166,15 @@ class _Walk:
         p = self.model.parameters[k]
         return THRESHOLD if p.of.jumps or p.of.stepwise else LEVEL
 
-    def intervals(self) -> dict[int, Interval]:
-        """Every parameter's interval."""
+    def out(self, to_the_end: bool) -> tuple[dict[int, Interval], CandidateModel | None]:
+        """Every parameter's interval, and a better estimate where one was met.
+
+        Args:
+            to_the_end: whether the walk goes on where a better estimate is met; else it ends there.
+        """
         rows = [self.candidate.q.copy() for _ in self.batch]
         ends = [{k: self._beginning(k, side) for k in group} for group, side in self.batch]
+        better = None
         for _ in range(TRIALS):
             open_ends = [
                 {k: end for k, end in item_ends.items() if end.distance is not None}
@@ -179,13 +184,16 @@ class _Walk:
                 break
             for i, known in self._tried(open_ends, rows).items():
                 ends[i] |= known
+            if not to_the_end and (better := self.better()) is not None:
+                break
+        better = better or self.better()
         unseen = {k: Interval(None, None, visited=False) for k in self.unseen}
         both: dict[int, dict[float, float | None]] = {k: {} for k in self.moves}
         for (_, side), item_ends in zip(self.batch, ends, strict=True):
             for k, end in item_ends.items():
                 known = np.isfinite(end.outside)
                 both[k][side] = float(self.candidate.q[k]) + side * end.outside if known else None
-        return unseen | {k: self._closed(k, v[-1.0], v[1.0]) for k, v in both.items()}
+        return unseen | {k: self._closed(k, v[-1.0], v[1.0]) for k, v in both.items()}, better
 
     def _beginning(self, k: int, side: float) -> End:
         s, value = self.model.parameters[k], float(self.candidate.q[k])

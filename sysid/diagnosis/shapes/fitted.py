@@ -16,6 +16,9 @@ from sysid.fitting.holdout import Errors
 ROUNDS = 4
 """Fits of a shape, each with the speed that the last one simulates; the best counts."""
 
+SETTLED = 1e-3
+"""Change of the squared error by which a further round is not worth its time."""
+
 LEAST_FITTED, LEAST_JUDGED = 30, 10
 
 BOTH = np.ones(1, dtype=bool)
@@ -127,11 +130,9 @@ def _on_track(
 def _fitted(shape: Shape, track: Track, rows: Mask) -> tuple[Terms, int, Fit] | None:
     """The terms, which of the scanned values is best, and the fit; None where nothing fits."""
     terms = shape.terms(track)
-    if terms is None:
+    if terms is None or not np.isfinite(terms.columns).all():
         return None
     at = 0
-    if not np.isfinite(terms.columns).all():
-        return None
     if len(terms.columns) > 1:
         at, _ = best_of_scan(track.error, _own(track, terms), terms.columns, rows)
     seen, best = track, None
@@ -143,8 +144,11 @@ def _fitted(shape: Shape, track: Track, rows: Mask) -> tuple[Terms, int, Fit] | 
         result = fit(track.error, own, terms.columns[at], terms.penalty, rows)
         if not np.isfinite(result.rss):
             break
-        if best is None or result.rss < best[2].rss:
+        before = np.inf if best is None else best[2].rss
+        if best is None or result.rss < before:
             best = terms, at, result
+        if result.rss < before < (1.0 + SETTLED) * result.rss:
+            break
         seen = replace(track, speed=track.run + result.moved)
         if shape.of_speed:
             terms = shape.terms(seen) or terms

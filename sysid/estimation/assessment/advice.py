@@ -12,7 +12,7 @@ from sysid.estimation.assessment.figures import Figures
 from sysid.estimation.soundness import INTEGRATING, largest_radius, motion_doubts
 from sysid.structures import motion
 from sysid.structures.base import Structure
-from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.base import LinearStructure
 from sysid.structures.model import Model, unvisited
 
 GOOD_PREDICTION = 80.0
@@ -179,7 +179,7 @@ def _held_out(free_run: Figures, validation: Figures | None) -> list[str]:
 def _cancellation(model: Model) -> list[str]:
     s = model.structure
     # only a ratio of polynomials has factors that cancel
-    if not isinstance(s, PolynomialStructure) or (s.nu, s.ny) != (1, 1):
+    if not isinstance(s, LinearStructure) or (s.nu, s.ny) != (1, 1):
         return []
     zeros = s.transfer(model.theta).zeros(0, 0)
     poles = [complex(p) for p in motion.poles(s, model.theta)]

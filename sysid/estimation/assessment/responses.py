@@ -19,7 +19,7 @@ from sysid.estimation.assessment.step_response import (
     settled_length,
     step_levels,
 )
-from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.base import LinearStructure
 from sysid.structures.model import Model
 
 POINTS = 200
@@ -162,7 +162,7 @@ def frequency_curves(model: Model, frequencies: Array | None = None) -> tuple[Fr
     w = np.geomspace(1e-3, 0.999, 100) * nyquist if frequencies is None else np.array(frequencies)
     _, g = model.bode(w)
     structure = model.structure
-    assert isinstance(structure, PolynomialStructure)  # bode has refused others
+    assert isinstance(structure, LinearStructure)  # bode has refused others
     paths = [
         (i, j)
         for i in range(len(model.outputs))
@@ -205,7 +205,7 @@ def root_clouds(model: Model) -> tuple[RootCloud, ...]:
     Raises:
         ModelError: the model is not linear or has no inputs.
     """
-    if not isinstance(model.structure, PolynomialStructure) or not model.inputs:
+    if not isinstance(model.structure, LinearStructure) or not model.inputs:
         raise ModelError(f"{model.structure.name} has no poles and zeros of a path from an input")
     ny, nu = len(model.outputs), len(model.inputs)
     every = [(i, j) for i in range(ny) for j in range(nu)]

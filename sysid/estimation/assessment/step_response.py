@@ -12,8 +12,10 @@ from sysid.data.record import Array, Channel
 from sysid.data.unit_words import bracketed
 from sysid.estimation.assessment.delta_method import Estimate, Number, estimates
 from sysid.estimation.assessment.own_motion import Poles, mode_numbers, modes_of
+from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.model import Model
+from sysid.structures.motion import dead_time_entry
 
 SETTLED = 0.02
 """A step has settled when it stays within this share of its final change (the usual 2 %)."""
@@ -55,6 +57,7 @@ class StepResponse:
         time_constants: of the modes that a step shows, the slowest first [s].
         oscillation: natural frequency [rad/s] and damping of the slowest oscillating mode.
         dead_time: time before the output responds [s].
+        dead_error: its standard error, 0 where it is not estimated [s].
         rise: time from the first response to 63 % of the change [s].
         settling: time after which the output stays within 2 % of its final change [s].
         integrates: whether the output runs away at a constant rate.
@@ -74,6 +77,7 @@ class StepResponse:
     time_constants: tuple[Estimate, ...]
     oscillation: tuple[Estimate, Estimate] | None
     dead_time: Number
+    dead_error: Number
     rise: Estimate
     settling: Estimate
     integrates: bool
@@ -151,6 +155,7 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
         gain, rise, settling = next(rest), next(rest), next(rest)
         modes = modes_of(poles[i], rest)
         unit, file_unit = _gain_units(u, y, run.integrates)
+        dead = _dead_time(model, i, j, run)
         steps.append(
             StepResponse(
                 input=u.name,
@@ -166,7 +171,8 @@ def _steps_of(model: Model, j: int, share: float | None) -> list[StepResponse]:
                 oscillation=next(
                     ((m.frequency, m.damping) for m in modes if m.frequency and m.damping), None
                 ),
-                dead_time=_dead_time(model, i, j, run),
+                dead_time=dead[0],
+                dead_error=dead[1],
                 rise=rise,
                 settling=settling,
                 integrates=run.integrates,
@@ -286,8 +292,7 @@ def _reaches(model: Model, i: int, j: int) -> bool:
 def entry_of(model: Model, theta: Array, i: int, j: int) -> tuple[Array, Array] | None:
     """Numerator and denominator from input j to output i in powers of q⁻¹."""
     structure = model.structure
-    # only a matrix of polynomials has such an entry
-    if not isinstance(structure, PolynomialStructure):
+    if not isinstance(structure, LinearStructure):
         return None
     for g in structure.transfer(theta).groups:
         if g.output == i and j in g.inputs:
@@ -334,12 +339,19 @@ def _slowest(poles: Poles) -> float:
     return 1.0 / slow if slow > 0.0 else 0.0
 
 
-def _dead_time(model: Model, i: int, j: int, run: _Run) -> float:
-    """Time before the output responds [s]: delays whose coefficients are noise count as waiting."""
+def _dead_time(model: Model, i: int, j: int, run: _Run) -> tuple[float, float]:
+    """Time before the output responds and its standard error [s].
+
+    Delays whose coefficients are noise count as waiting.
+    """
     structure = model.structure
+    entry = dead_time_entry(structure, i, j)
+    if entry is not None:
+        error = float(np.sqrt(max(model.covariance[entry, entry], 0.0)))
+        return float(model.theta[entry]), error
     # coefficients that stand for single lags are those of B alone
     if not isinstance(structure, PolynomialStructure) or structure.orders.coupled:
-        return run.dead
+        return run.dead, 0.0
     first = structure.orders.nk[i][j]
     name = f"b{{}}[{model.outputs[i].name},{model.inputs[j].name}]"
     if structure.nu == structure.ny == 1:
@@ -348,8 +360,8 @@ def _dead_time(model: Model, i: int, j: int, run: _Run) -> float:
     for lag in range(first, first + structure.orders.nb[i][j]):
         p = table[name.format(lag)]
         if (p.fixed and p.value) or abs(p.value) > 2.0 * p.std_error:
-            return max(lag - 1, 0) * model.dt
-    return run.dead
+            return max(lag - 1, 0) * model.dt, 0.0
+    return run.dead, 0.0
 
 
 # Units

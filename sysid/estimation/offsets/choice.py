@@ -18,7 +18,7 @@ from sysid.estimation.soundness import bounded_run
 from sysid.fitting.holdout import hold_out, longest_of
 from sysid.methods.held_out_error import free_run_error
 from sysid.structures.linear import least_squares
-from sysid.structures.linear.constant_input import constant_places, with_constant, with_ones
+from sysid.structures.linear.constant_input import with_ones
 from sysid.structures.linear.families import ARX
 from sysid.structures.linear.least_squares import promising, solved_at_once
 
@@ -237,7 +237,7 @@ class _Evidence:
         n = int(np.clip(samples // (PER_COEFFICIENT * (ny + nu)), 1, LONGEST))
         na = [[n] * ny for _ in range(ny)] if n >= 2 else n
         plain = ARX.from_orders({"na": na, "nb": n, "nk": self._nk}, nu, ny)
-        wide = with_constant(plain, (True,) * ny)
+        wide = plain.with_constant((True,) * ny)
         records = [
             with_ones(offsets.detrend.remove(r))
             for r in self.records
@@ -246,7 +246,7 @@ class _Evidence:
         equations = sum(len(r) - wide.first_sample() for r in records)
         if equations <= 2 * wide.layout(0).n:
             return None
-        places, _ = constant_places(wide)
+        places, _ = wide.constant_places()
         along = np.zeros((sum(wide.layout(i).n for i in range(ny)), 2 * ny))
         along[places, range(ny)] = 1.0
         for i in range(ny):  # A(1) of each output's own
@@ -272,7 +272,7 @@ class _Evidence:
         grid = ARX.candidate_orders(first.nu, first.ny, data.samples, self._nk)
         structures = [ARX.from_orders(o, first.nu, first.ny) for o in grid]
         if any(offsets.estimated):
-            structures = [with_constant(s, offsets.estimated) for s in structures]
+            structures = [s.with_constant(offsets.estimated) for s in structures]
             data = data.of(with_ones)
         errors = [
             free_run_error(a.structure, a.theta, data.whole, data.counted)

@@ -16,15 +16,12 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Initial, Parameter
 from sysid.methods.method import Fitter
 from sysid.methods.outcome import FitOutcome
+from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.constant_input import (
-    constant_places,
     widened,
     widened_theta,
-    with_constant,
     with_ones,
-    without_constant,
 )
-from sysid.structures.linear.polynomial import PolynomialStructure
 
 BEYOND = 10.0
 """An offset so many ranges of the output away from the data is none: the output integrates."""
@@ -52,7 +49,7 @@ class FitWithOffset:
 
 
 def fit_with_offset(
-    structure: PolynomialStructure,
+    structure: LinearStructure,
     facts: LogFacts,
     offsets: Offsets,
     options: FitOptions,
@@ -72,7 +69,7 @@ def fit_with_offset(
     inputs.
     """
     records = facts.records
-    wide = with_constant(structure, offsets.estimated)
+    wide = structure.with_constant(offsets.estimated)
     known = offsets.at_rest and len(records) == 1 and not structure.traits.has_noise_model
     if known and options.initial is Initial.AUTO:
         # zero about the rest; estimated, they would be hard to distinguish from an offset. What a
@@ -86,14 +83,16 @@ def fit_with_offset(
         widened(wide, parameters, records[0].outputs),
         [(name, widened_theta(wide, theta)) for name, theta in initial_guesses],
     )
-    places, _ = constant_places(wide)
+    assert isinstance(outcome.structure, LinearStructure)
+    wide = outcome.structure
+    places, _ = wide.constant_places()
     if not np.all(np.isfinite(np.diag(outcome.covariance)[places])):
         return None
     return narrowed(wide, outcome, facts, offsets)
 
 
 def narrowed(
-    wide: PolynomialStructure, outcome: FitOutcome, facts: LogFacts, offsets: Offsets
+    wide: LinearStructure, outcome: FitOutcome, facts: LogFacts, offsets: Offsets
 ) -> FitWithOffset:
     """A fit with the constant as an offset of the structure without it.
 
@@ -101,7 +100,7 @@ def narrowed(
         wide: the structure with the constant as its last input.
         offsets: what was removed before.
     """
-    places, _ = constant_places(wide)
+    places, _ = wide.constant_places()
     before = offsets.detrend
     records, seen = facts.records, facts.outliers.records
     u, y = (np.concatenate([getattr(r, side) for r in seen]) for side in ("u", "y"))
@@ -128,13 +127,13 @@ def narrowed(
     )
 
 
-def without_offset(wide: PolynomialStructure, outcome: FitOutcome) -> FitOutcome:
+def without_offset(wide: LinearStructure, outcome: FitOutcome) -> FitOutcome:
     """What a fit says of the structure without its constant."""
-    kept = np.setdiff1d(np.arange(len(outcome.theta)), constant_places(wide)[0])
+    kept = np.setdiff1d(np.arange(len(outcome.theta)), wide.constant_places()[0])
     null = outcome.null[kept]
     return replace(
         outcome,
-        structure=without_constant(wide),
+        structure=wide.without_constant(),
         parameters=tuple(outcome.parameters[k] for k in kept),
         theta=outcome.theta[kept],
         covariance=outcome.covariance[np.ix_(kept, kept)],
@@ -143,7 +142,7 @@ def without_offset(wide: PolynomialStructure, outcome: FitOutcome) -> FitOutcome
 
 
 def _least_error(
-    wide: PolynomialStructure, outcome: FitOutcome, records: Sequence[Record], before: Detrend
+    wide: LinearStructure, outcome: FitOutcome, records: Sequence[Record], before: Detrend
 ) -> Array:
     """σ_e/√N of each output that has an offset: less no noise that is not differenced leaves.
 
@@ -160,7 +159,7 @@ def _least_error(
     e = np.concatenate(errors)
     e = e[np.all(np.isfinite(e), axis=1)]
     least = np.sqrt(np.mean(e**2, axis=0) / max(len(e), 1)) if len(e) else np.zeros(wide.ny)
-    return np.where(np.isin(np.arange(wide.ny), constant_places(wide)[1]), least, 0.0)
+    return np.where(np.isin(np.arange(wide.ny), wide.constant_places()[1]), least, 0.0)
 
 
 def _moved(before: Detrend, shift: tuple[Array, Array]) -> Detrend:
@@ -176,25 +175,14 @@ class _SteadyState:
         ranges: of the outputs in the data, (ny,).
     """
 
-    wide: PolynomialStructure
+    wide: LinearStructure
     outcome: FitOutcome
     ranges: Array
 
-    def _sums(self, theta: Array) -> tuple[Array, Array, Array]:
-        p = self.wide.polynomials(theta)
-        A = np.array([[float(x.sum()) for x in row] for row in p.A])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            B = np.array(
-                [
-                    [float(b.sum()) / float(f.sum()) for b, f in zip(bs, fs, strict=True)]
-                    for bs, fs in zip(p.B, p.F, strict=True)
-                ]
-            )
-        return A, B[:, :-1], B[:, -1]
-
     def _operating_point(self, theta: Array, du: Array, drifting: Index) -> Array:
         """Δu and Δy, one after the other."""
-        A, B, c = self._sums(theta)
+        A, whole = self.wide.steady(theta)
+        B, c = whole[:, :-1], whole[:, -1]
         if len(drifting):
             du = du - np.linalg.pinv(B[drifting]) @ (B[drifting] @ du + c[drifting])
         right = np.where(du == 0.0, 0.0, B * du).sum(axis=1) + c
@@ -231,7 +219,7 @@ class _SteadyState:
 Move = Callable[[Array], tuple[tuple[Array, Array], Array, Array]]
 
 
-def _balance(wide: PolynomialStructure, outcome: FitOutcome, ranges: Array) -> Move:
+def _balance(wide: LinearStructure, outcome: FitOutcome, ranges: Array) -> Move:
     """A function: inputs' wanted move → ((moves of u, moves of y), their standard errors).
 
     Outputs that integrate (their offset would lie far outside the data, or is as uncertain as that)

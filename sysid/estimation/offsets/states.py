@@ -13,13 +13,8 @@ from sysid.criteria.fit import Array
 from sysid.criteria.fixed_parameters import FixedParameter, fixed_parameter_tests
 from sysid.criteria.verdicts import ResidualTest
 from sysid.data.record import Index, Record
-from sysid.structures.linear.constant_input import (
-    constant_places,
-    widened_theta,
-    with_constant,
-    with_ones,
-)
-from sysid.structures.linear.polynomial import PolynomialStructure
+from sysid.structures.linear.base import LinearStructure
+from sysid.structures.linear.constant_input import widened_theta, with_ones
 from sysid.structures.model import Model
 
 
@@ -65,17 +60,17 @@ def offset_column(model: Model, record: Record, output: int, fitted: bool) -> Ar
         fitted: whether the model was fitted to these data.
     """
     s = model.structure
-    # an offset is the coefficient of a constant input, which only polynomials have
-    if not model.operating_point.estimated or not isinstance(s, PolynomialStructure):
+    # an offset is the coefficient of a constant input, which linear structures have
+    if not model.operating_point.estimated or not isinstance(s, LinearStructure):
         return np.zeros((len(record), 0))
-    wide = with_constant(s, tuple(k == output for k in range(s.ny)))
+    wide = s.with_constant(tuple(k == output for k in range(s.ny)))
     r, theta = with_ones(record), widened_theta(wide, model.theta)
     columns = wide.gradient_columns(theta, r.u, r.y, output)
-    place = int(constant_places(wide)[0][0])
+    place = int(wide.constant_places()[0][0])
     scale = 1.0
     if not fitted:
         error = model.operating_point.y_error[output] if model.operating_point.y_error else 0.0
-        scale = float(s.polynomials(model.theta).A[output][output].sum()) * error
+        scale = float(s.steady(model.theta)[0][output, output]) * error
     return np.asarray(columns[:, [place]] * (scale if np.isfinite(scale) else 1.0))
 
 

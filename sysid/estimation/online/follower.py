@@ -27,9 +27,7 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.searchable import StartReport
 from sysid.methods.outcome import FitOutcome
 from sysid.structures.linear.constant_input import (
-    constant_places,
     widened,
-    without_constant,
 )
 from sysid.structures.model import Model
 
@@ -217,7 +215,7 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
     """The recursive estimate as a model like any other."""
     estimate = live.recursion.estimate(whole=True)
     wide = live.recursion.structure
-    plain = without_constant(wide)
+    plain = wide.without_constant()
     parameters = plain.parameters(live.inputs, live.outputs)
     ny = len(live.outputs)
     if wide.orders.constant:
@@ -232,7 +230,7 @@ def _model(live: LiveFit, records: Sequence[Record], options: FitOptions) -> Mod
         starts=(StartReport("all", "recursive least squares", None, None, 1),),
     )
     if wide.orders.constant:
-        places, _ = constant_places(wide)
+        places, _ = wide.constant_places()
         if np.all(np.isfinite(np.diag(estimate.covariance)[places])):
             offsets = Offsets(Detrend.none(plain.nu, ny), Origin.ESTIMATED, (True,) * ny)
             fitted = narrowed(wide, outcome, LogFacts.of(records), offsets)

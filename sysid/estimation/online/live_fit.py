@@ -26,11 +26,6 @@ from sysid.estimation.online.live_state import (
     time_constant,
 )
 from sysid.estimation.online.order_choice import chosen_orders
-from sysid.structures.linear.constant_input import (
-    constant_places,
-    with_constant,
-    without_constant,
-)
 from sysid.structures.linear.families import ARX
 from sysid.structures.model import Model
 
@@ -153,7 +148,7 @@ class LiveFit:
     def _new(self, orders: Mapping[str, Any], looks: Sequence[int] = ()) -> RecursiveARX:
         structure = ARX.from_orders(orders, len(self.inputs), len(self.outputs))
         if self._level:
-            structure = with_constant(structure, (True,) * structure.ny)
+            structure = structure.with_constant((True,) * structure.ny)
         return RecursiveARX(
             structure,
             self._forgetting,
@@ -164,7 +159,7 @@ class LiveFit:
 
     def _model_of(self, estimate: RecursiveEstimate) -> Model:
         wide = self.recursion.structure
-        places = constant_places(wide)[0] if self._level else np.zeros(0, dtype=np.intp)
+        places = wide.constant_places()[0] if self._level else np.zeros(0, dtype=np.intp)
         kept = np.setdiff1d(np.arange(len(estimate.theta)), places)
         covariance = estimate.covariance[np.ix_(kept, kept)]
         return self._model(
@@ -172,7 +167,7 @@ class LiveFit:
         )
 
     def _model(self, theta: Array, covariance: Array, null: Array, noise: Array) -> Model:
-        structure = without_constant(self.recursion.structure)
+        structure = self.recursion.structure.without_constant()
         parameters = structure.parameters(self.inputs, self.outputs)
         names = [p.name for p in parameters]
         return Model(
@@ -234,7 +229,7 @@ class LiveFit:
         """Orders by the rows since the last change; where others are better, all begins again."""
         recursion = self.recursion
         chosen = chosen_orders(recursion.pieces(ORDER_ROWS), self.inputs, self.outputs, self.dt)
-        plain = without_constant(recursion.structure)
+        plain = recursion.structure.without_constant()
         if ARX.from_orders(chosen, len(self.inputs), len(self.outputs)) == plain:
             return
         pieces = recursion.pieces()
@@ -288,7 +283,7 @@ class LiveFit:
         """The model with the equation of output i as it is beyond the dead zone."""
         lay = self.recursion.structure.layout(i)
         sign = lay.signs
-        plain = without_constant(self.recursion.structure)
+        plain = self.recursion.structure.without_constant()
         index = plain.row_index(i)
         kept = slice(0, len(index))  # the constant is the last of its equation
         theta, covariance = (

@@ -19,10 +19,10 @@ from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.methods.held_out_error import free_run_error
 from sysid.structures.base import Structure
-from sysid.structures.linear.constant_input import with_constant, with_ones, without_constant
+from sysid.structures.linear.base import LinearStructure
+from sysid.structures.linear.constant_input import with_ones
 from sysid.structures.linear.families import ARX
 from sysid.structures.linear.least_squares import promising, solved_at_once
-from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.orders import orders_text
 from sysid.structures.registry import structure_class
 
@@ -109,9 +109,9 @@ def search_orders(
     cls = structure_class(name)
     nu, ny = data.whole[0].nu, data.whole[0].ny
     structures = [cls.from_orders(dict(o), nu, ny, options.structure_options) for o in grid]
-    if any(estimated) and issubclass(cls, PolynomialStructure):
+    if any(estimated) and issubclass(cls, LinearStructure):
         structures = [
-            with_constant(s, estimated) for s in structures if isinstance(s, PolynomialStructure)
+            s.with_constant(estimated) for s in structures if isinstance(s, LinearStructure)
         ]
         data = data.of(with_ones)
     if (
@@ -238,4 +238,4 @@ def _arx_at_once(structures: Sequence[Structure], data: HoldOut, criterion: str)
 
 def _orders(s: Structure) -> dict[str, Any]:
     """Orders as the user knows them: without the constant."""
-    return (without_constant(s) if isinstance(s, PolynomialStructure) else s).order_values()
+    return (s.without_constant() if isinstance(s, LinearStructure) else s).order_values()

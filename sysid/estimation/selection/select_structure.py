@@ -141,7 +141,9 @@ def select_structure(
     cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
     tasks, seen = [], {}
     for name in names:
-        chosen = list(given[name]) if name in given else _grid(name, nu, ny, cut.samples, nk)
+        chosen = (
+            list(given[name]) if name in given else _grid(name, nu, ny, cut.samples, nk, options)
+        )
         try:
             made = [_structure(name, orders, records, options) for orders in chosen]
         except UsageError as error:
@@ -263,9 +265,11 @@ def _fitted(
 
 
 def _grid(
-    name: str, nu: int, ny: int, samples: int, nk: int | list[list[int]]
+    name: str, nu: int, ny: int, samples: int, nk: int | list[list[int]], options: FitOptions
 ) -> list[dict[str, Any]]:
-    grid = [dict(o) for o in structure_class(name).candidate_orders(nu, ny, samples, nk)]
+    cls = structure_class(name)
+    said = cls.orders_said(options.structure_options or {})
+    grid = [dict(o) for o in ((said,) if said else cls.candidate_orders(nu, ny, samples, nk))]
     if not grid:
         raise DataError(f"{samples} samples are too few for {name}; record more or give orders")
     return grid

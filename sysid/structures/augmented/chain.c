@@ -32,17 +32,24 @@ typedef struct {
     long rows;
 } Data;
 
-static void through(int place, const Effect *const *acting, int n, Context *c, const double *torque,
-                    const double *p, const double *k, double *s, double *signal) {
+/* The effects of one place, in the order in which they act. */
+typedef struct {
+    const Effect *acting[EFFECTS + 1];
+    int n;
+} Acting;
+
+static inline void through(const Acting *at, Context *c, const double *torque,
+                           const double *p, const double *k, double *s, double *signal) {
+    if (!at->n) return;
     for (int i = 0; i < TRACKS; i++) {
         c->torque[i] = torque[i];
         c->other[i] = TRACKS > 1 ? torque[TRACKS - 1 - i] : 0.0;
         c->driven[i] = signal[i];
     }
-    for (int j = 0; j < n; j++) {
-        if (acting[j]->place != place) continue;
-        acting[j]->step(c, p + acting[j]->row * TRACKS, k + acting[j]->constant, s + acting[j]->state, signal);
-        if (place == TORQUE && acting[j]->drives)
+    for (int j = 0; j < at->n; j++) {
+        const Effect *e = at->acting[j];
+        e->step(c, p + e->row * TRACKS, k + e->constant, s + e->state, signal);
+        if (e->drives)
             for (int i = 0; i < TRACKS; i++) c->driven[i] = signal[i];
     }
 }
@@ -52,6 +59,7 @@ static void run(const double *p, const unsigned char *acts, const Data *d, doubl
     double b[ORDER][TRACKS], kept[TRACKS], k[CONSTANTS + 1], s[STATES + 1], x[ORDER][TRACKS], turned[TRACKS];
     const double *gain = p, *f = p + TRACKS;
     const Effect *acting[EFFECTS + 1];
+    Acting at[4] = {{{0}, 0}, {{0}, 0}, {{0}, 0}, {{0}, 0}};
     int n = 0;
     Context c;
     for (int i = 0; i < TRACKS; i++) {
@@ -69,6 +77,7 @@ static void run(const double *p, const unsigned char *acts, const Data *d, doubl
         double holds[TRACKS];
         if (!acts[e]) continue;
         acting[n++] = EFFECT + e;
+        at[EFFECT[e].place].acting[at[EFFECT[e].place].n++] = EFFECT + e;
         if (EFFECT[e].constants) EFFECT[e].constants(p + EFFECT[e].row * TRACKS, kept, k + EFFECT[e].constant);
         if (!EFFECT[e].holds) continue;
         EFFECT[e].holds(p + EFFECT[e].row * TRACKS, holds);
@@ -104,17 +113,17 @@ static void run(const double *p, const unsigned char *acts, const Data *d, doubl
             c.counted[i] = counted[i];
             torque[i] = gain[i] * drive[i];
         }
-        through(READING, acting, n, &c, torque, p, k, s, read);
+        through(&at[READING], &c, torque, p, k, s, read);
         for (int i = 0; i < TRACKS; i++) out[m * TRACKS + i] = read[i];
-        through(COMMAND, acting, n, &c, torque, p, k, s, now);
+        through(&at[COMMAND], &c, torque, p, k, s, now);
         for (int i = 0; i < TRACKS; i++) torque[i] = wanted[i] = gain[i] * now[i];
-        through(TORQUE, acting, n, &c, wanted, p, k, s, torque);
+        through(&at[TORQUE], &c, wanted, p, k, s, torque);
         for (int i = 0; i < TRACKS; i++) {
             first[i] = (ORDER > 1 ? x[1 % ORDER][i] : 0.0) - f[i] * w[i] + b[0][i] * torque[i];
             for (int r = 1; r < ORDER; r++)
                 x[r][i] = (r + 1 < ORDER ? x[(r + 1) % ORDER][i] : 0.0) - f[r * TRACKS + i] * w[i] + b[r][i] * torque[i];
         }
-        through(SPEED, acting, n, &c, wanted, p, k, s, first);
+        through(&at[SPEED], &c, wanted, p, k, s, first);
         for (int i = 0; i < TRACKS; i++) {
             turned[i] += 0.5 * DT * (w[i] + first[i]);
             x[0][i] = first[i];

@@ -143,7 +143,8 @@ def source(effects: Sequence[Effect], order: int, tracks: int, dt: float) -> str
         written = _Written(e, k, tracks, dt)
         functions.append(written.text)
         entries = (
-            e.place.name, int(e.part is TorquePart.DRIVE), row, len(e.parameters), constant, state,
+            e.place.name, int(e.place is Place.TORQUE and e.part is TorquePart.DRIVE),
+            row, len(e.parameters), constant, state,
             e.memory.states * tracks,
             *written.functions,
         )  # fmt: skip

@@ -19,7 +19,7 @@ from sysid.structures.blocks.layers import LinearLayer, StaticLayer
 from sysid.structures.blocks.static.functions import IDENTITY, Static
 from sysid.structures.blocks.static.kinds import Stage, spline_knots
 from sysid.structures.blocks.static.options import RequestedStatics
-from sysid.structures.linear.polynomial import _pole, _text
+from sysid.structures.linear.polynomial import _text, pole_words
 from sysid.structures.motion import poles
 from sysid.structures.orders import Orders, orders_text
 from sysid.structures.special_runs import stable_each
@@ -265,7 +265,7 @@ class BlockStructure(NamedStructure):
                         "block": name or "linear",
                         "output": i,
                         "input": j,
-                        "poles": [_pole(complex(z), dt) for z in np.roots(F)],
+                        "poles": [pole_words(complex(z), dt) for z in np.roots(F)],
                         "zeros": [
                             {"re": float(z.real), "im": float(z.imag)}
                             for z in np.roots(np.trim_zeros(B))
@@ -274,7 +274,7 @@ class BlockStructure(NamedStructure):
                     }
                     for i, j, _, _, B, F in layer.entries(p)
                 ]
-        z_plane = [_pole(complex(z), dt) for z in poles(self, theta)]
+        z_plane = [pole_words(complex(z), dt) for z in poles(self, theta)]
         return {"stable": self.stable(theta), "poles": z_plane, "blocks": blocks}
 
 

@@ -1,7 +1,7 @@
 """The shared algebra of ARX, ARMAX, OE and BJ: A y = (B/F) u + (C/D) e (Ljung 1999, eq. 4.33)."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, ClassVar, Self
 
@@ -13,8 +13,9 @@ from sysid.data.record import Array, Channel, Index
 from sysid.data.unit_words import ratio
 from sysid.fitting.normal_equations import residual_row
 from sysid.fitting.problem import Parameter
-from sysid.structures.base import NamedStructure, refuse_options
+from sysid.structures.base import refuse_options
 from sysid.structures.linear import many_thetas
+from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.polynomials import Polynomials, adjugate, determinant
 from sysid.structures.linear.predictor import RowErrors, RowLayout
 from sysid.structures.linear.transfer import TransferMatrix
@@ -29,7 +30,7 @@ linear_traits = partial(
 
 
 @dataclass(frozen=True)
-class PolynomialStructure(NamedStructure):
+class PolynomialStructure(LinearStructure):
     """Base of the four polynomial structures; each only says which polynomials it has.
 
     θ stacks, output after output, the coefficients of A, B, C, D, F in that order, each in
@@ -101,6 +102,46 @@ class PolynomialStructure(NamedStructure):
     def transfer(self, theta: Array) -> TransferMatrix:
         """G(q) = A⁻¹ [B/F] as a transfer matrix."""
         return _transfer_of(self, np.asarray(theta, dtype=np.float64).tobytes())
+
+    def with_constant(self, outputs: Sequence[bool]) -> Self:
+        """The coefficients of the constant are b of a further input without delay."""
+        o = self.orders
+        rows = [int(wanted) for wanted in outputs]
+        orders = replace(
+            o,
+            nb=tuple((*row, n) for row, n in zip(o.nb, rows, strict=True)),
+            nf=tuple((*row, 0) for row in o.nf),
+            nk=tuple((*row, 0) for row in o.nk),
+            constant=True,
+        )
+        return replace(self, orders=orders)
+
+    def without_constant(self) -> Self:
+        o = self.orders
+        if not o.constant:
+            return self
+        nb, nf, nk = (tuple(row[:-1] for row in rows) for rows in (o.nb, o.nf, o.nk))
+        return replace(self, orders=replace(o, nb=nb, nf=nf, nk=nk, constant=False))
+
+    def constant_places(self) -> tuple[Index, Index]:
+        places, outputs = [], []
+        for i in range(self.ny):
+            _, b, *_ = self.layout(i).slices()
+            if b[-1].stop > b[-1].start:
+                places.append(int(self.row_index(i)[b[-1].start]))
+                outputs.append(i)
+        return np.array(places, dtype=np.intp), np.array(outputs, dtype=np.intp)
+
+    def steady(self, theta: Array) -> tuple[Array, Array]:
+        """A(1) and the entries B(1)/F(1)."""
+        p = self.polynomials(theta)
+        A = np.array([[float(x.sum()) for x in row] for row in p.A])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rows = [
+                [float(b.sum()) / float(f.sum()) for b, f in zip(bs, fs, strict=True)]
+                for bs, fs in zip(p.B, p.F, strict=True)
+            ]
+        return A, np.array(rows)
 
     def deterministic_index(self) -> Index:
         """Entries of θ that belong to A, B and F."""
@@ -242,7 +283,7 @@ class PolynomialStructure(NamedStructure):
         gain = g.static_gain()
         return {
             "stable": self.stable(theta),
-            "poles": [_pole(complex(z), dt) for z in poles(self, theta)],
+            "poles": [pole_words(complex(z), dt) for z in poles(self, theta)],
             "zeros": [
                 {"output": i, "input": j, "re": float(z.real), "im": float(z.imag)}
                 for i in range(self.ny)
@@ -253,7 +294,7 @@ class PolynomialStructure(NamedStructure):
         }
 
 
-def _pole(z: complex, dt: float) -> dict[str, float]:
+def pole_words(z: complex, dt: float) -> dict[str, float]:
     """A pole with what it means in seconds: time constant, natural frequency, damping."""
     pole = {"re": z.real, "im": z.imag, "abs": abs(z)}
     if abs(z) > 0:

@@ -12,7 +12,6 @@ from sysid.fitting.problem import HUGE, Data, Focus, Initial, Problem
 from sysid.fitting.run_errors import RunErrors
 from sysid.fitting.searchable import InitialGuesses, Searchable
 from sysid.fitting.uncertainty import PART
-from sysid.structures.linear.constant_input import constant_places
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.polynomials import Polynomials, adjugate, determinant
 from sysid.structures.linear.predictor import (
@@ -223,7 +222,7 @@ class LinearSearch(Searchable):
 
     def offset_entries(self) -> Index:
         s = self.structure
-        return constant_places(s)[0] if s.orders.constant else super().offset_entries()
+        return s.constant_places()[0] if s.orders.constant else super().offset_entries()
 
     def open_directions(self, records: Sequence[Record]) -> Array:
         """What inputs in fixed proportion to each other leave open, (n, k)."""

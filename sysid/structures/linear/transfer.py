@@ -1,13 +1,16 @@
 """Transfer matrices in q⁻¹: the deterministic part of every linear model."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array
+from sysid.errors import ModelError
 from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.structures.linear.polynomials import Matrix
 
@@ -170,6 +173,26 @@ class TransferMatrix:
                 top = float(num.sum())
                 gain[g.output, j] += top / bottom if bottom else np.copysign(np.inf, top)
         return gain
+
+
+def control_model(
+    matrices: tuple[Array, Array, Array, Array],
+    dt: float,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+) -> Any:
+    """``control.StateSpace`` of these matrices; dt is 0 in continuous time.
+
+    Raises:
+        ModelError: python-control is not installed.
+    """
+    try:
+        from control import StateSpace
+    except ImportError:
+        raise ModelError(
+            "python-control is not installed; install sysid-workbench[control]"
+        ) from None
+    return StateSpace(*matrices, dt, inputs=list(inputs), outputs=list(outputs))
 
 
 def _respond(g: Group, u: Array, state: Array | None) -> Array:

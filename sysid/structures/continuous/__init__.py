@@ -1,0 +1,1 @@
+"""Continuous time: process models and transfer functions in s, with dead time."""

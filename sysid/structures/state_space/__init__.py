@@ -1,0 +1,1 @@
+"""State space: matrices and their runs, subspace starts, and the structure ``ss``."""

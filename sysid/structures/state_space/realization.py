@@ -1,0 +1,191 @@
+"""State-space matrices and their runs over long records, real or complex.
+
+    x(t+1) = A x(t) + B u(t),  y(t) = C x(t) + D u(t)
+
+A run goes block by block: within one of L samples y is a product of a Toeplitz matrix of Markov
+parameters with the inputs, so that only every L-th state is stepped. Complex matrices are run like
+real ones: with A(θ + iε e_k) the imaginary part over ε is the derivative, exact to rounding
+(Squire & Trapp 1998, SIAM Rev. 40, 110).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.structures.linear.transfer import TransferMatrix
+
+BLOCK, SHORT = 32, 8
+"""Samples of a block of one run, and of many side by side."""
+
+SMALL = 1e-30
+"""Step of the complex derivatives."""
+
+NOTHING = 1e-12
+"""Leading coefficients of a numerator below this share of its largest are rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Realization:
+    """Matrices of a model, some of whose inputs act later.
+
+    Attributes:
+        A, B, C, D: (n, n), (n, m), (ny, n), (ny, m).
+        K: Kalman gain, (n, ny); None where errors are those of the free run.
+        source: which input each column of B and D belongs to, (m,).
+        lag: by how many samples it acts later, (m,).
+        nu: inputs.
+    """
+
+    A: Any
+    B: Any
+    C: Any
+    D: Any
+    K: Any
+    source: tuple[int, ...]
+    lag: tuple[int, ...]
+    nu: int
+
+    @property
+    def core(self) -> int:
+        """States besides what waits in the delays."""
+        return len(self.A)
+
+    @property
+    def waiting(self) -> tuple[int, ...]:
+        """Past samples of each input that are needed, (nu,)."""
+        pairs = list(zip(self.source, self.lag, strict=True))
+        return tuple(max([lag for s, lag in pairs if s == j], default=0) for j in range(self.nu))
+
+    def delayed(self, u: Array, past: Array | None = None) -> Array:
+        """The columns' inputs (N, m).
+
+        Args:
+            past: what waits, input after input, the newest first; each input's first value before
+                its first sample when None.
+        """
+        columns, at = [], np.concatenate([[0], np.cumsum(self.waiting)])
+        for j, lag in zip(self.source, self.lag, strict=True):
+            if past is None:
+                head = np.full(lag, u[0, j] if len(u) else 0.0)
+            else:
+                head = past[at[j] : at[j] + lag][::-1]
+            columns.append(np.concatenate([head, u[:, j]])[: len(u)])
+        return np.column_stack(columns) if columns else np.zeros((len(u), 0))
+
+    def whole(self) -> tuple[Array, Array, Array, Array]:
+        """(A, B, C, D) with the delays as states, input after input, the newest first."""
+        n, waiting = self.core, self.waiting
+        size = n + sum(waiting)
+        A, B = np.zeros((size, size)), np.zeros((size, self.nu))
+        C, D = np.zeros((len(self.C), size)), np.zeros((len(self.C), self.nu))
+        A[:n, :n], C[:, :n] = self.A, self.C
+        first = n + np.concatenate([[0], np.cumsum(waiting)])
+        for k, (j, lag) in enumerate(zip(self.source, self.lag, strict=True)):
+            if lag:
+                A[:n, first[j] + lag - 1] += self.B[:, k]
+                C[:, first[j] + lag - 1] += self.D[:, k]
+            else:
+                B[:n, j] += self.B[:, k]
+                D[:, j] += self.D[:, k]
+        for j, count in enumerate(waiting):
+            if count:
+                B[first[j], j] = 1.0
+                A[first[j] + 1 : first[j] + count, first[j] : first[j] + count - 1] = np.eye(
+                    count - 1
+                )
+        return A, B, C, D
+
+    def predictor(self) -> "Realization":
+        """x(t+1) = (A − K C) x + (B − K D) u + K y: one step ahead, with y as further inputs."""
+        ny = len(self.C)
+        return Realization(
+            self.A - self.K @ self.C,
+            np.hstack([self.B - self.K @ self.D, self.K]),
+            self.C,
+            np.hstack([self.D, np.zeros((ny, ny))]),
+            None,
+            (*self.source, *range(self.nu, self.nu + ny)),
+            (*self.lag, *(0,) * ny),
+            self.nu + ny,
+        )
+
+    def run(self, u: Array, x0: Any = None) -> Any:
+        """y (N, ny) for delayed inputs (N, m) from x0 (core,)."""
+        return run((self.A, self.B, self.C, self.D), u, x0)
+
+    def free_responses(self, samples: int) -> Array:
+        """Outputs of the unit states, (samples, ny, core)."""
+        out = np.zeros((samples, *np.shape(self.C)))
+        power = self.C
+        for k in range(samples):
+            out[k] = power
+            power = power @ self.A
+        return out
+
+    def transfer(self) -> TransferMatrix:
+        """G(q): numerators det(q − A + B_j C_i) − (1 − D_ij) det(q − A) over det(q − A)."""
+        A, B, C, D = self.whole()
+        ny, nu = D.shape
+        bottom = np.real(np.poly(A)) if len(A) else np.ones(1)
+        num = []
+        for i in range(ny):
+            row = []
+            for j in range(nu):
+                top = D[i, j] * bottom
+                if len(A) and np.any(C[i]) and np.any(B[:, j]):
+                    top = top + np.real(np.poly(A - np.outer(B[:, j], C[i]))) - bottom
+                small = np.abs(top) < NOTHING * max(float(np.abs(top).max()), 1e-300)
+                row.append(np.where(small, 0.0, top))
+            num.append(row)
+        return TransferMatrix.build(num, [[bottom] * nu for _ in range(ny)])
+
+
+def run(matrices: tuple[Any, Any, Any, Any], u: Array, x0: Any = None) -> Any:
+    """y (…, N, ny) of x⁺ = A x + B u, y = C x + D u from x0, rest when None.
+
+    Args:
+        matrices: (…, n, n), (…, n, m), (…, ny, n), (…, ny, m); the same inputs drive them all.
+        u: (N, m).
+    """
+    A, B, C, D = matrices
+    *many, n, m = B.shape
+    ny, samples = C.shape[-2], len(u)
+    kind = np.result_type(A, B, C, D, u)
+    if not samples:
+        return np.zeros((*many, 0, ny), dtype=kind)
+    L = min(SHORT if many else BLOCK, samples)
+    blocks = -(-samples // L)
+    padded = np.zeros((blocks * L, m))
+    padded[:samples] = u
+    seen = np.empty((*many, L, ny, n), dtype=kind)  # C Aᵏ
+    reach = np.empty((*many, L, n, m), dtype=kind)  # Aᵏ B
+    seen[..., 0, :, :], reach[..., 0, :, :] = C, B
+    for k in range(1, L):
+        seen[..., k, :, :] = seen[..., k - 1, :, :] @ A
+        reach[..., k, :, :] = A @ reach[..., k - 1, :, :]
+    markov = np.zeros((*many, L + 1, ny, m), dtype=kind)
+    markov[..., 0, :, :] = D
+    markov[..., 1:L, :, :] = C[..., None, :, :] @ reach[..., :-1, :, :]
+    later = np.subtract.outer(np.arange(L), np.arange(L))
+    toeplitz = markov[..., np.where(later >= 0, later, L), :, :]  # (…, L, L, ny, m)
+    U = padded.reshape(blocks, L * m)
+    rows = np.moveaxis(toeplitz, -2, -1).swapaxes(-4, -3).swapaxes(-3, -2)
+    y = U @ rows.reshape(*many, L * m, L * ny)
+    drive = U @ reach[..., ::-1, :, :].swapaxes(-2, -1).reshape(*many, L * m, n)
+    over = A @ np.linalg.matrix_power(A, L - 1)
+    states = np.empty((blocks, *many, n), dtype=np.result_type(kind, 0.0 if x0 is None else x0))
+    x = np.zeros((*many, n), dtype=states.dtype) + (0.0 if x0 is None else np.asarray(x0))
+    for b in range(blocks):
+        states[b] = x
+        x = (over @ x[..., None])[..., 0] + drive[..., b, :]
+    out = seen.reshape(*many, L * ny, n).swapaxes(-2, -1)
+    y = y + np.moveaxis(states, 0, -2) @ out
+    return y.reshape(*many, blocks * L, ny)[..., :samples, :]
+
+
+def moved(theta: Array) -> tuple[Any, Array]:
+    """θ with each entry moved by a complex step, (n, n), and the steps, (n,)."""
+    steps = SMALL * np.maximum(np.abs(theta), 1e-10)
+    return theta + 1j * np.diag(steps), steps

@@ -1,0 +1,287 @@
+"""Linear structures whose θ is turned into state-space matrices: runs, errors, slopes and steps."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Array, Channel, Index, Record
+from sysid.fitting.normal_equations import scaled_lstsq
+from sysid.fitting.problem import Data, Focus, Initial, Parameter, Problem
+from sysid.fitting.run_errors import RunErrors
+from sysid.fitting.searchable import Searchable
+from sysid.structures.linear.base import LinearStructure
+from sysid.structures.linear.polynomial import pole_words
+from sysid.structures.linear.transfer import TransferMatrix
+from sysid.structures.motion import poles
+from sysid.structures.special_runs import readout
+from sysid.structures.state_space.realization import Realization, moved, run
+
+INTEGRATES = 1e-9
+"""A pole so near to 1 is an integrator's."""
+
+
+@dataclass(frozen=True)
+class RealizedStructure(LinearStructure, Searchable):
+    """A linear structure given by A(θ), B(θ), C(θ), D(θ) and, with a noise model, K(θ).
+
+    One step ahead x(t+1) = A x + B u + K e, y = C x + D u + e; states are stacked as
+    ``Realization.whole`` has them.
+
+    Attributes:
+        levels: by output, whether the last input is the constant, whose coefficients end θ.
+    """
+
+    levels: tuple[bool, ...]
+
+    @abstractmethod
+    def plain(self, theta: Any) -> Realization:
+        """The matrices without the constant; θ (without its coefficients) may be complex."""
+
+    @property
+    @abstractmethod
+    def own_inputs(self) -> int:
+        """Inputs besides the constant."""
+
+    @property
+    def nu(self) -> int:
+        return self.own_inputs + bool(self.levels)
+
+    @abstractmethod
+    def plain_parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        """Names, units and bounds of θ without the constant's coefficients."""
+
+    def parameters(
+        self, inputs: Sequence[Channel], outputs: Sequence[Channel]
+    ) -> tuple[Parameter, ...]:
+        levels = [
+            Parameter(f"offset[{c.name}]", c.unit)
+            for c, has in zip(outputs, self.levels, strict=False)
+            if has
+        ]
+        return (*self.plain_parameters(inputs[: self.own_inputs], outputs), *levels)
+
+    def realization(self, theta: Any) -> Realization:
+        """The matrices of θ."""
+        outputs = np.flatnonzero(self.levels)
+        if not self.levels:
+            return self.plain(theta)
+        r = self.plain(theta[: len(theta) - len(outputs)])
+        column = np.zeros((len(r.C), 1), dtype=np.asarray(theta).dtype)
+        column[outputs, 0] = theta[len(theta) - len(outputs) :]
+        return replace(
+            r,
+            B=np.hstack([r.B, np.zeros((r.core, 1))]),
+            D=np.hstack([r.D, column]),
+            source=(*r.source, r.nu),
+            lag=(*r.lag, 0),
+            nu=r.nu + 1,
+        )
+
+    def with_constant(self, outputs: Sequence[bool]) -> Self:
+        return replace(self, levels=tuple(bool(o) for o in outputs))
+
+    def without_constant(self) -> Self:
+        return replace(self, levels=())
+
+    def constant_places(self) -> tuple[Index, Index]:
+        outputs = np.flatnonzero(self.levels)
+        return self.n_plain + np.arange(len(outputs)), outputs
+
+    @property
+    @abstractmethod
+    def core_states(self) -> int:
+        """States besides what waits in delays, whatever θ is."""
+
+    def for_fit(self, records: Sequence[Record], focus: Focus) -> Self:
+        """The structure as it is fitted to such records with this focus."""
+        return self
+
+    @property
+    @abstractmethod
+    def n_plain(self) -> int:
+        """Length of θ without the constant's coefficients."""
+
+    def steady(self, theta: Array) -> tuple[Array, Array]:
+        with np.errstate(all="ignore"):
+            return np.eye(self.ny), self.transfer(theta).static_gain()
+
+    def transfer(self, theta: Array) -> TransferMatrix:
+        return self.realization(np.asarray(theta)).transfer()
+
+    def matrices(self, theta: Array) -> tuple[Array, Array, Array, Array]:
+        return self.realization(np.asarray(theta)).whole()
+
+    def first_sample(self) -> int:
+        return 0
+
+    def n_states(self, theta: Array) -> int:
+        r = self.realization(np.asarray(theta))
+        return r.core + sum(r.waiting)
+
+    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
+        A, B, _, _ = self.matrices(theta)
+        read = readout(self, theta)
+
+        def advance(x: Array, u: Array) -> tuple[Array, Array]:
+            return A @ x + B @ u, read(x, u)
+
+        return advance
+
+    def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
+        r = self.realization(np.asarray(theta))
+        x0 = np.zeros(r.core + sum(r.waiting)) if x0 is None else np.asarray(x0)
+        with np.errstate(all="ignore"):
+            return np.asarray(r.run(r.delayed(u, x0[r.core :]), x0[: r.core]))
+
+    def stable(self, theta: Array) -> bool:
+        """Whether all poles lie inside the unit circle, or are a single integrator's."""
+        if not np.all(np.isfinite(theta)):
+            return False
+        size = np.abs(poles(self, theta))
+        at_one = np.abs(size - 1.0) < INTEGRATES
+        return bool(np.all(size[~at_one] < 1.0)) and bool(at_one.sum() <= self.ny)
+
+    def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
+        """Least squares; each input is taken as held before its first sample."""
+        r = self.realization(np.asarray(theta))
+        k = min(samples, len(y))
+        waiting = [np.full(n, u[0, j] if len(u) else 0.0) for j, n in enumerate(r.waiting)]
+        x = _fitted_core(r, r.delayed(u[:k]), y[:k]) if k else np.zeros(r.core)
+        return np.concatenate([x, *waiting])
+
+    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        return np.asarray(y - self._predicted(np.asarray(theta), u, y, window))
+
+    def _predicted(self, theta: Array, u: Array, y: Array, window: int) -> Array:
+        r, inputs = _one_step(self.realization(theta), u, y)
+        x0 = _fitted_core(r, inputs[:window], y[:window]) if window else None
+        with np.errstate(all="ignore"):
+            return np.asarray(r.run(inputs, x0))
+
+    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
+        """ŷ(t|t−k) = y(t) − Σ_{l<k} h(l) e(t−l), h(0) = I, h(l) = C A^{l−1} K."""
+        r = self.realization(np.asarray(theta))
+        predicted = self._predicted(np.asarray(theta), u, y, window)
+        if r.K is None:
+            return predicted
+        e = y - predicted
+        out, power = predicted.copy(), np.asarray(r.K)
+        for lag in range(1, min(horizon, len(y))):
+            out[lag:] -= e[:-lag] @ (r.C @ power).T
+            power = r.A @ power
+        out[: horizon - 1] = np.nan
+        return out
+
+    def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
+        theta = np.asarray(theta, dtype=np.float64)
+        r, inputs = _one_step(self.realization(theta), u, y)
+        window = min(len(y), max(3 * r.core, 1))
+        x0 = _fitted_core(r, inputs[:window], y[:window])
+
+        return _slopes(self, theta, inputs, x0, ahead=True)[:, :, output].T
+
+    def properties(self, theta: Array, dt: float) -> dict[str, Any]:
+        g = self.transfer(theta)
+        return {
+            "stable": self.stable(theta),
+            "poles": [pole_words(complex(z), dt) for z in poles(self, theta)],
+            "static_gain": g.static_gain().tolist(),
+        }
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        data = [(r.u, r.y) for r in records]
+        ahead = focus is Focus.PREDICTION and self.traits.has_noise_model
+        return (RealizedErrors(self, data, initial is not Initial.ZERO, ahead),)
+
+    def offset_entries(self) -> Index:
+        return self.constant_places()[0]
+
+
+@poles.register
+def _(s: RealizedStructure, theta: Array) -> NDArray[np.complex128]:
+    return np.linalg.eigvals(s.realization(np.asarray(theta)).A).astype(np.complex128)
+
+
+@readout.register
+def _(s: RealizedStructure, theta: Array) -> Callable[[Array, Array], Array]:
+    _, _, C, D = s.matrices(theta)
+    if not np.any(D):
+        return lambda x, u: C @ x
+    return lambda x, u: C @ x + D @ u
+
+
+def _one_step(r: Realization, u: Array, y: Array) -> tuple[Realization, Array]:
+    """What predicts one step ahead, and its inputs."""
+    if r.K is None:
+        return r, r.delayed(u)
+    return r.predictor(), np.hstack([r.delayed(u), y])
+
+
+def _fitted_core(r: Realization, inputs: Array, y: Array) -> Array:
+    """x0 (core,) with which the run meets y best."""
+    if not r.core or not len(y):
+        return np.zeros(r.core)
+    with np.errstate(all="ignore"):
+        target = (y - r.run(inputs)).ravel()
+        basis = r.free_responses(len(y)).reshape(-1, r.core)
+    keep = np.isfinite(target) & np.all(np.isfinite(basis), axis=1)
+    return scaled_lstsq(basis[keep], target[keep]) if keep.any() else np.zeros(r.core)
+
+
+class RealizedErrors(RunErrors):
+    """Errors one step ahead, or of free runs, of all outputs together.
+
+    Args:
+        states: whether the initial states of each record are estimated.
+        ahead: whether errors are those one step ahead.
+    """
+
+    def __init__(self, structure: RealizedStructure, data: Data, states: bool, ahead: bool) -> None:
+        self.structure, self.ahead = structure, ahead
+        self.n_theta = structure.n_plain + sum(structure.levels)
+        core = structure.core_states
+        super().__init__(self.n_theta, data, core if states else 0)
+
+    def _at(self, theta: Any, u: Array, y: Array) -> tuple[Realization, Array]:
+        r = self.structure.realization(theta)
+        return _one_step(r, u, y) if self.ahead else (r, r.delayed(u))
+
+    def runs(self, p: Array) -> Sequence[Array] | None:
+        theta, states = p[: self.n_theta], self.states(p)
+        out = []
+        for k, (u, y) in enumerate(self.data):
+            r, inputs = self._at(theta, u, y)
+            out.append(r.run(inputs, states[k] if self.states_each else None))
+        return out
+
+    def tangents(self, p: Array) -> Iterator[Array]:
+        theta, states = p[: self.n_theta], self.states(p)
+        for k, (u, y) in enumerate(self.data):
+            r, inputs = self._at(theta, u, y)
+            x0 = states[k] if self.states_each else None
+            slopes = np.moveaxis(_slopes(self.structure, theta, inputs, x0, self.ahead), 2, 0)
+            if self.states_each:
+                free = np.moveaxis(r.free_responses(len(y)), (0, 1, 2), (2, 0, 1))
+                slopes = np.concatenate([slopes, free], axis=1)
+            yield slopes
+
+
+def _slopes(
+    structure: RealizedStructure, theta: Array, inputs: Array, x0: Array | None, ahead: bool
+) -> Array:
+    """∂ŷ/∂θ of a run with known inputs from a known state, (len(θ), N, ny), by complex steps."""
+    thetas, steps = moved(np.asarray(theta, dtype=np.float64))
+    every = [structure.realization(row) for row in thetas]
+    if ahead:
+        every = [r if r.K is None else r.predictor() for r in every]
+    stacked = [np.stack([getattr(r, name) for r in every]) for name in "ABCD"]
+    A, B, C, D = stacked
+    return np.asarray(np.imag(run((A, B, C, D), inputs, x0)) / steps[:, None, None])
