@@ -22,6 +22,7 @@ from . import (
     models,
     plot,
     report,
+    sensitivity,
     show,
     structures,
 )
@@ -44,7 +45,13 @@ app = typer.Typer(
     context_settings=_HELP,
 )
 _COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Data": (demo.demo, inspect.inspect, look.look, excite.excite),
+    "Data": (
+        demo.demo,
+        inspect.inspect,
+        look.look,
+        sensitivity.sensitivity,
+        excite.excite,
+    ),
     "Models": (
         fit.fit,
         compare.compare,

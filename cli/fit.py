@@ -70,9 +70,16 @@ def fit(
         from sysid.estimation.identify import Request
 
         files = [str(p.resolve()) for p in logs]
-        origin = {"files": files, "read": read.to_json(), "prepare": steps.to_json()}
+        origin: dict[str, Any] = {
+            "files": files,
+            "read": read.to_json(),
+            "prepare": steps.to_json(),
+        }
+        asked = fit_options.names(structures)
+        if written := [str(Path(n).resolve()) for n in asked if n.endswith((".yaml", ".yml"))]:
+            origin["equations"] = written[0]
         request = Request(
-            structures=fit_options.names(structures),
+            structures=asked,
             orders=orders,
             options=replace(options, extra=origin),
             detrend=detrend,

@@ -68,7 +68,8 @@ def command_of(model: "Model") -> str:
 
     options = model.provenance.options
     files = [str(f) for f in options.get("files") or [s.name for s in model.provenance.data]]
-    names, structure = shlex.join(files), model.structure.name
+    names = shlex.join(files)
+    structure = shlex.quote(str(options.get("equations", model.structure.name)))
     if options.get("made_by") == "diagnose":
         return f"sysid diagnose {names}"
     orders = shlex.quote(orders_text(model.structure.order_values()))

@@ -22,6 +22,7 @@ from sysid.methods.held_out_error import free_run_error
 from sysid.report.markdown import table
 from sysid.structures.base import Structure
 from sysid.structures.blocks.structure import BlockStructure
+from sysid.structures.grey_box.file.structure import FromFile
 from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.model import Model
 from sysid.structures.narmax.structure import NARMAX
@@ -145,7 +146,9 @@ def fitted(attempt: Attempt) -> dict[str, Any]:
         entry = select_structure(names, trial.train, options, detrend, grid=grid).entries[0]
         seconds = process_time() - started
         model = entry.model
-        held = None if attempt.record == "circuit" else held_out(entry, trial.train, options)
+        held = (
+            None if attempt.record == "circuit" else held_out(entry, trial.train, options, attempt)
+        )
     except SysidError as error:
         return asdict(replace(found, error=str(error)))
     names_of = zip(model.parameters, model.theta, strict=True)
@@ -171,7 +174,9 @@ def figure(trial: Trial, model: Model, records: Sequence[Record]) -> float:
     return trial.figure([r.y for r in records], runs)
 
 
-def held_out(entry: Entry, train: Sequence[Record], options: FitOptions) -> float | None:
+def held_out(
+    entry: Entry, train: Sequence[Record], options: FitOptions, attempt: Attempt
+) -> float | None:
     """Free-run fit [%] on inner blocks of the training part that the parameters did not see.
 
     That of the order search where there was one; else the structure that was chosen is fitted
@@ -183,7 +188,8 @@ def held_out(entry: Entry, train: Sequence[Record], options: FitOptions) -> floa
     cut = hold_out([entry.model.detrend.remove(r) for r in train])
     settled = found
     if not isinstance(found, BlockStructure):
-        settled = structure_class(found.name).from_orders(
+        name = attempt.structure if isinstance(found, FromFile) else found.name
+        settled = structure_class(name).from_orders(
             found.order_values(), found.nu, found.ny, options.structure_options
         )
     try:

@@ -93,8 +93,7 @@ def by_multi_start(
     guesses += [
         (n, _admissible(t, table, free)) for n, t in initial_guesses if len(t) == len(table)
     ]
-    if structure.sampling.substeps == 0:
-        structure = _cut(structure, _substeps(structure, [t for _, t in guesses]))
+    structure = cut_finely(structure, [t for _, t in guesses])
     coarse = _cut(structure, -(-structure.sampling.substeps // COARSER))
     setting = Setting(coarse, tuple(records), table, options, tuple(constrained))
     cut = hold_out(records) if structure.physics.ladder() else None
@@ -111,6 +110,13 @@ def by_multi_start(
     last = setting.descend(p, free, None, options.limit(), huber)
     last, wider = _profiled(setting, last, free, huber)
     return _outcome(setting, last, free, wider, (*reports, *notes))
+
+
+def cut_finely(structure: GreyBox[Any], guesses: Sequence[Array]) -> GreyBox[Any]:
+    """With as many substeps as the first guess needs, unless their number is given."""
+    if structure.sampling.substeps:
+        return structure
+    return _cut(structure, _substeps(structure, guesses))
 
 
 def _cut(structure: GreyBox[Any], substeps: int) -> GreyBox[Any]:

@@ -1,0 +1,1 @@
+"""What an experiment says of parameters before they are estimated from it."""
