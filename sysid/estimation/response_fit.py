@@ -249,7 +249,8 @@ def _rational(
     x = s / unit
     top = x[:, None] ** np.arange(m + 1)
     bottom = x[:, None] ** np.arange(n)
-    last, best = np.ones(len(s), dtype=np.complex128), None
+    last: Any = np.ones(len(s), dtype=np.complex128)
+    best: tuple[float, Array] | None = None
     for _ in range(ROUNDS):
         w = weight / np.abs(last)
         A = np.hstack([top, -value[:, None] * bottom]) * w[:, None]
@@ -271,7 +272,7 @@ def _rational(
 def _in_q(q: Complex, value: Complex, weight: Array, nb: int, nf: int) -> tuple[Array, Array]:
     """b and f of Σ b q^−k/(1 + Σ f q^−k), k from 0 and from 1."""
     top, bottom = q[:, None] ** np.arange(nb), q[:, None] ** np.arange(1, nf + 1)
-    last: Complex = np.ones(len(q), dtype=np.complex128)
+    last: Any = np.ones(len(q), dtype=np.complex128)
     theta = np.zeros(nb + nf)
     for _ in range(ROUNDS):
         w = weight / np.abs(last)
