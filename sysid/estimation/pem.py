@@ -16,6 +16,7 @@ from sysid.errors import DataError, UsageError
 from sysid.estimation.offsets.estimated_offset import FitWithOffset, fit_with_offset
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.robust_fit import bounded_errors, fitter
+from sysid.estimation.two_stage import biased_by_feedback, without_feedback
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter
@@ -40,7 +41,9 @@ def fit(
 ) -> Model:
     """Estimate a structure's parameters from one or several experiments.
 
-    Minimises Σ ε(k, θ)² (Ljung 1999, ch. 7 and 10) from every start known for the structure.
+    Minimises Σ ε(k, θ)² (Ljung 1999, ch. 7 and 10) from every start known for the structure. Where
+    a controller would bias that and its reference is recorded, a second fit takes only what follows
+    from the reference (``two_stage``).
 
     Args:
         data: experiments with equal channels and sample time, or what is known of them.
@@ -63,17 +66,33 @@ def fit(
     offsets = offsets_of(structure, facts, detrend)
     parameters = _constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
-    # an offset is the coefficient of a constant input, which linear structures have
-    if any(offsets.estimated) and isinstance(structure, LinearStructure):
-        fitted = fit_with_offset(
-            structure, facts, offsets, options, parameters, initial_guesses, solver
+
+    def estimated(seen: LogFacts) -> Model:
+        """The model fitted to what is seen, its errors those on the records themselves."""
+        # an offset is the coefficient of a constant input, which linear structures have
+        if any(offsets.estimated) and isinstance(structure, LinearStructure):
+            fitted = fit_with_offset(
+                structure, seen, offsets, options, parameters, initial_guesses, solver
+            )
+            if fitted is not None:
+                return model_with_offset(fitted, records, options)
+        remove = offsets.detrend.remove
+        solve = solver or fitter(structure, options)
+        outcome = solve(
+            structure, tuple(map(remove, seen.records)), options, parameters, initial_guesses
         )
-        if fitted is not None:
-            return model_with_offset(fitted, records, options)
-    plain = tuple(offsets.detrend.remove(r) for r in records)
-    solve = solver or fitter(structure, options)
-    outcome = solve(structure, plain, options, parameters, initial_guesses)
-    return model_of(outcome, records, plain, options, offsets.detrend, offsets.operating_point)
+        plain = tuple(map(remove, records))
+        return model_of(outcome, records, plain, options, offsets.detrend, offsets.operating_point)
+
+    model = estimated(facts)
+    if solver is not None or not biased_by_feedback(model, facts, options):
+        return model
+    staged = without_feedback(facts)
+    if staged is None:
+        return model
+    seen, sentence = staged
+    model = estimated(seen)
+    return replace(model, warnings=(*model.warnings, sentence))
 
 
 def fit_prepared(

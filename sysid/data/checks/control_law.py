@@ -2,7 +2,9 @@
 
 A proportional-integral controller computes, with constants of each experiment,
 
-    u(t) = a y(t) + b Σ_{k≤t} y(k) + c t + d.
+    u(t) = a y(t) + b Σ_{k≤t} y(k) + c t + d,
+
+and with the references in the log also what is proportional to r(t) and to its sum.
 
 In open loop, with a delay of at least one sample, y(t) knows nothing of what is new in u(t): the
 law can leave no less of the input than a prediction of u(t) from the past of u and y leaves. Where
@@ -51,14 +53,18 @@ def control_law(records: Sequence[Record], i: int, j: int) -> ControlLaw | None:
     y, total, past, line, u = [], [], [], [], []
     mean = float(np.mean(np.concatenate([r.y[:, i] for r in records])))
     usable = [r for r in records if len(r) > 10 * PAST and np.ptp(r.u[:, j]) > 0.0]
+    same = len({r.reference_names for r in usable}) == 1
     for k, r in enumerate(usable):
         own = np.zeros((len(r), 2 * len(usable)))
         own[:, 2 * k], own[:, 2 * k + 1] = 1.0, np.linspace(-1.0, 1.0, len(r))
+        wished = r.references if r.references is not None and same else np.zeros((len(r), 0))
+        wished = wished - wished.mean(axis=0)
+        own = np.hstack([own, wished, np.cumsum(wished, axis=0)])
         of_y, of_u = r.y[:, i] - mean, r.u[:, j]
         lagged = [x[PAST - q : len(x) - q] for q in range(1, PAST + 1) for x in (of_y, of_u)]
         y.append(of_y[PAST:])
         total.append(np.cumsum(of_y)[PAST:])
-        past.append(np.column_stack(lagged))
+        past.append(np.column_stack([*lagged, wished[PAST:], wished[PAST - 1 : -1]]))
         line.append(own[PAST:])
         u.append(of_u[PAST:])
     if not usable:

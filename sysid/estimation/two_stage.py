@@ -1,0 +1,99 @@
+"""Fits without a noise model to logs of a controller at work: inputs that hold no noise.
+
+A controller hands the disturbance v on to the input, so that the free run y = G u + v of a model
+without noise model is fitted to inputs that depend on v, and its estimate is biased unless v is
+white. Where the reference r is in the log, two stages avoid that (Van den Hof & Schrama 1993,
+Automatica 29, 1523):
+
+    u = S r + (what v does),   û = Ŝ r,      y = G û + (what v does)
+
+û depends on r only, and so not on v. Ŝ is an ARX model of high order. With white v the direct fit
+is unbiased and has the smaller errors: it stays where its residuals are white.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.facts import LogFacts
+from sysid.data.record import Record
+from sysid.fitting.options import FitOptions
+from sysid.fitting.problem import Focus
+from sysid.fitting.uncertainty import portmanteau_white
+from sysid.structures.linear.long_arx import long_arx_output
+from sysid.structures.linear.predictor import RowLayout
+from sysid.structures.model import Model
+
+EXPLAINED = 0.02
+"""Share of an input's power that has to follow from the references."""
+
+SENTENCE = (
+    "A controller was running and the direct fit's residuals are not white: the input was replaced "
+    "by its part that follows from {names} (two stages), which no disturbance biases."
+)
+
+
+def biased_by_feedback(model: Model, facts: LogFacts, options: FitOptions) -> bool:
+    """Whether a direct fit is to be replaced: feedback, references, and residuals not white."""
+    traits = model.structure.traits
+    free_run = not traits.has_noise_model or options.focus is Focus.SIMULATION
+    if not (free_run and traits.linear and traits.takes_inputs):
+        return False
+    if any(r.references is None for r in facts.records) or not facts.closed_loop:
+        return False
+    errors = [model.residuals(r) for r in facts.records]
+    columns = [[e[np.isfinite(e[:, i]), i] for e in errors] for i in range(model.structure.ny)]
+    return not all(portmanteau_white(c) for c in columns)
+
+
+def inputs_by_reference(records: Sequence[Record]) -> tuple[Record, ...] | None:
+    """The records with û in place of u; None where an input follows too little from references.
+
+    Both count from their first samples, before which the loop is taken to have rested.
+    """
+    columns = []
+    for j in range(records[0].nu):
+        driven = [_as_system(r, j) for r in records]
+        count = driven[0].nu
+        lay = RowLayout(0, (0,), (1,) * count, (0,) * count, 0, 0, (1,) * count, constant=True)
+        runs = [r.y[:, 0] for r in long_arx_output(driven, lay)]
+        power = sum(float(np.sum((r.y[:, 0] - r.y.mean()) ** 2)) for r in driven)
+        rest = sum(
+            float(np.sum((e - e.mean()) ** 2))
+            for e in (r.y[:, 0] - x for r, x in zip(driven, runs, strict=True))
+        )
+        if not EXPLAINED * power < power - rest < power:
+            return None
+        columns.append([x + r.u[0, j] for x, r in zip(runs, records, strict=True)])
+    return tuple(
+        replace(r, u=np.column_stack([c[k] for c in columns])) for k, r in enumerate(records)
+    )
+
+
+def _as_system(record: Record, j: int) -> Record:
+    """References → input j, with the constant 1."""
+    assert record.references is not None
+    r = record.references - record.references[0]
+    return replace(
+        record,
+        u=np.column_stack([r, np.ones(len(r))]),
+        y=record.u[:, [j]] - record.u[0, j],
+        inputs=(),
+        outputs=(),
+        weights=None,
+        pose=None,
+        references=None,
+        reference_names=(),
+        since=None,
+        as_logged=None,
+    )
+
+
+def without_feedback(facts: LogFacts) -> tuple[LogFacts, str] | None:
+    """Facts of the records with û for u and a sentence on it; None where û is not to be had."""
+    staged = inputs_by_reference(facts.records)
+    if staged is None:
+        return None
+    names = ", ".join(facts.records[0].reference_names)
+    return LogFacts(staged, facts.reading), SENTENCE.format(names=names)

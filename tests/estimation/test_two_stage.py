@@ -1,0 +1,54 @@
+"""Feedback and a coloured disturbance: two stages take the bias away, the reference known."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import sysid
+from sysid.data.record import Record
+
+POLE, GAIN = 0.9, 0.1
+
+
+def loop(colour: float, seed: int, n: int = 2500) -> Record:
+    """y = GAIN q⁻¹/(1 − POLE q⁻¹) u + v under a PI controller; v white or a first-order process."""
+    rng = np.random.default_rng(seed)
+    r = np.repeat(rng.uniform(-1, 1, n // 25), 25)
+    r[:25] = 0.0
+    white, v = rng.standard_normal(n), np.zeros(n)
+    u, y = np.zeros(n), np.zeros(n)
+    x = total = 0.0
+    for k in range(n):
+        v[k] = colour * v[k - 1] * (k > 0) + np.sqrt(1.0 - colour**2) * 0.15 * white[k]
+        y[k] = x + v[k]
+        total += 0.15 * (r[k] - y[k])
+        u[k] = 1.5 * (r[k] - y[k]) + total
+        x = POLE * x + GAIN * u[k]
+    return Record(u[:, None], y[:, None], 0.1, references=r[:, None], reference_names=("wish",))
+
+
+def test_a_coloured_disturbance_does_not_bias_the_fit() -> None:
+    errors: dict[str, list[float]] = {"with": [], "without": []}
+    for seed in range(6):
+        record = loop(0.97, seed)
+        for name, log in (
+            ("with", record),
+            ("without", replace(record, references=None, reference_names=())),
+        ):
+            model = sysid.fit(log, "oe", "nb=1 nf=1 nk=1")
+            said = any("two stages" in w for w in model.warnings)
+            assert said == (name == "with")
+            errors[name].append(float(model.theta[1]) + POLE)
+    biases = {name: abs(float(np.mean(e))) for name, e in errors.items()}
+    assert biases["with"] < 0.5 * biases["without"]
+
+
+def test_a_white_disturbance_leaves_the_direct_fit() -> None:
+    model = sysid.fit(loop(0.0, 1), "oe", "nb=1 nf=1 nk=1")
+    assert not any("two stages" in w for w in model.warnings)
+    assert abs(float(model.theta[1]) + POLE) < 0.01
+
+
+def test_a_noise_model_needs_no_second_stage() -> None:
+    model = sysid.fit(loop(0.97, 2), "arx", "na=4 nb=4 nk=1")
+    assert not any("two stages" in w for w in model.warnings)
