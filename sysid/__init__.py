@@ -24,7 +24,15 @@ _NAMES = {
     "sysid.fitting.options": ("FitOptions",),
     "sysid.fitting.problem": ("Focus",),
     "sysid.interface": (
-        *("compare", "diagnose", "fit", "fit_vehicle", "frequency_response", "from_dataframe"),
+        *(
+            "compare",
+            "diagnose",
+            "fit",
+            "fit_vehicle",
+            "forecast",
+            "frequency_response",
+            "from_dataframe",
+        ),
         *(
             "identify",
             "inspect",
@@ -70,6 +78,7 @@ if TYPE_CHECKING:
     from sysid.interface import diagnose as diagnose
     from sysid.interface import fit as fit
     from sysid.interface import fit_vehicle as fit_vehicle
+    from sysid.interface import forecast as forecast
     from sysid.interface import frequency_response as frequency_response
     from sysid.interface import from_dataframe as from_dataframe
     from sysid.interface import identify as identify
