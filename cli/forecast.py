@@ -23,7 +23,7 @@ ROWS = 8
 @command
 def forecast(
     log: Path = argument("LOG", "What was measured so far."),
-    steps: int = option("N", "Samples to foretell.", default=20, min=1),
+    steps: int = option("N", "Samples to forecast.", default=20, min=1),
     at: float | None = option(
         "SECONDS", "Use nothing after this instant; what the log holds then is shown beside [end]."
     ),
@@ -38,13 +38,13 @@ def forecast(
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Foretell the outputs after a log, with 95 % bands.
+    """Forecast the outputs after a log, with 95 % bands.
 
     Inputs after that instant are those of the log as far as it goes, then its last ones.
     """
     from sysid.data.files import write_atomic
     from sysid.data.preparation import Preparation, read_prepared
-    from sysid.estimation.assessment.forecast import forecast as foretell
+    from sysid.estimation.assessment.forecast import forecast as forecast_of
     from sysid.report.forecast_panels import forecast_panels
     from sysid.report.panels import PanelPicture
     from sysid.report.plots import write_picture
@@ -56,7 +56,7 @@ def forecast(
     if at is not None and not any(r.t[0] <= at <= r.t[-1] for r in records):
         raise UsageError(f"`at`: {at:g} s lies outside the log")
     record = next((r for r in records if at is not None and r.t[0] <= at <= r.t[-1]), records[-1])
-    found = foretell(stored.model, record, steps, at)
+    found = forecast_of(stored.model, record, steps, at)
     path = output or store.root / "forecast.svg"
     head = f"{stored.id}: {steps} samples after {record.t[found.first - 1]:.6g} s"
     write_picture(

@@ -231,21 +231,21 @@ def step_response(model: Model, *, seconds: float | None = None) -> "tuple[Respo
     return step_curves(model, seconds=seconds)
 
 
-def forecast(model: Model, record: Log, steps: int, *, at: float | None = None) -> "Forecast":
+def forecast(model: Model, record: Records, steps: int, *, at: float | None = None) -> "Forecast":
     """What comes after a log: outputs with 95 % bands that grow.
 
     Args:
         record: the log so far; a file or a table is read as ``read_log`` does.
-        steps: samples to foretell.
+        steps: samples to forecast.
         at: the last instant that is used [s]; the log's end when None.
 
     Raises:
         ModelError: the log does not fit the model, or the model is not linear.
         UsageError: steps or the instant do not fit.
     """
-    from sysid.estimation.assessment.forecast import forecast as foretold
+    from sysid.estimation.assessment.forecast import forecast as forecast_of
 
-    return foretold(model, _several(record)[-1], steps, at)
+    return forecast_of(model, _several(record)[-1], steps, at)
 
 
 def frequency_response(model: Model, frequencies: Any = None) -> "tuple[FrequencyCurve, ...]":

@@ -1,4 +1,4 @@
-"""A forecast as panels: the log before it, what is foretold with its band, what came after."""
+"""A forecast as panels: the log before it, the forecast with its band, what came after."""
 
 import numpy as np
 

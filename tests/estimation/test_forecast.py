@@ -121,7 +121,7 @@ def test_bands_hold_what_comes() -> None:
     assert np.all(np.abs(share - 0.95) < 4.0 * np.sqrt(0.95 * 0.05 / 400))
 
 
-def test_what_cannot_be_foretold_is_said() -> None:
+def test_what_cannot_be_predicted_is_said() -> None:
     model = model_of("ar", {"na": 1}, [-0.9], 0, 1.0)
     log = log_of(model, 20, 1)
     with pytest.raises(UsageError, match="outside the log"):

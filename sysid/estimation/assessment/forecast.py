@@ -1,4 +1,4 @@
-"""What comes after a log: outputs foretold from its last samples, with errors that grow."""
+"""What comes after a log: outputs predicted from its last samples, with errors that grow."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ MOST_STEPS = 10_000
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Outputs after an instant, foretold by a model.
+    """Outputs after an instant, predicted by a model.
 
     Attributes:
         record: the log, whose rows from ``first`` on are not used.
         first: row that the forecast begins with.
         t: instants [s], (steps,).
         u: inputs that were assumed, (steps, nu).
-        y: outputs foretold, (steps, ny).
+        y: outputs predicted, (steps, ny).
         error: their standard errors, of innovations and parameters together, (steps, ny).
         held: steps from which inputs keep the last value that is known.
     """
@@ -108,15 +108,15 @@ def forecast(model: Model, record: Record, steps: int, at: float | None = None) 
     plain = model.detrend.remove(longer)
     window = min(initial_state_window(structure, model.theta), first)
 
-    def foretold(theta: Array) -> Array:
+    def predicted(theta: Array) -> Array:
         answers = _innovation_responses(model, theta, steps)
         e = structure.errors(theta, plain.u, plain.y, window)[first:]
         return np.asarray(plain.y[first:] - _convolved(answers, e))
 
-    centre = foretold(model.theta)
+    centre = predicted(model.theta)
     answers = _innovation_responses(model, model.theta, steps)
     each = np.einsum("kij,jl,kil->ki", answers, model.noise_covariance, answers)
-    variance = np.cumsum(each, axis=0) + _of_parameters(model, foretold, centre) ** 2
+    variance = np.cumsum(each, axis=0) + _of_parameters(model, predicted, centre) ** 2
     return Forecast(
         record,
         first,
@@ -128,10 +128,10 @@ def forecast(model: Model, record: Record, steps: int, at: float | None = None) 
     )
 
 
-def _of_parameters(model: Model, foretold: Callable[[Array], Array], centre: Array) -> Array:
+def _of_parameters(model: Model, predicted: Callable[[Array], Array], centre: Array) -> Array:
     """Standard errors that those of θ cause, (steps, ny)."""
     with np.errstate(all="ignore"):
-        error = delta_errors(model, lambda theta: foretold(theta).ravel(), centre.ravel())
+        error = delta_errors(model, lambda theta: predicted(theta).ravel(), centre.ravel())
     return error.reshape(centre.shape)
 
 
