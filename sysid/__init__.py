@@ -24,8 +24,9 @@ _NAMES = {
     "sysid.fitting.options": ("FitOptions",),
     "sysid.fitting.problem": ("Focus",),
     "sysid.interface": (
-        *("compare", "diagnose", "fit", "fit_response", "fit_vehicle", "frequency_response"),
-        *("from_dataframe", "identify", "inspect", "load_model", "localize", "look", "plan"),
+        *("compare", "diagnose", "fit", "fit_response", "fit_vehicle", "forecast"),
+        *("frequency_response", "from_dataframe", "identify", "inspect", "load_model", "localize"),
+        *("look", "plan"),
         *("simulate", "simulate_runs", "step_response", "structure", "tune"),
     ),
     "sysid.plant.package": ("load_plant",),
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from sysid.interface import fit as fit
     from sysid.interface import fit_response as fit_response
     from sysid.interface import fit_vehicle as fit_vehicle
+    from sysid.interface import forecast as forecast
     from sysid.interface import frequency_response as frequency_response
     from sysid.interface import from_dataframe as from_dataframe
     from sysid.interface import identify as identify

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sysid.data.frequency_response import FrequencyResponse
     from sysid.data.reading.read_options import ReadOptions
     from sysid.diagnosis.diagnosis import Diagnosis
+    from sysid.estimation.assessment.forecast import Forecast
     from sysid.estimation.assessment.responses import FrequencyCurve, ResponseCurve
     from sysid.estimation.look.summary import Look
     from sysid.estimation.response_fit import ResponseFit
@@ -258,6 +259,23 @@ def step_response(model: Model, *, seconds: float | None = None) -> "tuple[Respo
     from sysid.estimation.assessment.responses import step_curves
 
     return step_curves(model, seconds=seconds)
+
+
+def forecast(model: Model, record: Records, steps: int, *, at: float | None = None) -> "Forecast":
+    """What comes after a log: outputs with 95 % bands that grow.
+
+    Args:
+        record: the log so far; a file or a table is read as ``read_log`` does.
+        steps: samples to forecast.
+        at: the last instant that is used [s]; the log's end when None.
+
+    Raises:
+        ModelError: the log does not fit the model, or the model is not linear.
+        UsageError: steps or the instant do not fit.
+    """
+    from sysid.estimation.assessment.forecast import forecast as forecast_of
+
+    return forecast_of(model, _several(record)[-1], steps, at)
 
 
 def frequency_response(model: Model, frequencies: Any = None) -> "tuple[FrequencyCurve, ...]":

@@ -265,7 +265,8 @@ def _rational(
     num = theta[: m + 1] * unit ** (n - np.arange(m + 1.0))
     den = theta[m + 1 :] * unit ** (n - np.arange(float(n)))
     roots = np.roots([1.0, *den[::-1]])
-    roots = np.where(roots.real > 0.0, -np.conj(roots), roots)
+    right = roots.real > 0.0
+    roots[right] = -np.conj(roots[right])
     return num, np.real(np.poly(roots))[:0:-1], cost
 
 
