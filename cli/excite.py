@@ -9,7 +9,7 @@ from sysid.errors import UsageError
 from sysid.workspace.store import Workspace
 
 from . import optimal, reading, render, targets
-from .options import argument, changed, command, group, option
+from .options import argument, changed, command, flag, group, option
 
 if TYPE_CHECKING:
     from sysid.data.schedule import Schedule
@@ -41,13 +41,15 @@ class Shape:
     duration: float | None = option("SECONDS", "Length.")
     dt: float = option("SECONDS", "Sample time.", "--ts", default=0.1)
     amplitude: float | None = option("US", "Largest command, PWM up to 20000 [µs].")
-    clock: int | None = option("N", "prbs: shortest time at a level, in samples.")
+    clock: int | None = option("N", "prbs: shortest time at a level, in samples.", advanced=True)
     offset: float | None = option("US", "prbs, optimal: mean of the levels [µs].")
     band: tuple[float, float] | None = option("LOW HIGH", "multisine, chirp: frequencies [Hz].")
     levels: int | None = option("N", "steps, pulses: number of levels.")
     hold: tuple[float, float] | None = option("MIN MAX", "steps: time a level is held [s].")
-    on: float | None = option("SECONDS", "pulses: time each is driven.")
-    pause: float | None = option("SECONDS", "pulses: time at rest between them.")
+    on: float | None = option("SECONDS", "pulses: time each is driven.", advanced=True)
+    pause: float | None = option("SECONDS", "pulses: time at rest between them.", advanced=True)
+    odd: bool = flag("multisine: odd harmonics, to see distortions.")
+    periods: int | None = option("N", "multisine: periods [1; with --odd 3].", min=1)
     seed: int | None = option("N", "prbs, multisine, steps, optimal: random seed.", min=0)
 
     def made(self) -> dict[str, Any]:

@@ -24,9 +24,10 @@ _NAMES = {
     "sysid.fitting.options": ("FitOptions",),
     "sysid.fitting.problem": ("Focus",),
     "sysid.interface": (
-        *("compare", "diagnose", "fit", "fit_vehicle", "frequency_response", "from_dataframe"),
-        *("identify", "inspect", "load_model", "localize", "plan", "simulate", "simulate_runs"),
-        *("step_response", "structure", "tune"),
+        *("compare", "diagnose", "fit", "fit_response", "fit_vehicle", "forecast"),
+        *("frequency_response", "from_dataframe", "identify", "inspect", "load_model", "localize"),
+        *("look", "plan"),
+        *("simulate", "simulate_runs", "step_response", "structure", "tune"),
     ),
     "sysid.plant.package": ("load_plant",),
     "sysid.robot.mission.spec": ("Mission", "load_mission"),
@@ -60,13 +61,16 @@ if TYPE_CHECKING:
     from sysid.interface import compare as compare
     from sysid.interface import diagnose as diagnose
     from sysid.interface import fit as fit
+    from sysid.interface import fit_response as fit_response
     from sysid.interface import fit_vehicle as fit_vehicle
+    from sysid.interface import forecast as forecast
     from sysid.interface import frequency_response as frequency_response
     from sysid.interface import from_dataframe as from_dataframe
     from sysid.interface import identify as identify
     from sysid.interface import inspect as inspect
     from sysid.interface import load_model as load_model
     from sysid.interface import localize as localize
+    from sysid.interface import look as look
     from sysid.interface import plan as plan
     from sysid.interface import simulate as simulate
     from sysid.interface import simulate_runs as simulate_runs

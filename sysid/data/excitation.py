@@ -38,7 +38,6 @@ def prbs(
         clock: samples a level is held at least; the band reaches to about 0.4/(clock·dt) Hz.
         offset: mean of the levels [µs].
         seed: chooses the start of the sequence.
-        names: input names.
 
     Raises:
         UsageError: an argument is out of range, or the levels exceed ±20000 µs.
@@ -67,14 +66,15 @@ def multisine(
     band: tuple[float, float] = (0.0, 2.0),
     seed: int = 0,
     names: Sequence[str] = ROBOT_INPUTS,
-    tries: int = 30,
+    odd: bool = False,
+    periods: int = 1,
 ) -> Schedule:
     """Sums of harmonics of 1/duration, each input on harmonics of its own, of low crest factor.
 
     u_i(t) = Σ_{k ∈ K_i} cos(2πkt/duration + φ_k); input i of m has every m-th harmonic inside the
     band, so that the inputs are orthogonal over the period and each frequency of the output belongs
     to one input. Phases start from Schroeder's φ_k = −πk(k−1)/n (1970, IEEE Trans.
-    Inf. Theory 16) with a random linear part and the best of ``tries`` random sets is kept.
+    Inf. Theory 16) with a random linear part and the best of ``PHASE_SETS`` random sets is kept.
     (Pintelon & Schoukens 2012, §5.3.)
 
     Args:
@@ -83,8 +83,9 @@ def multisine(
         amplitude: the largest |u| [µs].
         band: lowest and highest frequency [Hz]; the highest at most 1/(2·dt).
         seed: of the phases.
-        names: input names.
-        tries: random phase sets compared with Schroeder's.
+        odd: only odd harmonics, of every four of which one, drawn by chance, stays silent: what
+            the output shows there and at even ones is distortion (odd-odd multisine).
+        periods: how often it is repeated; distortions need two after the transient.
 
     Raises:
         UsageError: an argument is out of range, or the band holds no harmonic for some input.
@@ -99,21 +100,34 @@ def multisine(
     top = min(int(np.floor(high * count * dt + 1e-9)), (count - 1) // 2)
     harmonics = np.arange(max(1, int(np.ceil(low * count * dt - 1e-9))), top + 1)
     m = len(names)
+    rng = np.random.default_rng(seed)
+    if odd:
+        harmonics = harmonics[harmonics % 2 == 1]
+        groups = [harmonics[k : k + 4] for k in range(0, len(harmonics), 4)]
+        silent = [int(rng.choice(g)) for g in groups if len(g) == 4]
+        harmonics = np.setdiff1d(harmonics, silent)
     if len(harmonics) < m:
         raise UsageError(
             f"the band {low:g} to {high:g} Hz holds {len(harmonics)} harmonics of "
             f"{1 / duration:.3g} Hz, fewer than the {m} inputs; widen it or drive longer"
         )
-    rng = np.random.default_rng(seed)
-    columns = [_low_crest(harmonics[i::m], count, rng, tries) for i in range(m)]
-    return with_rests(amplitude * np.column_stack(columns), dt, names)
+    if not 1 <= periods <= MOST_PERIODS:
+        raise UsageError(f"a multisine has 1 to {MOST_PERIODS} periods, got {periods}")
+    columns = [_low_crest(harmonics[i::m], count, rng) for i in range(m)]
+    return with_rests(amplitude * np.tile(np.column_stack(columns), (periods, 1)), dt, names)
+
+
+PHASE_SETS = 30
+"""Random phase sets compared with Schroeder's."""
+
+MOST_PERIODS = 1000
+"""Repetitions of a multisine at most."""
 
 
 def _low_crest(
     harmonics: np.ndarray[tuple[int], np.dtype[np.int64]],
     count: int,
     rng: np.random.Generator,
-    tries: int,
 ) -> Array:
     """The sum of cosines on ``harmonics`` of lowest crest factor among the tries, of peak 1."""
     n = len(harmonics)
@@ -121,7 +135,7 @@ def _low_crest(
     schroeder = -np.pi * order * (order - 1) / n
     best = np.zeros(count)
     lowest = np.inf
-    for attempt in range(max(tries, 1)):
+    for attempt in range(PHASE_SETS):
         turn = rng.uniform(0, 2 * np.pi)
         phases = schroeder + turn * order if attempt % 2 == 0 else rng.uniform(0, 2 * np.pi, n)
         spectrum = np.zeros(count // 2 + 1, dtype=np.complex128)
@@ -237,10 +251,8 @@ def pulses(
     Args:
         dt: sample time [s].
         amplitude: the highest level [µs]; the others are even fractions of it.
-        levels: number of levels.
         on, pause: length of a pulse and of a pause [s].
         rotate: drive the first input opposite to the others, so that the robot turns on the spot.
-        names: input names.
 
     Raises:
         UsageError: an argument is out of range.
