@@ -44,7 +44,7 @@ class Shape:
     clock: int | None = option("N", "prbs: shortest time at a level, in samples.", advanced=True)
     offset: float | None = option("US", "prbs, optimal: mean of the levels [µs].")
     band: tuple[float, float] | None = option("LOW HIGH", "multisine, chirp: frequencies [Hz].")
-    levels: int | None = option("N", "steps, pulses: number of levels.")
+    levels: int | None = option("N", "steps, pulses: number of levels.", advanced=True)
     hold: tuple[float, float] | None = option("MIN MAX", "steps: time a level is held [s].")
     on: float | None = option("SECONDS", "pulses: time each is driven.", advanced=True)
     pause: float | None = option("SECONDS", "pulses: time at rest between them.", advanced=True)
