@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.signal import StateSpace, lsim
 
 from sysid.data.record import Array, Channel, Record
@@ -107,6 +109,39 @@ def test_a_wrong_file_is_refused_with_its_place(
         structure_class(str(path))
     assert sentence in str(caught.value)
     assert str(caught.value).startswith("equations.ode.yaml:")
+
+
+@pytest.mark.parametrize(
+    ("old", "sentence"),
+    [("+".join("q" * 400), "more than 300 parts"), ("(" * 60 + "q" + ")" * 60, "nested too deep"),
+     ("q^1e300", "the exponent is beyond 20"), ("q^(1/0)", "the exponent divides by 0")],
+)  # fmt: skip
+def test_what_asks_for_too_much_is_refused(old: str, sentence: str) -> None:
+    with pytest.raises(DataError, match=sentence):
+        definition_of(SPRING.replace("k*q", old))
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(
+    st.integers(0, len(SPRING) - 1),
+    st.sampled_from("{}()[],:#^*/-+ '\"0q@\u00e4\n|>&"),
+    st.booleans(),
+)
+def test_a_damaged_file_gives_a_sentence(at: int, sign: str, instead: bool) -> None:
+    text = SPRING[:at] + sign + SPRING[at + instead :]
+    said = ""
+    try:
+        definition = definition_of(text)
+    except DataError as error:
+        said = str(error)
+    if said:
+        assert said.startswith("equations:")
+    else:  # another space, a name with one letter more: what is left can be run
+        physics = FilePhysics(1, 1, text)
+        x = np.ones((len(definition.states), 1))
+        p = physics.unpack(np, physics.pack({}))
+        with np.errstate(all="ignore"):
+            assert np.shape(physics.rates(np, x, np.ones((1, 1)), p)) == x.shape
 
 
 def test_units_of_a_file_go_with_those_of_the_log() -> None:
