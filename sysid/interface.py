@@ -21,11 +21,13 @@ from sysid.structures.registry import structure_class
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from sysid.data.frequency_response import FrequencyResponse
     from sysid.data.reading.read_options import ReadOptions
     from sysid.diagnosis.diagnosis import Diagnosis
     from sysid.estimation.assessment.forecast import Forecast
     from sysid.estimation.assessment.responses import FrequencyCurve, ResponseCurve
     from sysid.estimation.look.summary import Look
+    from sysid.estimation.response_fit import ResponseFit
     from sysid.estimation.selection.comparison import Ranking
     from sysid.robot.calibration.dynamic_motors import KnownMotors
     from sysid.robot.calibration.vehicle_fit import VehicleFit
@@ -80,6 +82,34 @@ def from_dataframe(frame: "DataFrame", **options: Any) -> Record:
 def inspect(records: Records) -> tuple[Finding, ...]:
     """Findings about a log before any fit, each with a severity, a sentence and an advice."""
     return tuple(inspect_records(_several(records)))
+
+
+def fit_response(
+    response: "FrequencyResponse | str | Path",
+    name: str,
+    orders: Orders | None = None,
+    options: Mapping[str, str] | None = None,
+    band: tuple[float, float] | None = None,
+) -> "ResponseFit":
+    """Fit ``tf``, ``process`` or ``oe`` to a frequency response, weighed by its variance.
+
+    Args:
+        response: or its ``.frd.csv``.
+        orders: text or a mapping; the usual ones, ranked by BIC, when None.
+        options: of the structure, as text.
+        band: lowest and highest frequency that count [Hz].
+
+    Raises:
+        DataError: the response is not usable.
+        UsageError: another structure, orders that do not fit, or a band without frequencies.
+    """
+    from sysid.data.frequency_response import read_frequency_response
+    from sysid.estimation.response_fit import fit_response as fitted
+
+    if isinstance(response, str | Path):
+        response = read_frequency_response(response)
+    raw = parse_orders(orders) if isinstance(orders, str) else orders
+    return fitted(response, name, raw, options, band)
 
 
 def look(records: Records, kernel: str | None = None) -> "Look":
