@@ -25,16 +25,8 @@ _NAMES = {
     "sysid.fitting.problem": ("Focus",),
     "sysid.interface": (
         *("compare", "diagnose", "fit", "fit_response", "fit_vehicle", "forecast"),
-        *(
-            "frequency_response",
-            "from_dataframe",
-            "identify",
-            "inspect",
-            "load_model",
-            "localize",
-            "look",
-            "plan",
-        ),
+        *("frequency_response", "from_dataframe", "identify", "inspect", "load_model", "localize"),
+        *("look", "plan"),
         *("simulate", "simulate_runs", "step_response", "structure", "tune"),
     ),
     "sysid.plant.package": ("load_plant",),

@@ -249,7 +249,8 @@ def _rational(
     x = s / unit
     top = x[:, None] ** np.arange(m + 1)
     bottom = x[:, None] ** np.arange(n)
-    last, best = np.ones(len(s), dtype=np.complex128), None
+    last: Any = np.ones(len(s), dtype=np.complex128)
+    best: tuple[float, Array] | None = None
     for _ in range(ROUNDS):
         w = weight / np.abs(last)
         A = np.hstack([top, -value[:, None] * bottom]) * w[:, None]
@@ -260,18 +261,19 @@ def _rational(
             best = cost, theta
         last = np.where(np.abs(den) > 1e-12, den, 1e-12)
     assert best is not None
-    cost, theta = best
-    num = theta[: m + 1] * unit ** (n - np.arange(m + 1.0))
-    den = theta[m + 1 :] * unit ** (n - np.arange(float(n)))
-    roots = np.roots([1.0, *den[::-1]])
-    roots = np.where(roots.real > 0.0, -np.conj(roots), roots)
+    cost, found = best
+    num = found[: m + 1] * unit ** (n - np.arange(m + 1.0))
+    bottom_of = found[m + 1 :] * unit ** (n - np.arange(float(n)))
+    roots = np.roots([1.0, *bottom_of[::-1]])
+    right = roots.real > 0.0
+    roots[right] = -np.conj(roots[right])
     return num, np.real(np.poly(roots))[:0:-1], cost
 
 
 def _in_q(q: Complex, value: Complex, weight: Array, nb: int, nf: int) -> tuple[Array, Array]:
     """b and f of Σ b q^−k/(1 + Σ f q^−k), k from 0 and from 1."""
     top, bottom = q[:, None] ** np.arange(nb), q[:, None] ** np.arange(1, nf + 1)
-    last: Complex = np.ones(len(q), dtype=np.complex128)
+    last: Any = np.ones(len(q), dtype=np.complex128)
     theta = np.zeros(nb + nf)
     for _ in range(ROUNDS):
         w = weight / np.abs(last)
