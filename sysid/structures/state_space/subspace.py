@@ -125,7 +125,7 @@ def _past_of(z: Sequence[Array], longest: int, least: int, ny: int) -> int:
     """Length of the ARX with the smallest AIC; one triangle has the errors of every length."""
     left = np.concatenate([_past_rows(one, longest) for one in z])
     right = np.concatenate([one[longest:, -ny:] for one in z])
-    triangle = np.linalg.qr(np.hstack([left, right]), mode="r")[:, -ny:]
+    triangle = np.asarray(np.linalg.qr(np.hstack([left, right]), mode="r"))[:, -ny:]
     width, samples = z[0].shape[1], len(left)
     best, chosen = np.inf, longest
     for p in range(least, longest + 1):
