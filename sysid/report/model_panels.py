@@ -19,7 +19,9 @@ from sysid.estimation.assessment.responses import (
     step_curves,
 )
 from sysid.estimation.assessment.spectra import spectra
+from sysid.estimation.look.summary import look as look_at
 from sysid.report.data_panels import fit, horizon, log, ranking, residuals, surface
+from sysid.report.look_panels import look_panels
 from sysid.report.panels import RAD, Curve, Panel, Panels, Shown
 from sysid.report.style import labelled
 
@@ -193,8 +195,14 @@ def poles(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     return tuple(panels)
 
 
+def look(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """What the log shows before any model."""
+    return look_panels(look_at(records))
+
+
 WHAT: Mapping[str, Callable[[Sequence[Shown], Sequence[Record]], Panels]] = {
     "log": log,
+    "look": look,
     "step": step,
     "impulse": impulse,
     "bode": bode,
@@ -209,7 +217,10 @@ WHAT: Mapping[str, Callable[[Sequence[Shown], Sequence[Record]], Panels]] = {
 }
 """Word → what it shows."""
 
-NEEDS_LOG = ("log", "residuals", "fit", "horizon", "ranking")
+OF_LOG = ("log", "look")
+"""What needs no model."""
+
+NEEDS_LOG = (*OF_LOG, "residuals", "fit", "horizon", "ranking")
 """What cannot be shown without data."""
 
 

@@ -10,14 +10,19 @@ correlated), DC (diagonal and correlated) or SS (stable spline):
 
 Source: Chen, Ohlsson & Ljung (2012), Automatica 48, 1525; the marginal likelihood from the R of one
 QR decomposition (Chen & Ljung 2013, Automatica 49, 2213).
+
+Where e is not white, an autoregression of the first fit's errors filters u and y, which leaves g as
+it is and makes e white, and the fit is repeated: the bands of the first would be too narrow.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
+from sysid.data.impulse import whitener
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
 
@@ -29,6 +34,9 @@ LONGEST = 20_000
 
 TRIES = 60
 """Evaluations of the marginal likelihood a hyperparameter."""
+
+ORDERS = (1, 2, 4, 8)
+"""Of the autoregression that makes errors white."""
 
 TINY = 1e-10
 """Added to the diagonal of P, in shares of its largest entry."""
@@ -51,6 +59,10 @@ KERNELS: Mapping[str, Callable[[Array, float, float], Array]] = {"TC": _tc, "DC"
 """Name → P of lags from 1 on, α and ρ."""
 
 
+Signals = Sequence[tuple[Array, Array]]
+"""Inputs (N, nu) and one output (N,) of each record."""
+
+
 @dataclass(frozen=True, eq=False)
 class ImpulseResponse:
     """The responses of one output to all inputs.
@@ -61,6 +73,7 @@ class ImpulseResponse:
         step, step_error: response to a step and its standard error, (n, nu).
         kernel: TC, DC or SS.
         noise: standard deviation of e.
+        dt: between coefficients [s].
     """
 
     g: Array
@@ -69,6 +82,7 @@ class ImpulseResponse:
     step_error: Array
     kernel: str
     noise: float
+    dt: float
 
 
 def impulse_response(
@@ -79,44 +93,81 @@ def impulse_response(
     Args:
         samples: coefficients of each response.
         kernel: TC, DC or SS; the one of highest marginal likelihood when None.
-
     Raises:
         DataError: there are fewer samples than that.
     """
-    X, y = _regressors(records, output, samples)
+    signals = [(r.u[:LONGEST], r.y[:LONGEST, output]) for r in records]
+    kernels = [kernel] if kernel else list(KERNELS)
+    found = _likeliest(signals, samples, kernels, records[0])
+    errors = [_errors(u, y, found.g) for u, y in signals]
+    colour = _colour([e for e in errors if len(e) > 4 * ORDERS[-1]])
+    if colour is None:
+        return found
+    white = [(lfilter(colour, [1.0], u, axis=0), lfilter(colour, [1.0], y)) for u, y in signals]
+    white = [(u[len(colour) - 1 :], y[len(colour) - 1 :]) for u, y in white]
+    return replace(_likeliest(white, samples, kernels, records[0]), noise=found.noise)
+
+
+def _likeliest(
+    signals: Signals, samples: int, kernels: Sequence[str], record: Record
+) -> ImpulseResponse:
+    """The responses of the kernel of highest marginal likelihood."""
+    tried = [_of_signals(signals, samples, kernel, record) for kernel in kernels]
+    return min(tried, key=lambda t: t[0])[1]
+
+
+def _errors(u: Array, y: Array, g: Array) -> Array:
+    """y less what the responses make of u, where all of it is known."""
+    e = y - sum(np.convolve(c, h)[: len(y)] for c, h in zip(u.T, g.T, strict=True))
+    e = e[len(g) :]
+    return np.asarray(np.where(np.isfinite(e), e - np.nanmean(e), 0.0)) if len(e) else e
+
+
+def _colour(errors: Sequence[Array]) -> Array | None:
+    """The whitening polynomial of lowest BIC; None where errors are white."""
+    count = sum(map(len, errors))
+    lowest = count * np.log(max(sum(float(e @ e) for e in errors), 1e-300))
+    best = None
+    for order in ORDERS if errors else ():
+        found = whitener(errors, order, 0.0)
+        if found is None:
+            continue
+        left = sum(float(np.sum(lfilter(found, [1.0], e) ** 2)) for e in errors)
+        score = count * np.log(max(left, 1e-300)) + order * np.log(count)
+        if score < lowest:
+            lowest, best = score, found
+    return best
+
+
+def _of_signals(
+    signals: Signals, samples: int, kernel: str, record: Record
+) -> tuple[float, ImpulseResponse]:
+    """(−2 ln marginal likelihood, responses) of one kernel."""
+    X, y = _regressors(signals, samples)
     width = X.shape[1]
     if len(y) < 20 + samples // 4:
-        raise DataError(f"{records[0].name}: {len(y)} samples are too few for a response")
-    scale = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-300)
+        raise DataError(f"{record.name}: {len(y)} samples are too few for a response")
+    # one scale for all lags of an input: the prior is of g itself
+    scale = np.sqrt(np.mean(X**2, axis=0)).reshape(-1, samples)[:, 0]
+    scale = np.repeat(np.maximum(scale, 1e-300), samples)
     size = max(float(np.std(y)), 1e-300)
     R: Array = np.asarray(np.linalg.qr(np.column_stack([X / scale, y / size]), mode="r"))
-    spread = np.repeat([scale[j * samples] for j in range(records[0].nu)], samples)
-    tried = [
-        _fitted(R, width, len(y), samples, records[0].nu, name)
-        for name in ([kernel] if kernel else KERNELS)
-    ]
-    best = min(tried, key=lambda t: t[0])
-    _, name, mean, covariance, noise = best
-    g = (mean / spread * size).reshape(-1, samples).T
-    covariance = covariance / np.outer(spread, spread) * size**2
+    best = _fitted(R, len(y), samples, record.nu, kernel)
+    score, name, mean, covariance, noise = best
+    g = (mean / scale * size).reshape(-1, samples).T
+    covariance = covariance / np.outer(scale, scale) * size**2
     blocks = [covariance[s : s + samples, s : s + samples] for s in range(0, width, samples)]
     error = np.sqrt([np.maximum(np.diag(b), 0.0) for b in blocks]).T
     summed = [np.diag(np.cumsum(np.cumsum(b, axis=0), axis=1)) for b in blocks]
-    return ImpulseResponse(
-        g,
-        error,
-        np.cumsum(g, axis=0),
-        np.sqrt(np.maximum(summed, 0.0)).T,
-        name,
-        noise * size,
-    )
+    step_error = np.sqrt(np.maximum(summed, 0.0)).T
+    step = np.cumsum(g, axis=0)
+    return score, ImpulseResponse(g, error, step, step_error, name, noise * size, record.dt)
 
 
-def _regressors(records: Sequence[Record], output: int, n: int) -> tuple[Array, Array]:
+def _regressors(signals: Signals, n: int) -> tuple[Array, Array]:
     """u_j(t−k) and y(t) about the means of each record, from its sample n on."""
     rows, targets = [], []
-    for r in records:
-        u, y = r.u[:LONGEST], r.y[:LONGEST, output]
+    for u, y in signals:
         if len(y) <= n:
             continue
         X = np.hstack([np.lib.stride_tricks.sliding_window_view(c, n)[:, ::-1] for c in u.T])
@@ -126,16 +177,17 @@ def _regressors(records: Sequence[Record], output: int, n: int) -> tuple[Array, 
             rows.append(X - X.mean(axis=0))
             targets.append(y - y.mean())
     if not rows:
-        return np.zeros((0, n * records[0].nu)), np.zeros(0)
+        return np.zeros((0, n * signals[0][0].shape[1])), np.zeros(0)
     return np.concatenate(rows), np.concatenate(targets)
 
 
 def _fitted(
-    R: Array, width: int, samples: int, n: int, nu: int, kernel: str
+    R: Array, samples: int, n: int, nu: int, kernel: str
 ) -> tuple[float, str, Array, Array, float]:
     """(−2 ln marginal likelihood, kernel, mean, covariance, σ) at the best hyperparameters."""
     from scipy.optimize import minimize
 
+    width = n * nu
     A, b = R[:, :width], R[:, width]
     k = np.arange(1.0, n + 1)
 
