@@ -1,5 +1,6 @@
 """``sysid look``: what a log shows before any model."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +16,18 @@ if TYPE_CHECKING:
     from sysid.estimation.look.summary import Path as Response
 
 
+class Kernel(StrEnum):
+    """Priors of an impulse response."""
+
+    TC = "TC"
+    DC = "DC"
+    SS = "SS"
+
+
 @command
 def look(
     logs: list[Path] = reading.LOGS,
-    kernel: str | None = option(
-        "TC|DC|SS", "Prior of the impulse response [the likeliest].", "--kernel"
-    ),
+    kernel: Kernel = option("TC|DC|SS", "Prior of the impulse response.", default=Kernel.DC),
     output: Path | None = targets.picture_target("Picture: .svg, .png or .pdf.", "-o"),
     save: Path | None = targets.target(
         "DATA.csv",
@@ -37,17 +44,13 @@ def look(
     from sysid.data.files import write_atomic
     from sysid.data.frequency_response import ENDING
     from sysid.data.preparation import read_prepared
-    from sysid.errors import UsageError
-    from sysid.estimation.look.impulse import KERNELS
     from sysid.estimation.look.summary import look as looked
     from sysid.report.look_panels import look_panels
     from sysid.report.panels import PanelPicture, table
     from sysid.report.plots import write_picture
 
-    if kernel is not None and kernel.upper() not in KERNELS:
-        raise UsageError(f"--kernel {kernel!r} is none of {', '.join(KERNELS)}")
     records, findings = read_prepared(logs, read, steps)
-    found = looked(LogFacts(records, findings), kernel and kernel.upper())
+    found = looked(LogFacts(records, findings), kernel.value)
     panels = look_panels(found) if output or save else ()
     names = ", ".join(dict.fromkeys(r.name for r in records))
     if output is not None:

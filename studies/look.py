@@ -1,7 +1,5 @@
 """Do the bands of a look hold the truth?
 
-    python -m studies.look [--logs 100] [--out FILE]
-
 Each log is of another plant: one to three poles drawn at random, real or a pair, a dead time; noise
 of 2 to 20 % of the output, white or coloured; an input of random levels, held 1 to 5 samples. The
 truth is the plant's own pulse response and e^{iω}. Counted are the lags up to where the truth has
@@ -9,12 +7,10 @@ decayed, its sums, and frequencies. What stands on one log is correlated, so a l
 observation of a share, and ± is 1.96 standard errors over logs.
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 from scipy.signal import freqz, lfilter
 
+from studies.runner import Study, finished, seeds
 from sysid.data.excitation import multisine
 from sysid.data.record import Record
 from sysid.estimation.look.frequency import (
@@ -25,10 +21,19 @@ from sysid.estimation.look.frequency import (
     welch,
 )
 from sysid.estimation.look.impulse import KERNELS, impulse_response
+from sysid.report.markdown import table
 
 Array = np.ndarray
 COLOURS = {"white": [1.0], "coloured": [1.0, -0.8]}
 SAMPLES, LAGS, DT = 800, 60, 0.05
+STUDY = Study("look", "look.md", runs=100, first=1000)  # seeds below 100 chose the usual kernel
+
+INTRODUCTION = f"""# A look: do the bands hold the truth?
+
+Logs of {SAMPLES} samples, each of another plant of one to three poles with a dead time; 2 to 20 %
+of the output are noise, white or of first order with a pole at 0.8. ± is 1.96 standard errors over
+logs: what stands on one log is correlated.
+"""
 
 
 def plant(rng: np.random.Generator) -> tuple[Array, Array]:
@@ -68,9 +73,9 @@ def responses(seed: int, colour: str) -> dict[str, tuple[float, int]]:
     truth = lfilter(b, a, np.eye(1, LAGS)[0])
     kept = np.abs(truth) > 1e-3 * np.max(np.abs(truth))
     found: dict[str, tuple[float, int]] = {}
-    for kernel in (None, *KERNELS):
+    for kernel in KERNELS:
         g = impulse_response([r], 0, LAGS, kernel)
-        name = f"impulse response, {kernel or 'likeliest kernel'}"
+        name = f"impulse response, {kernel}"
         inside = np.abs(g.g[:, 0] - truth) < 1.96 * g.error[:, 0]
         found[name] = float(np.mean(inside[kept])), int(kept.sum())
         steps = np.abs(g.step[:, 0] - np.cumsum(truth)) < 1.96 * g.step_error[:, 0]
@@ -99,32 +104,19 @@ def of_frequencies(f: FrequencyEstimate, b: Array, a: Array) -> tuple[float, int
 
 def main() -> None:
     """Run the study and write its page."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--logs", type=int, default=100)
-    parser.add_argument("--out", type=Path, default=Path("reports/look.md"))
-    asked = parser.parse_args()
+    asked = STUDY.asked(__doc__)
+    wanted = {f"{c}, {seed}": (seed, c) for c in COLOURS for seed in seeds(asked)}
+    done = finished(responses, wanted, asked)
     rows = []
     for colour in COLOURS:
-        every = [responses(seed, colour) for seed in range(asked.logs)]
-        for name in every[0]:
+        every = [found for key, found in done.items() if key.startswith(f"{colour},")]
+        for name in every[0] if every else ():
             shares = np.array([e[name][0] for e in every])
             spread = 1.96 * float(np.std(shares)) / np.sqrt(len(shares))
-            rows.append(
-                f"| {name} | {colour} | {100 * shares.mean():.1f} ± {100 * spread:.1f} % "
-                f"| {sum(e[name][1] for e in every)} |"
-            )
-            print(rows[-1], flush=True)
-    lines = [
-        "# A look: do the bands hold the truth?",
-        "",
-        f"{asked.logs} logs of as many plants for each noise, {SAMPLES} samples; "
-        f"`python -m studies.look --logs {asked.logs}`.",
-        "",
-        "| shown | noise | inside its 95 % band | places |",
-        "|---|---|---|---|",
-        *rows,
-    ]
-    asked.out.write_text("\n".join(lines) + "\n")
+            share = f"{100 * shares.mean():.1f} ± {100 * spread:.1f} %"
+            rows.append((name, colour, share, str(sum(e[name][1] for e in every))))
+    heads = ("shown", "noise", "inside its 95 % band", "places")
+    STUDY.write(asked, f"{INTRODUCTION}\n{table(heads, rows)}")
 
 
 if __name__ == "__main__":

@@ -81,11 +81,11 @@ def inspect(records: Records) -> tuple[Finding, ...]:
     return tuple(inspect_records(_several(records)))
 
 
-def look(records: Records, kernel: str | None = None) -> "Look":
+def look(records: Records, kernel: str = "DC") -> "Look":
     """What logs show before any model: responses with bands, delays, noise, distortions.
 
     Args:
-        kernel: prior of the impulse response, TC, DC or SS; the likeliest when None.
+        kernel: prior of the impulse response, TC, DC or SS.
 
     Raises:
         DataError: there are no inputs, or too few samples.

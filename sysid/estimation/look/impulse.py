@@ -58,6 +58,10 @@ def _ss(k: Array, alpha: float, rho: float) -> Array:
 KERNELS: Mapping[str, Callable[[Array, float, float], Array]] = {"TC": _tc, "DC": _dc, "SS": _ss}
 """Name → P of lags from 1 on, α and ρ."""
 
+USUAL = "DC"
+"""It holds TC (ρ = √α) and need not be smooth. The likeliest of three was tried: SS then often won
+where a response jumps, and its bands held 91 % instead of 94 %."""
+
 
 Signals = Sequence[tuple[Array, Array]]
 """Inputs (N, nu) and one output (N,) of each record."""
@@ -86,34 +90,25 @@ class ImpulseResponse:
 
 
 def impulse_response(
-    records: Sequence[Record], output: int, samples: int, kernel: str | None = None
+    records: Sequence[Record], output: int, samples: int, kernel: str = USUAL
 ) -> ImpulseResponse:
     """The impulse responses of one output.
 
     Args:
         samples: coefficients of each response.
-        kernel: TC, DC or SS; the one of highest marginal likelihood when None.
+        kernel: TC, DC or SS.
     Raises:
         DataError: there are fewer samples than that.
     """
     signals = [(r.u[:LONGEST], r.y[:LONGEST, output]) for r in records]
-    kernels = [kernel] if kernel else list(KERNELS)
-    found = _likeliest(signals, samples, kernels, records[0])
+    found = _of_signals(signals, samples, kernel, records[0])
     errors = [_errors(u, y, found.g) for u, y in signals]
     colour = _colour([e for e in errors if len(e) > 4 * ORDERS[-1]])
     if colour is None:
         return found
     white = [(lfilter(colour, [1.0], u, axis=0), lfilter(colour, [1.0], y)) for u, y in signals]
     white = [(u[len(colour) - 1 :], y[len(colour) - 1 :]) for u, y in white]
-    return replace(_likeliest(white, samples, kernels, records[0]), noise=found.noise)
-
-
-def _likeliest(
-    signals: Signals, samples: int, kernels: Sequence[str], record: Record
-) -> ImpulseResponse:
-    """The responses of the kernel of highest marginal likelihood."""
-    tried = [_of_signals(signals, samples, kernel, record) for kernel in kernels]
-    return min(tried, key=lambda t: t[0])[1]
+    return replace(_of_signals(white, samples, kernel, records[0]), noise=found.noise)
 
 
 def _errors(u: Array, y: Array, g: Array) -> Array:
@@ -139,10 +134,8 @@ def _colour(errors: Sequence[Array]) -> Array | None:
     return best
 
 
-def _of_signals(
-    signals: Signals, samples: int, kernel: str, record: Record
-) -> tuple[float, ImpulseResponse]:
-    """(−2 ln marginal likelihood, responses) of one kernel."""
+def _of_signals(signals: Signals, samples: int, kernel: str, record: Record) -> ImpulseResponse:
+    """The responses where e is white."""
     X, y = _regressors(signals, samples)
     width = X.shape[1]
     if len(y) < 20 + samples // 4:
@@ -152,8 +145,7 @@ def _of_signals(
     scale = np.repeat(np.maximum(scale, 1e-300), samples)
     size = max(float(np.std(y)), 1e-300)
     R: Array = np.asarray(np.linalg.qr(np.column_stack([X / scale, y / size]), mode="r"))
-    best = _fitted(R, len(y), samples, record.nu, kernel)
-    score, name, mean, covariance, noise = best
+    mean, covariance, noise = _fitted(R, len(y), samples, record.nu, kernel)
     g = (mean / scale * size).reshape(-1, samples).T
     covariance = covariance / np.outer(scale, scale) * size**2
     blocks = [covariance[s : s + samples, s : s + samples] for s in range(0, width, samples)]
@@ -161,7 +153,7 @@ def _of_signals(
     summed = [np.diag(np.cumsum(np.cumsum(b, axis=0), axis=1)) for b in blocks]
     step_error = np.sqrt(np.maximum(summed, 0.0)).T
     step = np.cumsum(g, axis=0)
-    return score, ImpulseResponse(g, error, step, step_error, name, noise * size, record.dt)
+    return ImpulseResponse(g, error, step, step_error, kernel, noise * size, record.dt)
 
 
 def _regressors(signals: Signals, n: int) -> tuple[Array, Array]:
@@ -181,10 +173,8 @@ def _regressors(signals: Signals, n: int) -> tuple[Array, Array]:
     return np.concatenate(rows), np.concatenate(targets)
 
 
-def _fitted(
-    R: Array, samples: int, n: int, nu: int, kernel: str
-) -> tuple[float, str, Array, Array, float]:
-    """(−2 ln marginal likelihood, kernel, mean, covariance, σ) at the best hyperparameters."""
+def _fitted(R: Array, samples: int, n: int, nu: int, kernel: str) -> tuple[Array, Array, float]:
+    """Mean, covariance and σ at the hyperparameters of highest marginal likelihood."""
     from scipy.optimize import minimize
 
     width = n * nu
@@ -206,16 +196,10 @@ def _fitted(
     gram, side, whole = A.T @ A, A.T @ b, float(R[:, width] @ R[:, width])
 
     def negative(h: Array) -> float:
-        variance = float(np.exp(h[-1]))
         try:
-            L = root(h)
-            C = np.linalg.cholesky(L.T @ gram @ L + variance * np.eye(width))
+            return evidence(gram, side, whole, root(h), float(np.exp(h[-1])), samples)
         except np.linalg.LinAlgError:
             return 1e12
-        seen = np.linalg.solve(C, L.T @ side)
-        rest = max(whole - float(seen @ seen), 1e-12 * whole)
-        log_det = 2.0 * float(np.sum(np.log(np.diag(C))))
-        return rest / variance + (samples - width) * float(h[-1]) + log_det
 
     start = [v for _ in range(nu) for v in (-2.0, _logit(0.9), _logit(0.9))] + [-3.0]
     options: Any = {"maxfev": TRIES * (3 * nu + 1), "xatol": 0.02, "fatol": 0.05}
@@ -223,7 +207,28 @@ def _fitted(
     L, variance = root(best.x), float(np.exp(best.x[-1]))
     inner = np.linalg.inv(L.T @ gram @ L + variance * np.eye(width))
     mean = L @ (inner @ (L.T @ side))
-    return float(best.fun), kernel, mean, variance * (L @ inner @ L.T), variance**0.5
+    return mean, variance * (L @ inner @ L.T), variance**0.5
+
+
+def evidence(
+    gram: Array, side: Array, whole: float, L: Array, variance: float, samples: int
+) -> float:
+    """−2 ln p(y) less N ln 2π for y ~ N(0, X L Lᵀ Xᵀ + σ² I).
+
+    Args:
+        gram, side, whole: XᵀX, Xᵀy and yᵀy.
+        L: square root of the prior covariance.
+        variance: σ².
+        samples: N.
+
+    Raises:
+        LinAlgError: it cannot be computed for these numbers.
+    """
+    C = np.linalg.cholesky(L.T @ gram @ L + variance * np.eye(len(L)))
+    seen = np.linalg.solve(C, L.T @ side)
+    rest = max(whole - float(seen @ seen), 1e-12 * whole)
+    log_det = 2.0 * float(np.sum(np.log(np.diag(C))))
+    return rest / variance + (samples - len(L)) * float(np.log(variance)) + log_det
 
 
 def _unit(x: float) -> float:

@@ -12,7 +12,7 @@ from sysid.data.record import Record
 from sysid.errors import DataError
 from sysid.estimation.look.distortion import Distortions, distortions
 from sysid.estimation.look.frequency import FrequencyEstimate, frequency_response
-from sysid.estimation.look.impulse import MOST, ImpulseResponse, impulse_response
+from sysid.estimation.look.impulse import MOST, USUAL, ImpulseResponse, impulse_response
 
 SETTLED = 0.05
 """A response has settled where what follows is below this share of the whole."""
@@ -85,12 +85,12 @@ class Look:
         return test.p_value < NONLINEAR and test.share >= TRACE
 
 
-def look(data: Sequence[Record] | LogFacts, kernel: str | None = None) -> Look:
+def look(data: Sequence[Record] | LogFacts, kernel: str = USUAL) -> Look:
     """Impulse and frequency responses, delays, noise and distortions of logs.
 
     Args:
         data: experiments with the same channels, or what is already known of them.
-        kernel: of the impulse response, TC, DC or SS; the likeliest when None.
+        kernel: of the impulse response, TC, DC or SS.
 
     Raises:
         DataError: there are no inputs, or too few samples.
