@@ -94,11 +94,7 @@ def check_alone(validation: Sequence[Path] | None, steps: "Preparation") -> None
 
 
 def _orders(request: "Request") -> Any:
-    """The orders asked for; what following cannot do is refused.
-
-    Raises:
-        UsageError: something is asked for that needs the whole log.
-    """
+    """The orders asked for; what following cannot do is refused."""
     from sysid.estimation.identify import Request
     from sysid.fitting.options import FitOptions
     from sysid.structures.orders import parse_orders

@@ -178,9 +178,6 @@ def _entries(
     progress: Progress | None,
 ) -> list[Entry]:
     """Every structure with its best orders fitted to all data; what fails is put into ``failed``.
-
-    Raises:
-        DataError, ModelError: the only structure cannot be fitted.
     """
     entries = []
     for k, (name, chosen) in enumerate(tasks):

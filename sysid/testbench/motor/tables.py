@@ -257,11 +257,7 @@ def _kind(measurements: Mapping[str, Array]) -> Kind:
 
 
 def _check(test: SteadyTest) -> None:
-    """Refuse what no such experiment can give.
-
-    Raises:
-        DataError: a sign is wrong, or currents of a motor that turns stand as a blocked rotor's.
-    """
+    """Refuse what no such experiment can give."""
     for quantity in ("current", "speed", "torque"):
         product = test.of(quantity) * np.sign(test.voltage)
         wrong = np.flatnonzero(product < 0.0)

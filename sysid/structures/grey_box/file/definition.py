@@ -172,9 +172,6 @@ class Definition:
 def definition_of(text: str, name: str = "equations") -> Definition:
     """Read and check the text of a file of equations.
 
-    Args:
-        name: what messages call the file.
-
     Raises:
         DataError: it is none; ``file:line:column: what is wrong: what to do``.
     """
@@ -191,9 +188,6 @@ def definition_of(text: str, name: str = "equations") -> Definition:
 
 def _refuse_cut(source: YamlSource) -> None:
     """Refuse an equation that YAML has cut at a comma, before its pieces are called unknown keys.
-
-    Raises:
-        DataError: a key is the end of a bracket.
     """
     for place in source.lines:
         if place and str(place[-1]).count(")") > str(place[-1]).count("("):
