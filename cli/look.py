@@ -39,7 +39,9 @@ def look(
     read: "ReadOptions" = group(reading.Reading, hidden=True),
     json: bool = reading.JSON,
 ) -> None:
-    """Show responses, delays, noise and distortions of a log, before any model."""
+    """Show responses, delay, noise and linearity of a log.
+
+    It needs no model and no orders."""
     from sysid.data.facts import LogFacts
     from sysid.data.files import write_atomic
     from sysid.data.frequency_response import ENDING
@@ -121,7 +123,7 @@ def _next(found: "Look") -> str:
         return "drive harder or longer (`sysid excite prbs`): no input moves an output"
     bent = [found.bent(i) for i in outputs]
     if None in bent and True not in bent:
-        return "sysid fit, or see whether it is linear: `sysid excite multisine --odd --periods 4`"
+        return "sysid fit, or see whether it is linear (`sysid excite multisine --odd`)"
     return (
         "sysid diagnose, or sysid fit with a nonlinear structure (sysid structures)"
         if True in bent

@@ -10,7 +10,7 @@ import sysid
 from sysid.data.excitation import multisine
 from sysid.data.record import Array, Record
 from sysid.errors import DataError, UsageError
-from sysid.estimation.look.distortion import distortions, period_of
+from sysid.estimation.look.distortion import distortions, periods_of
 from sysid.estimation.look.frequency import (
     FrequencyEstimate,
     blackman_tukey,
@@ -239,7 +239,7 @@ def test_rests_at_the_ends_are_no_part_of_the_periods() -> None:
 
 
 def test_no_period_no_distortions() -> None:
-    assert period_of(logged(500, 0)) is None
+    assert periods_of(logged(500, 0)) is None
     assert distortions([logged(500, 0)], 0) is None
 
 

@@ -101,12 +101,6 @@ def periods_of(record: Record) -> Periods | None:
     return Periods(P, whole, np.fft.rfft(record.u[first : first + P], axis=0) / P, mean, noise)
 
 
-def period_of(record: Record) -> int | None:
-    """The shortest period of all inputs [samples], at least two of which are in the record."""
-    found = _periodic_rows(record)
-    return None if found is None else found[0]
-
-
 def _periodic_rows(record: Record) -> tuple[int, int, int] | None:
     """Period, first and one past the last row of the inputs' motion between rests at its ends."""
     moves = np.flatnonzero(np.any(record.u[1:] != record.u[:-1], axis=1))
