@@ -46,11 +46,16 @@ def look(
     from sysid.data.files import write_atomic
     from sysid.data.frequency_response import ENDING
     from sysid.data.preparation import read_prepared
+    from sysid.errors import UsageError
     from sysid.estimation.look.summary import look as looked
     from sysid.report.look_panels import look_panels
     from sysid.report.panels import PanelPicture, table
     from sysid.report.plots import write_picture
 
+    if responses := [p for p in logs if p.name.lower().endswith(ENDING)]:
+        raise UsageError(
+            f"{responses[0].name} is a frequency response already; fit a model to it by `sysid fit`"
+        )
     records, findings = read_prepared(logs, read, steps)
     found = looked(LogFacts(records, findings), kernel.value)
     panels = look_panels(found) if output or save else ()
@@ -88,7 +93,11 @@ def _show(found: "Look", read_as: str, files: "dict[str, Path | None]") -> None:
             answer.say(_noise(name, found, i), "", 2)
         if answer.room > 1:
             answer.say(_linearity(name, found, i), "", 2)
-    cautions = []
+    cautions = [
+        f"{name} integrates its input, so its gain and noise mean nothing here: look at its speed "
+        f"(--speed-of {name})."
+        for name in found.integrals
+    ]
     if found.closed_loop:
         cautions.append(
             "A controller was running: inputs answer to the noise, so the responses are biased "
@@ -108,7 +117,7 @@ LINES_OF_OUTPUTS = 10
 def _noise(name: str, found: "Look", i: int) -> str:
     response = found.impulses[i]
     said = (
-        f"{name}: {100.0 * found.noise_share[i]:.2g} % of it is noise"
+        f"{name}: {_percent(found.noise_share[i])} % of it is noise"
         f"{' or nonlinear' if found.bent(i) else ''} (kernel {response.kernel}, "
         f"{len(response.g)} steps of {response.dt:.4g} s)."
     )
@@ -129,6 +138,10 @@ def _next(found: "Look") -> str:
         if True in bent
         else "sysid fit"
     )
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f}" if share > 0.0995 else f"{100.0 * share:.2g}"
 
 
 def _gain(p: "Response") -> str:
@@ -167,7 +180,7 @@ def _linearity(name: str, found: "Look", i: int) -> str:
         parts[-1] += f" of the excited lines (period {d.period} samples)"
     elif test is not None:
         parts.append(
-            f"{test.shape} predict {100.0 * test.share:.2g} % of what a linear one leaves"
+            f"{test.shape} predict {_percent(test.share)} % of what a linear one leaves"
             if bent
             else f"nothing nonlinear predicts its errors (p = {test.p_value:.2g})"
         )
@@ -182,6 +195,7 @@ def _document(found: "Look") -> dict[str, Any]:
         "noise_share": list(found.noise_share),
         "frequency_response": found.frequency.method,
         "nonlinear": [found.bent(i) for i in range(len(found.impulses))],
+        "integrals": found.integrals,
         "closed_loop": found.closed_loop,
         "kernels": [r.kernel for r in found.impulses],
         "distortions": [None if d is None else by_field(d) for d in found.distortions],

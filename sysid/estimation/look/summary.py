@@ -63,6 +63,7 @@ class Look:
         noise_share: standard deviation of what inputs do not explain over the output's, (ny,).
         distortions: of each output; None where the inputs are not periodic.
         nonlinearity: of each output a test without periods; None where it cannot be made.
+        integrals: outputs that integrate an input: their gain has no end.
         closed_loop: whether an input follows from an output: then responses are biased.
     """
 
@@ -73,6 +74,7 @@ class Look:
     noise_share: tuple[float, ...]
     distortions: tuple[Distortions | None, ...]
     nonlinearity: tuple[NonlinearityTest | None, ...]
+    integrals: tuple[str, ...]
     closed_loop: bool
 
     def bent(self, i: int) -> bool | None:
@@ -121,6 +123,7 @@ def look(data: Sequence[Record] | LogFacts, kernel: str = USUAL) -> Look:
         tuple(shares),
         tuple(distortions(records, i) for i in range(first.ny)),
         tuple(tests.get(y) for y in first.output_names),
+        tuple(s.output for s in facts.integrals),
         facts.closed_loop,
     )
 
