@@ -46,8 +46,8 @@ class Shape:
     hold: tuple[float, float] | None = option("MIN MAX", "steps: time a level is held [s].")
     on: float | None = option("SECONDS", "pulses: time each is driven.")
     pause: float | None = option("SECONDS", "pulses: time at rest between them.")
-    odd: bool = flag("multisine: odd harmonics, some silent: they show distortions.")
-    periods: int | None = option("N", "multisine: periods [1; for distortions 3 or more].", min=1)
+    odd: bool = flag("multisine: odd harmonics, to see distortions.")
+    periods: int | None = option("N", "multisine: periods [1; distortions need 3].", min=1)
     seed: int | None = option("N", "prbs, multisine, steps: random seed.", min=0)
 
     def made(self) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def excite(
     output: Path | None = targets.target("FILE", "CSV to write [schedule_DESIGN.csv]."),
     options: dict[str, Any] = group(Shape),
     tracks: Tracks | None = option(
-        "|".join(Tracks), "Commands of the two tracks [independent; pulses: equal]."
+        "|".join(Tracks), "The two tracks [independent; pulses: equal]."
     ),
     names: list[str] | None = option("NAME", "Names of the inputs.", "-u", "--input"),
     json: bool = reading.JSON,
