@@ -20,7 +20,7 @@ def plot(
     what: str = argument(
         "WHAT",
         "log, step, impulse, bode, nyquist, poles, residuals, fit, curve (statics), horizon, "
-        "surface or ranking.",
+        "surface, singular (order of ss) or ranking.",
     ),
     which: list[str] | None = argument(
         "[MODEL|LOG]...",

@@ -25,7 +25,7 @@ from sysid.structures.linear.families import OE
 from sysid.structures.model import Model, Provenance
 from sysid.structures.registry import structure_class
 
-Complex = NDArray[np.complex128]
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 ROUNDS = 15
 """Of reweighing a rational approximation."""
@@ -84,15 +84,15 @@ def fit_response(
         raise UsageError(f"{name} is not fitted to frequency responses; tf, process and oe are")
     if issubclass(cls, OE) and response.sample_time is None:
         raise UsageError(
-            f"{response.name} is a response in continuous time, and oe steps from sample to sample; "
-            "fit tf or process, or say its sample time"
+            f"{response.name} is a response in continuous time, and oe steps from sample to "
+            "sample; fit tf or process, or say its sample time"
         )
     response = _within(response, band)
     nu, ny = len(response.inputs), len(response.outputs)
     said = orders or cls.orders_said(options or {})
     grid = [said] if said else _usual(cls, nu, ny)
     fits = [_fitted(cls.from_orders(o, nu, ny, options), response) for o in grid]
-    return min(fits, key=lambda f: _bic(f, response))
+    return min(fits, key=lambda f: round(_bic(f, response), 2))
 
 
 def _usual(cls: Any, nu: int, ny: int) -> list[Mapping[str, Any]]:
@@ -136,7 +136,8 @@ def _fitted(structure: Any, response: FrequencyResponse) -> ResponseFit:
     def errors(theta: Array) -> Array:
         with np.errstate(all="ignore"):
             e = np.sqrt(2.0) * ((response.value - of(theta)) / sigma).ravel()
-        return np.nan_to_num(np.concatenate([e.real, e.imag]), nan=1e6, posinf=1e6, neginf=-1e6)
+        both = np.concatenate([e.real, e.imag])
+        return np.asarray(np.nan_to_num(both, nan=1e6, posinf=1e6, neginf=-1e6))
 
     table = structure.parameters(response.inputs, response.outputs)
     low, high = (np.array([getattr(p, side) for p in table]) for side in ("lower", "upper"))
@@ -153,7 +154,8 @@ def _fitted(structure: Any, response: FrequencyResponse) -> ResponseFit:
     best = min(found, key=lambda f: f.cost)
     error = float(np.sqrt(2.0 * best.cost / numbers))
     inflated = 1.0 if response.variance is not None else error**2 * numbers / (numbers - len(table))
-    covariance = inflated * np.linalg.pinv(best.jac.T @ best.jac)
+    slopes = np.asarray(best.jac)
+    covariance = inflated * np.linalg.pinv(slopes.T @ slopes)
     gone = np.abs(response.value - of(best.x)) / np.maximum(np.abs(response.value), 1e-300)
     model = Model(
         structure=structure,
@@ -247,7 +249,8 @@ def _rational(
     x = s / unit
     top = x[:, None] ** np.arange(m + 1)
     bottom = x[:, None] ** np.arange(n)
-    last, best = np.ones(len(s), dtype=np.complex128), None
+    last: Any = np.ones(len(s), dtype=np.complex128)
+    best: tuple[float, Array] | None = None
     for _ in range(ROUNDS):
         w = weight / np.abs(last)
         A = np.hstack([top, -value[:, None] * bottom]) * w[:, None]
@@ -258,20 +261,20 @@ def _rational(
             best = cost, theta
         last = np.where(np.abs(den) > 1e-12, den, 1e-12)
     assert best is not None
-    cost, theta = best
-    num = theta[: m + 1] * unit ** (n - np.arange(m + 1.0))
-    den = theta[m + 1 :] * unit ** (n - np.arange(float(n)))
-    roots = np.roots([1.0, *den[::-1]])
-    roots = np.where(roots.real > 0.0, -np.conj(roots), roots)
+    cost, found = best
+    num = found[: m + 1] * unit ** (n - np.arange(m + 1.0))
+    bottom_of = found[m + 1 :] * unit ** (n - np.arange(float(n)))
+    roots = np.roots([1.0, *bottom_of[::-1]])
+    right = roots.real > 0.0
+    roots[right] = -np.conj(roots[right])
     return num, np.real(np.poly(roots))[:0:-1], cost
 
 
-def _in_q(
-    q: Complex, value: Complex, weight: Array, nb: int, nf: int
-) -> tuple[Array, Array]:
+def _in_q(q: Complex, value: Complex, weight: Array, nb: int, nf: int) -> tuple[Array, Array]:
     """b and f of Σ b q^−k/(1 + Σ f q^−k), k from 0 and from 1."""
     top, bottom = q[:, None] ** np.arange(nb), q[:, None] ** np.arange(1, nf + 1)
-    last, theta = np.ones(len(q), dtype=np.complex128), np.zeros(nb + nf)
+    last: Any = np.ones(len(q), dtype=np.complex128)
+    theta = np.zeros(nb + nf)
     for _ in range(ROUNDS):
         w = weight / np.abs(last)
         theta = _solved(np.hstack([top, -value[:, None] * bottom]) * w[:, None], value * w)
@@ -282,10 +285,8 @@ def _in_q(
     return theta[:nb], np.real(np.poly(roots))[1:]
 
 
-def _solved(A: Complex, b: Complex) -> Array:
+def _solved(A: Any, b: Any) -> Array:
     """Real least squares of complex equations."""
     whole, right = np.vstack([A.real, A.imag]), np.concatenate([b.real, b.imag])
     size = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
     return np.asarray(np.linalg.lstsq(whole / size, right, rcond=1e-12)[0] / size)
-
-

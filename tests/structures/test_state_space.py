@@ -79,10 +79,9 @@ def kalman_gain() -> tuple[Array, Array]:
     return A @ P @ C.T @ np.linalg.inv(S), S
 
 
-def fitted(records: Sequence[Record], n: int = 3, **options: Focus) -> Model:
-    return fit(
-        StateSpace.from_orders({"n": n}, 2, 2), records, FitOptions(**options), detrend=NOTHING
-    )
+def fitted(records: Sequence[Record], focus: Focus = Focus.PREDICTION) -> Model:
+    s = StateSpace.from_orders({"n": 3}, 2, 2)
+    return fit(s, records, FitOptions(focus=focus), detrend=NOTHING)
 
 
 @pytest.mark.parametrize(

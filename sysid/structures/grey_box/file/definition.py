@@ -187,8 +187,7 @@ def definition_of(text: str, name: str = "equations") -> Definition:
 
 
 def _refuse_cut(source: YamlSource) -> None:
-    """Refuse an equation that YAML has cut at a comma, before its pieces are called unknown keys.
-    """
+    """Refuse an equation that YAML has cut at a comma, before its pieces count as unknown keys."""
     for place in source.lines:
         if place and str(place[-1]).count(")") > str(place[-1]).count("("):
             raise DataError(
