@@ -112,11 +112,11 @@ def fit_response(
     return fitted(response, name, raw, options, band)
 
 
-def look(records: Records, kernel: str | None = None) -> "Look":
+def look(records: Records, kernel: str = "DC") -> "Look":
     """What logs show before any model: responses with bands, delays, noise, distortions.
 
     Args:
-        kernel: prior of the impulse response, TC, DC or SS; the likeliest when None.
+        kernel: prior of the impulse response, TC, DC or SS.
 
     Raises:
         DataError: there are no inputs, or too few samples.

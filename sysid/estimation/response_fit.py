@@ -261,10 +261,10 @@ def _rational(
             best = cost, theta
         last = np.where(np.abs(den) > 1e-12, den, 1e-12)
     assert best is not None
-    cost, theta = best
-    num = theta[: m + 1] * unit ** (n - np.arange(m + 1.0))
-    den = theta[m + 1 :] * unit ** (n - np.arange(float(n)))
-    roots = np.roots([1.0, *den[::-1]])
+    cost, found = best
+    num = found[: m + 1] * unit ** (n - np.arange(m + 1.0))
+    bottom_of = found[m + 1 :] * unit ** (n - np.arange(float(n)))
+    roots = np.roots([1.0, *bottom_of[::-1]])
     right = roots.real > 0.0
     roots[right] = -np.conj(roots[right])
     return num, np.real(np.poly(roots))[:0:-1], cost

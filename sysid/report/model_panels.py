@@ -19,7 +19,9 @@ from sysid.estimation.assessment.responses import (
     step_curves,
 )
 from sysid.estimation.assessment.spectra import spectra
+from sysid.estimation.look.summary import look as look_at
 from sysid.report.data_panels import fit, horizon, log, ranking, residuals, surface
+from sysid.report.look_panels import look_panels
 from sysid.report.panels import RAD, Curve, Panel, Panels, Shown
 from sysid.report.style import labelled
 from sysid.structures.state_space.subspace import subspace
@@ -194,6 +196,11 @@ def poles(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     return tuple(panels)
 
 
+def look(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """What the log shows before any model."""
+    return look_panels(look_at(records))
+
+
 def singular(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     """What the past says of future outputs, direction by direction: as many states as stand out."""
     u, y = (np.concatenate([getattr(r, s) for r in records]).mean(axis=0) for s in ("u", "y"))
@@ -201,6 +208,7 @@ def singular(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     if looked is None:
         raise ModelError("the log is too short for singular values; record more")
     values = looked.singular[:DIRECTIONS]
+    values = values / np.sqrt(1.0 + values**2)
     curves = [Curve("log", np.arange(1.0, len(values) + 1), values, kind="dots", colour=-1)]
     for k, s in enumerate(shown):
         n = s.model.structure.order_values().get("n")
@@ -215,6 +223,7 @@ def singular(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
 
 WHAT: Mapping[str, Callable[[Sequence[Shown], Sequence[Record]], Panels]] = {
     "log": log,
+    "look": look,
     "step": step,
     "impulse": impulse,
     "bode": bode,
@@ -230,7 +239,10 @@ WHAT: Mapping[str, Callable[[Sequence[Shown], Sequence[Record]], Panels]] = {
 }
 """Word → what it shows."""
 
-NEEDS_LOG = ("log", "residuals", "fit", "horizon", "singular", "ranking")
+OF_LOG = ("log", "look")
+"""What needs no model."""
+
+NEEDS_LOG = (*OF_LOG, "residuals", "fit", "horizon", "singular", "ranking")
 """What cannot be shown without data."""
 
 
