@@ -91,17 +91,11 @@ def fit_response(
     options: Mapping[str, str] | None = None,
     band: tuple[float, float] | None = None,
 ) -> "ResponseFit":
-    """Fit ``tf``, ``process`` or ``oe`` to a frequency response, weighed by its variance.
+    """Fit ``tf``, ``process`` or ``oe`` to a frequency response or its ``.frd.csv``.
 
     Args:
-        response: or its ``.frd.csv``.
         orders: text or a mapping; the usual ones, ranked by BIC, when None.
-        options: of the structure, as text.
         band: lowest and highest frequency that count [Hz].
-
-    Raises:
-        DataError: the response is not usable.
-        UsageError: another structure, orders that do not fit, or a band without frequencies.
     """
     from sysid.data.frequency_response import read_frequency_response
     from sysid.estimation.response_fit import fit_response as fitted

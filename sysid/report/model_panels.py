@@ -208,6 +208,7 @@ def singular(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     if looked is None:
         raise ModelError("the log is too short for singular values; record more")
     values = looked.singular[:DIRECTIONS]
+    values = values / np.sqrt(1.0 + values**2)
     curves = [Curve("log", np.arange(1.0, len(values) + 1), values, kind="dots", colour=-1)]
     for k, s in enumerate(shown):
         n = s.model.structure.order_values().get("n")

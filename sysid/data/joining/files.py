@@ -329,9 +329,9 @@ def companion(joins: Sequence[str], log: Path) -> Path | None:
     Raises:
         UsageError: a log is given two files.
     """
-    for_this_log = [
-        j.partition("=")[2] for j in joins if "=" in j and _same(j.partition("=")[0], log)
-    ]
+    called = (log.name, log.stem, str(log))
+    pairs = [j.split("=", 1) for j in joins if "=" in j]
+    for_this_log = [file for name, file in pairs if name in called]
     plain = [j for j in joins if "=" not in j]
     chosen = for_this_log or plain
     if len(chosen) > 1:
@@ -340,7 +340,3 @@ def companion(joins: Sequence[str], log: Path) -> Path | None:
             "where there are several logs"
         )
     return Path(chosen[0]) if chosen else None
-
-
-def _same(name: str, log: Path) -> bool:
-    return name in (log.name, log.stem, str(log))

@@ -187,7 +187,7 @@ def definition_of(text: str, name: str = "equations") -> Definition:
 
 
 def _refuse_cut(source: YamlSource) -> None:
-    """Refuse an equation that YAML has cut at a comma, before its pieces count as unknown keys."""
+    """Refuse an equation that YAML has cut at a comma, before its pieces are unknown keys."""
     for place in source.lines:
         if place and str(place[-1]).count(")") > str(place[-1]).count("("):
             raise DataError(
@@ -350,9 +350,6 @@ class _Checker:
                 found[name] = e
             elif name in shown_by:
                 found[name] = Expression("name", 0, name=shown_by[name])
-        for name, p in said.parameters.items():
-            if p.per_experiment:
-                found[name] = Expression("number", 0, number=p.start)
         return found
 
     def _parsed(
