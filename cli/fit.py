@@ -9,6 +9,7 @@ from sysid.workspace.store import StoredModel, Workspace
 
 from . import fit_options, reading, render
 from .fit_report import show
+from .fit_response import fit_response, is_response
 from .live.follow import Followed, check_alone, follow, stopping
 from .live.options import Following
 from .options import command, group, option
@@ -66,6 +67,10 @@ def fit(
     Without --structure every linear structure is fitted with a small order search. The best in free
     run on held-out estimation data comes first.
     """
+    if is_response(logs):
+        names, own = fit_options.names(structures), options.structure_options or {}
+        fit_response(logs[0], names, orders, own, steps.band, workspace, json)
+        return
     with stopping(how.follow) as stop:  # Ctrl-C is how following ends
         from sysid.estimation.identify import Request
 

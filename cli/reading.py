@@ -70,6 +70,19 @@ def periods(given: list[str]) -> dict[str, float]:
     return by_column
 
 
+def band_of(text: str) -> tuple[float, float]:
+    """LOW:HIGH in Hz.
+
+    Raises:
+        UsageError: the text is not of that form.
+    """
+    low, _, high = text.partition(":")
+    try:
+        return float(low), float(high)
+    except ValueError:
+        raise UsageError(f"--band cannot read {text!r}; write LOW:HIGH in Hz, e.g. 0.1:5") from None
+
+
 def seconds_to_trim(text: str) -> tuple[float, float]:
     """``"2:1.5"`` as seconds to cut at the head and at the tail; ``"2"`` cuts the head only.
 
@@ -200,6 +213,12 @@ class Preparing:
         kind=str | None,
     )
     low_pass: float | None = _preparing("HZ", "Cut-off of a filter on all signals.")
+    band: tuple[float, float] | None = _preparing(
+        "LOW:HIGH",
+        "Frequencies [Hz] that count: a filter on all signals, e.g. 0.1:5.",
+        parse=band_of,
+        kind=str | None,
+    )
     decimate: int = _preparing("N", "Keep every N-th sample, of means of N.", default=1)
     remove_drift: bool = _preparing(
         None, "Take the slow drift of each output's level out.", default=False
@@ -214,4 +233,4 @@ class Preparing:
         from sysid.data.preparation import Preparation
 
         head, tail = self.trim or (0.0, 0.0)
-        return Preparation(head, tail, self.low_pass, self.decimate, self.remove_drift)
+        return Preparation(head, tail, self.low_pass, self.decimate, self.remove_drift, self.band)

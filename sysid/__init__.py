@@ -24,18 +24,10 @@ _NAMES = {
     "sysid.fitting.options": ("FitOptions",),
     "sysid.fitting.problem": ("Focus",),
     "sysid.interface": (
-        *("compare", "diagnose", "fit", "fit_vehicle", "frequency_response", "from_dataframe"),
-        *(
-            "identify",
-            "inspect",
-            "load_model",
-            "localize",
-            "look",
-            "plan",
-            "simulate",
-            "simulate_runs",
-        ),
-        *("step_response", "structure", "tune"),
+        *("compare", "diagnose", "fit", "fit_response", "fit_vehicle", "forecast"),
+        *("frequency_response", "from_dataframe", "identify", "inspect", "load_model", "localize"),
+        *("look", "plan"),
+        *("simulate", "simulate_runs", "step_response", "structure", "tune"),
     ),
     "sysid.plant.package": ("load_plant",),
     "sysid.robot.mission.spec": ("Mission", "load_mission"),
@@ -69,7 +61,9 @@ if TYPE_CHECKING:
     from sysid.interface import compare as compare
     from sysid.interface import diagnose as diagnose
     from sysid.interface import fit as fit
+    from sysid.interface import fit_response as fit_response
     from sysid.interface import fit_vehicle as fit_vehicle
+    from sysid.interface import forecast as forecast
     from sysid.interface import frequency_response as frequency_response
     from sysid.interface import from_dataframe as from_dataframe
     from sysid.interface import identify as identify

@@ -12,7 +12,7 @@ from sysid.data.documents import by_field
 from sysid.data.facts import without_drift
 from sysid.data.finding import Finding
 from sysid.data.io import read_files
-from sysid.data.preprocess import decimate, low_pass, trim
+from sysid.data.preprocess import band_pass, decimate, low_pass, trim
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.record import Record
 from sysid.data.same_kind import common_step
@@ -22,11 +22,12 @@ from sysid.errors import UsageError
 
 @dataclass(frozen=True)
 class Preparation:
-    """Trimming, low-pass filtering, decimation and removal of a drift, in that order.
+    """Trimming, filtering, decimation and removal of a drift, in that order.
 
     Attributes:
         trim_start, trim_end: seconds cut from the head and the tail of each record.
         low_pass: cut-off [Hz] of the filter on all signals, None for none.
+        band: ends of the band [Hz] that counts, None for all frequencies.
         decimate: keep every so many samples (means of them), 1 for all.
         remove_drift: take the slow drift of each output's level out, whatever the inputs do.
 
@@ -41,6 +42,7 @@ class Preparation:
     low_pass: float | None = None
     decimate: int = 1
     remove_drift: bool = False
+    band: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for name in ("trim_start", "trim_end"):
@@ -58,15 +60,14 @@ class Preparation:
             record = trim(record, self.trim_start, self.trim_end)
         if self.low_pass is not None:
             record = low_pass(record, self.low_pass)
+        if self.band is not None:
+            record = band_pass(record, *self.band)
         if self.decimate > 1:
             record = decimate(record, self.decimate)
         if self.remove_drift:
             record = without_drift(record)
         done = self.to_json()
-        steps = ", ".join(
-            name.replace("_", " ") + ("" if value is True else f" {value:g}")
-            for name, value in done.items()
-        )
+        steps = ", ".join(name.replace("_", " ") + _amount(value) for name, value in done.items())
         changes = dict.fromkeys(name.partition("_")[0] if "trim" in name else name for name in done)
         decision = Decision("prepared", steps, tuple(changes))
         return replace(record, read_as=(*record.read_as, decision)) if done else record
@@ -76,15 +77,18 @@ class Preparation:
         return by_field(self, defaults=False)
 
 
+def _amount(value: Any) -> str:
+    if value is True:
+        return ""
+    return " " + ":".join(f"{v:g}" for v in (value if isinstance(value, list | tuple) else [value]))
+
+
 def read_prepared(
     paths: Sequence[Path], options: ReadOptions, steps: Preparation, dt: float | None = None
 ) -> tuple[tuple[Record, ...], tuple[Finding, ...]]:
     """The records of log files as a fit takes them, and what there is to say about the reading.
 
     Args:
-        paths: the files.
-        options: how to read them.
-        steps: what to do with them then.
         dt: sample time [s] of a model or log that finer records are brought to.
 
     Raises:

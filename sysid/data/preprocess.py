@@ -133,7 +133,6 @@ def low_pass(record: Record, cutoff: float) -> Record:
     commands do. (Ljung 1999, §14.4.)
 
     Args:
-        record: the experiment.
         cutoff: −3 dB frequency [Hz].
 
     Raises:
@@ -148,6 +147,31 @@ def low_pass(record: Record, cutoff: float) -> Record:
     from scipy import signal
 
     sections = signal.butter(4, cutoff / nyquist, output="sos")
+    settled = signal.sosfilt_zi(sections)[:, :, None]
+    return _each(record, lambda x: signal.sosfilt(sections, x, axis=0, zi=settled * x[0])[0])
+
+
+def band_pass(record: Record, low: float, high: float) -> Record:
+    """All signals through one causal Butterworth band-pass of order 4, settled at the first sample.
+
+    What ``low_pass`` says holds here, too: the fit then counts the frequencies within the band.
+    The levels are gone with what lies below it.
+
+    Args:
+        low, high: −3 dB frequencies [Hz].
+
+    Raises:
+        UsageError: they do not rise within half the sampling rate.
+    """
+    nyquist = 0.5 / record.dt
+    if not 0.0 < low < high < nyquist:
+        raise UsageError(
+            f"a band from {low:g} to {high:g} Hz is impossible at {1 / record.dt:g} samples per "
+            f"second; its ends must rise between 0 and {nyquist:g} Hz"
+        )
+    from scipy import signal
+
+    sections = signal.butter(2, (low / nyquist, high / nyquist), "bandpass", output="sos")
     settled = signal.sosfilt_zi(sections)[:, :, None]
     return _each(record, lambda x: signal.sosfilt(sections, x, axis=0, zi=settled * x[0])[0])
 

@@ -192,12 +192,15 @@ def test_every_experiment_may_have_a_parameter_of_its_own() -> None:
     logs = []
     for own in (0.5, 2.0):
         u = rng.standard_normal((120, 1))
-        y = s.simulate(np.array([0.8]), u, np.array([0.0, own]))
+        y = s.simulate(np.array([0.8]), u, np.array([0.0, own - 1.0]))
         logs.append(Record(u, y + 1e-3 * rng.standard_normal(y.shape), 1.0))
+    at_rest = s.simulate(np.array([0.8]), logs[0].u)
+    assert at_rest[1, 0] == pytest.approx(logs[0].u[0, 0])  # b is 1, its start
     model = fit(s, logs)
     # noise of 1e-3 over 120 samples of unit drive
     assert model.theta[0] == pytest.approx(0.8, abs=1e-3)
-    assert [x[1] for x in model.initial_states] == pytest.approx([0.5, 2.0], abs=2e-3)
+    # counted from the start in the file, which is 1
+    assert [x[1] for x in model.initial_states] == pytest.approx([-0.5, 1.0], abs=2e-3)
 
 
 def test_a_known_first_state_is_not_estimated() -> None:

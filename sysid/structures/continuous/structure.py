@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array, Channel, Record
 from sysid.data.schema import checked
@@ -158,6 +159,15 @@ class ContinuousStructure(RealizedStructure):
             levels = [row.level for row, wanted in zip(chosen, self.levels, strict=False) if wanted]
             starts.append((chosen[0].how, np.concatenate([theta, levels])))
         return starts
+
+    def continuous_response(self, theta: Array, w: Array) -> NDArray[np.complex128]:
+        """G(jω) of the paths themselves, without the hold, (len(w), ny, nu)."""
+        s = 1j * w
+        out = np.zeros((len(w), self.outputs, self.inputs), dtype=np.complex128)
+        for k, (num, den, delay) in enumerate(self.paths(theta)):
+            bottom = np.polyval([1.0, *den[::-1]], s)
+            out[:, *divmod(k, self.inputs)] = np.polyval(num[::-1], s) / bottom * np.exp(-s * delay)
+        return out
 
     def in_continuous_time(self, theta: Array, dt: float) -> tuple[Array, Array, Array, Array]:
         """The paths themselves, each dead time as its Padé approximation of order ``PADE``."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.structures.linear.transfer import TransferMatrix
@@ -122,6 +123,15 @@ class Realization:
         for k in range(samples):
             out[k] = power
             power = power @ self.A
+        return out
+
+    def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """C (z − A)⁻¹ B + D at points z, each column later by z^−lag, (len(z), ny, nu)."""
+        inner = np.linalg.solve(z[:, None, None] * np.eye(self.core) - self.A, self.B[None])
+        columns = (self.C @ inner + self.D) * z[:, None, None] ** -np.array(self.lag)
+        out = np.zeros((len(z), len(self.C), self.nu), dtype=np.complex128)
+        for k, j in enumerate(self.source):
+            out[:, :, j] += columns[:, :, k]
         return out
 
     def transfer(self) -> TransferMatrix:

@@ -169,7 +169,7 @@ def parse(text: str) -> Expression:
     if reader.now is not None:
         raise reader.error(f"nothing can follow before {reader.now!r}")
     if sum(1 for _ in nodes(expression)) > MAX_NODES:
-        raise ExpressionError(f"it has more than {MAX_NODES} parts: split it by `let`", 0)
+        raise ExpressionError(f"it has more than {MAX_NODES} parts: split it by let", 0)
     return expression
 
 

@@ -1,0 +1,47 @@
+"""``sysid reduce``: a model of fewer states, and what that changes."""
+
+from pathlib import Path
+
+from sysid.workspace.store import Workspace
+
+from . import reading, render
+from .options import argument, command, option
+
+
+@command
+def reduce(
+    model: str | None = argument(
+        "[MODEL]",
+        "Id of a linear model [the best].",
+        default=None,
+        autocompletion=reading.stored_models,
+    ),
+    order: int = option("N", "States that are kept.", "--order", min=1),
+    workspace: Path = reading.WORKSPACE,
+    json: bool = reading.JSON,
+) -> None:
+    """Reduce a linear model to fewer states, with its error bound."""
+    from sysid.structures.state_space.reduction import reduced
+
+    store = Workspace(workspace)
+    stored = store.chosen(model)
+    found = reduced(stored.model, order)
+    kept = store.save(found.model, {"reduced_from": stored.id})
+    if json:
+        render.document(
+            {
+                "model": kept.id,
+                "reduced_from": stored.id,
+                "singular_values": found.singular,
+                "bound": found.bound,
+                "reached": found.reached,
+            }
+        )
+        return
+    values = ", ".join(f"{v:.3g}" for v in found.singular)
+    render.say(f"{stored.id}: {len(found.singular)} states; Hankel singular values {values}.")
+    render.say(
+        f"With {order} of them the frequency response changes by {found.reached:.3g} at most "
+        f"(bound {found.bound:.3g})."
+    )
+    render.say(f"Saved {kept.id}. Details: sysid show {kept.id}")

@@ -1,0 +1,292 @@
+"""Fits of linear structures to frequency responses.
+
+    θ̂ = argmin Σ_k Σ_ij |Ĝ_ij(ω_k) − G_ij(ω_k; θ)|² / σ²_ij(ω_k)
+
+σ² is the response's own variance; where it has none, errors count relative to |Ĝ|, and their size
+is read off the fit. Searches begin at rational approximations by Sanathanan & Koerner (1963, IEEE
+Trans. Autom. Control 8, 56) for several dead times (Pintelon & Schoukens 2012, ch. 9).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.frequency_response import FrequencyResponse
+from sysid.data.preprocess import Detrend
+from sysid.data.record import Array
+from sysid.errors import DataError, Termination, UsageError
+from sysid.structures.continuous.instruments import Found
+from sysid.structures.continuous.structure import ContinuousStructure
+from sysid.structures.linear.base import LinearStructure
+from sysid.structures.linear.families import OE
+from sysid.structures.model import Model, Provenance
+from sysid.structures.registry import structure_class
+
+Complex = NDArray[np.complexfloating[Any, Any]]
+
+ROUNDS = 15
+"""Of reweighing a rational approximation."""
+
+DELAYS = 25
+"""Dead times that are tried, from none to ``LONGEST`` periods of the highest frequency."""
+
+LONGEST = 6.0
+
+STARTS = 3
+
+FASTER = 10.0
+"""A model of a response without a sample time is run so much faster than its highest frequency."""
+
+LEAST = 1e-6
+"""Least standard error, as a share of the largest response: the response's own rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseFit:
+    """A model of a frequency response.
+
+    Attributes:
+        error: weighed root mean square error; near 1 where the variance is known and the structure
+            holds.
+        relative: of |Ĝ − G| over |Ĝ|, root mean square.
+        weighed: whether the response had a variance.
+    """
+
+    model: Model
+    error: float
+    relative: float
+    weighed: bool
+
+
+def fit_response(
+    response: FrequencyResponse,
+    name: str,
+    orders: Mapping[str, Any] | None = None,
+    options: Mapping[str, str] | None = None,
+    band: tuple[float, float] | None = None,
+) -> ResponseFit:
+    """Fit ``tf``, ``process`` or ``oe`` to a frequency response.
+
+    Args:
+        orders: of the structure; the best of its usual ones by BIC when None.
+        options: of the structure, as text.
+        band: lowest and highest frequency that count [Hz].
+
+    Raises:
+        UsageError: another structure, or a band without frequencies.
+        DataError: there are fewer numbers than parameters.
+    """
+    cls = structure_class(name)
+    if not issubclass(cls, ContinuousStructure | OE):
+        raise UsageError(f"{name} is not fitted to frequency responses; tf, process and oe are")
+    if issubclass(cls, OE) and response.sample_time is None:
+        raise UsageError(
+            f"{response.name} is a response in continuous time, and oe steps from sample to "
+            "sample; fit tf or process, or say its sample time"
+        )
+    response = _within(response, band)
+    nu, ny = len(response.inputs), len(response.outputs)
+    said = orders or cls.orders_said(options or {})
+    grid = [said] if said else _usual(cls, nu, ny)
+    fits = [_fitted(cls.from_orders(o, nu, ny, options), response) for o in grid]
+    return min(fits, key=lambda f: round(_bic(f, response), 2))
+
+
+def _usual(cls: Any, nu: int, ny: int) -> list[Mapping[str, Any]]:
+    if issubclass(cls, OE):
+        return [{"nb": n, "nf": n, "nk": 1} for n in (1, 2, 3, 4)]
+    return list(cls.candidate_orders(nu, ny, 0, None))
+
+
+def _within(response: FrequencyResponse, band: tuple[float, float] | None) -> FrequencyResponse:
+    low, high = band or (0.0, np.inf)
+    kept = (response.frequency >= low) & (response.frequency <= high) & (response.frequency > 0.0)
+    if not kept.any():
+        raise UsageError(f"{response.name} has no frequency from {low:g} to {high:g} Hz")
+    return replace(
+        response,
+        frequency=response.frequency[kept],
+        value=response.value[kept],
+        variance=None if response.variance is None else response.variance[kept],
+        coherence=None if response.coherence is None else response.coherence[kept],
+    )
+
+
+def _sigma(response: FrequencyResponse) -> Array:
+    """Standard errors; of a response without, its sizes."""
+    size = np.abs(response.value)
+    least = LEAST * float(size.max())
+    if response.variance is None:
+        return np.maximum(size, least)
+    return np.sqrt(np.maximum(np.nan_to_num(response.variance, posinf=1e30), least**2))
+
+
+def _fitted(structure: Any, response: FrequencyResponse) -> ResponseFit:
+    from scipy.optimize import least_squares
+
+    dt = response.sample_time or 1.0 / (FASTER * response.frequency[-1])
+    if isinstance(structure, ContinuousStructure):
+        structure = replace(structure, dt=dt)
+    sigma, w = _sigma(response), response.w
+    of = _response_of(structure, w, response.sample_time)
+
+    def errors(theta: Array) -> Array:
+        with np.errstate(all="ignore"):
+            e = np.sqrt(2.0) * ((response.value - of(theta)) / sigma).ravel()
+        both = np.concatenate([e.real, e.imag])
+        return np.asarray(np.nan_to_num(both, nan=1e6, posinf=1e6, neginf=-1e6))
+
+    table = structure.parameters(response.inputs, response.outputs)
+    low, high = (np.array([getattr(p, side) for p in table]) for side in ("lower", "upper"))
+    numbers = 2 * response.value.size
+    if numbers <= len(table):
+        raise DataError(
+            f"{response.name}: {numbers} numbers are too few for {len(table)} parameters"
+        )
+    inside = 1e-9 + np.zeros(len(table))
+    found = []
+    for start in _starts(structure, response, sigma):
+        begin = np.clip(start, low + inside, high - inside)
+        found.append(least_squares(errors, begin, bounds=(low, high), x_scale="jac"))
+    best = min(found, key=lambda f: f.cost)
+    error = float(np.sqrt(2.0 * best.cost / numbers))
+    inflated = 1.0 if response.variance is not None else error**2 * numbers / (numbers - len(table))
+    slopes = np.asarray(best.jac)
+    covariance = inflated * np.linalg.pinv(slopes.T @ slopes)
+    gone = np.abs(response.value - of(best.x)) / np.maximum(np.abs(response.value), 1e-300)
+    model = Model(
+        structure=structure,
+        theta=best.x,
+        covariance=covariance,
+        parameters=table,
+        dt=dt,
+        inputs=response.inputs,
+        outputs=response.outputs,
+        detrend=Detrend.none(len(response.inputs), len(response.outputs)),
+        noise_covariance=np.zeros((len(response.outputs),) * 2),
+        n_estimated=len(table),
+        criteria={},
+        termination=Termination.CONVERGED_COST,
+        provenance=Provenance(options={"response": response.name}),
+    )
+    relative = float(np.sqrt(np.mean(gone**2)))
+    return ResponseFit(model, error, relative, response.variance is not None)
+
+
+def _bic(fit: ResponseFit, response: FrequencyResponse) -> float:
+    numbers = 2 * response.value.size
+    misfit = (
+        numbers * fit.error**2
+        if fit.weighed
+        else numbers * float(np.log(max(fit.error, 1e-12) ** 2))
+    )
+    return misfit + fit.model.n_estimated * float(np.log(numbers))
+
+
+def _response_of(
+    structure: LinearStructure, w: Array, sample_time: float | None
+) -> Callable[[Array], Complex]:
+    """θ → G at w, (nf, ny, nu)."""
+    if isinstance(structure, ContinuousStructure) and sample_time is None:
+        return lambda theta: structure.continuous_response(theta, w)
+    if isinstance(structure, ContinuousStructure):
+        z = np.exp(1j * w * structure.dt)
+        return lambda theta: structure.realization(theta).response(z)
+    assert sample_time is not None
+    return lambda theta: structure.transfer(theta).response(w * sample_time)
+
+
+def _starts(structure: Any, response: FrequencyResponse, sigma: Array) -> list[Array]:
+    """θ of rational approximations of every path, at the dead times that suit each best."""
+    nu, ny = len(response.inputs), len(response.outputs)
+    if isinstance(structure, OE):
+        return [_of_polynomials(structure, response, sigma)]
+    longest = LONGEST / response.frequency[-1] if structure.delayed else 0.0
+    delays = np.linspace(0.0, longest, DELAYS) if structure.delayed else np.zeros(1)
+    every = []
+    for i in range(ny):
+        for j in range(nu):
+            value, weight = response.value[:, i, j], 1.0 / sigma[:, i, j]
+            tried = []
+            for delay in delays.tolist():
+                turned = value * np.exp(1j * response.w * delay)
+                num, den, cost = _rational(
+                    1j * response.w, turned, weight, structure.degree, structure.zeros
+                )
+                tried.append((cost, Found(num, den, delay)))
+            tried.sort(key=lambda t: t[0])
+            every.append([f for _, f in tried[:STARTS]])
+    return [
+        np.concatenate([structure.path_numbers(found[min(k, len(found) - 1)]) for found in every])
+        for k in range(min(STARTS, len(delays)))
+    ]
+
+
+def _of_polynomials(structure: OE, response: FrequencyResponse, sigma: Array) -> Array:
+    """θ of an output-error structure: a rational approximation in q⁻¹ of each path."""
+    assert response.sample_time is not None
+    q = np.exp(-1j * response.w * response.sample_time)
+    theta = np.zeros(sum(structure.layout(i).n for i in range(structure.ny)))
+    for i in range(structure.ny):
+        lay = structure.layout(i)
+        _, b, _, _, f = lay.slices()
+        row = structure.row_index(i)
+        for j in range(structure.nu):
+            turned = response.value[:, i, j] / q ** lay.nk[j]
+            num, den = _in_q(q, turned, 1.0 / sigma[:, i, j], lay.nb[j], lay.nf[j])
+            theta[row[b[j]]], theta[row[f[j]]] = num, den
+    return theta
+
+
+def _rational(
+    s: Complex, value: Complex, weight: Array, n: int, m: int
+) -> tuple[Array, Array, float]:
+    """b_0 … b_m, a_0 … a_{n−1} of Σ b s^k/(sⁿ + Σ a s^k), and its weighed error."""
+    unit = float(np.sqrt(np.abs(s[0]) * np.abs(s[-1])))
+    x = s / unit
+    top = x[:, None] ** np.arange(m + 1)
+    bottom = x[:, None] ** np.arange(n)
+    last: Any = np.ones(len(s), dtype=np.complex128)
+    best: tuple[float, Array] | None = None
+    for _ in range(ROUNDS):
+        w = weight / np.abs(last)
+        A = np.hstack([top, -value[:, None] * bottom]) * w[:, None]
+        theta = _solved(A, value * x**n * w)
+        den = x**n + bottom @ theta[m + 1 :]
+        cost = float(np.sum(np.abs(weight * (value - top @ theta[: m + 1] / den)) ** 2))
+        if best is None or cost < best[0]:
+            best = cost, theta
+        last = np.where(np.abs(den) > 1e-12, den, 1e-12)
+    assert best is not None
+    cost, found = best
+    num = found[: m + 1] * unit ** (n - np.arange(m + 1.0))
+    bottom_of = found[m + 1 :] * unit ** (n - np.arange(float(n)))
+    roots = np.roots([1.0, *bottom_of[::-1]])
+    right = roots.real > 0.0
+    roots[right] = -np.conj(roots[right])
+    return num, np.real(np.poly(roots))[:0:-1], cost
+
+
+def _in_q(q: Complex, value: Complex, weight: Array, nb: int, nf: int) -> tuple[Array, Array]:
+    """b and f of Σ b q^−k/(1 + Σ f q^−k), k from 0 and from 1."""
+    top, bottom = q[:, None] ** np.arange(nb), q[:, None] ** np.arange(1, nf + 1)
+    last: Any = np.ones(len(q), dtype=np.complex128)
+    theta = np.zeros(nb + nf)
+    for _ in range(ROUNDS):
+        w = weight / np.abs(last)
+        theta = _solved(np.hstack([top, -value[:, None] * bottom]) * w[:, None], value * w)
+        last = 1.0 + bottom @ theta[nb:]
+    roots = np.roots([1.0, *theta[nb:]])
+    size = np.abs(roots)
+    roots = np.where(size >= 1.0, 0.999 / np.conj(np.where(size > 0, roots, 1.0)), roots)
+    return theta[:nb], np.real(np.poly(roots))[1:]
+
+
+def _solved(A: Any, b: Any) -> Array:
+    """Real least squares of complex equations."""
+    whole, right = np.vstack([A.real, A.imag]), np.concatenate([b.real, b.imag])
+    size = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
+    return np.asarray(np.linalg.lstsq(whole / size, right, rcond=1e-12)[0] / size)
