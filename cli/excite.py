@@ -43,7 +43,9 @@ class Shape:
     amplitude: float | None = option("US", "Largest command, PWM up to 20000 [µs].")
     clock: int | None = option("N", "prbs: shortest time at a level, in samples.", advanced=True)
     offset: float | None = option("US", "prbs, optimal: mean of the levels [µs].")
-    band: tuple[float, float] | None = option("LOW HIGH", "multisine, chirp: frequencies [Hz].")
+    band: tuple[float, float] | None = option(
+        "LOW:HIGH", "multisine, chirp: frequencies [Hz].", parse=reading.band_of, kind=str | None
+    )
     levels: int | None = option("N", "steps, pulses: number of levels.", advanced=True)
     hold: tuple[float, float] | None = option("MIN MAX", "steps: time a level is held [s].")
     on: float | None = option("SECONDS", "pulses: time each is driven.", advanced=True)

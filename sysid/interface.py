@@ -21,13 +21,11 @@ from sysid.structures.registry import structure_class
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from sysid.data.frequency_response import FrequencyResponse
     from sysid.data.reading.read_options import ReadOptions
     from sysid.diagnosis.diagnosis import Diagnosis
     from sysid.estimation.assessment.forecast import Forecast
     from sysid.estimation.assessment.responses import FrequencyCurve, ResponseCurve
     from sysid.estimation.look.summary import Look
-    from sysid.estimation.response_fit import ResponseFit
     from sysid.estimation.selection.comparison import Ranking
     from sysid.robot.calibration.dynamic_motors import KnownMotors
     from sysid.robot.calibration.vehicle_fit import VehicleFit
@@ -82,28 +80,6 @@ def from_dataframe(frame: "DataFrame", **options: Any) -> Record:
 def inspect(records: Records) -> tuple[Finding, ...]:
     """Findings about a log before any fit, each with a severity, a sentence and an advice."""
     return tuple(inspect_records(_several(records)))
-
-
-def fit_response(
-    response: "FrequencyResponse | str | Path",
-    name: str,
-    orders: Orders | None = None,
-    options: Mapping[str, str] | None = None,
-    band: tuple[float, float] | None = None,
-) -> "ResponseFit":
-    """Fit ``tf``, ``process`` or ``oe`` to a frequency response or its ``.frd.csv``.
-
-    Args:
-        orders: text or a mapping; the usual ones, ranked by BIC, when None.
-        band: lowest and highest frequency that count [Hz].
-    """
-    from sysid.data.frequency_response import read_frequency_response
-    from sysid.estimation.response_fit import fit_response as fitted
-
-    if isinstance(response, str | Path):
-        response = read_frequency_response(response)
-    raw = parse_orders(orders) if isinstance(orders, str) else orders
-    return fitted(response, name, raw, options, band)
 
 
 def look(records: Records, kernel: str = "DC") -> "Look":
