@@ -91,7 +91,7 @@ factor reached over the factor promised; 0.7 to 1.3 was asked for.
 Twins with an estimate more than 20 of its standard errors away are counted in the last column only:
 a fit of the pendulum that ended in another minimum, and tanks whose level never reaches their
 `top`, at which runs have a kink. Slopes, and so the promise, say nothing of such errors.
-This rule was set after the first run, on 39 twins that leave nothing out: there RMS gave 0.13 over all,
+This rule was set after a first run, on 39 twins and without it: there RMS gave 0.13 over all,
 medians 1.12.
 """
 
