@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.errors import UsageError
+from sysid.workspace.store import Workspace
 
-from . import reading, render, targets
+from . import optimal, reading, render, targets
 from .options import argument, changed, command, flag, group, option
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ class Design(StrEnum):
     CHIRP = "chirp"
     STEPS = "steps"
     PULSES = "pulses"
+    OPTIMAL = "optimal"
 
 
 class Tracks(StrEnum):
@@ -38,17 +40,19 @@ class Shape:
 
     duration: float | None = option("SECONDS", "Length.")
     dt: float = option("SECONDS", "Sample time.", "--ts", default=0.1)
-    amplitude: float | None = option("US", "Largest PWM, up to 20000 [µs].")
-    clock: int | None = option("N", "prbs: shortest time at a level, in samples.")
-    offset: float | None = option("US", "prbs: mean of the levels [µs].")
-    band: tuple[float, float] | None = option("LOW HIGH", "multisine, chirp: frequencies [Hz].")
-    levels: int | None = option("N", "steps, pulses: number of levels.")
+    amplitude: float | None = option("US", "Largest command, PWM up to 20000 [µs].")
+    clock: int | None = option("N", "prbs: shortest time at a level, in samples.", advanced=True)
+    offset: float | None = option("US", "prbs, optimal: mean of the levels [µs].")
+    band: tuple[float, float] | None = option(
+        "LOW:HIGH", "multisine, chirp: frequencies [Hz].", parse=reading.band_of, kind=str | None
+    )
+    levels: int | None = option("N", "steps, pulses: number of levels.", advanced=True)
     hold: tuple[float, float] | None = option("MIN MAX", "steps: time a level is held [s].")
-    on: float | None = option("SECONDS", "pulses: time each is driven.")
-    pause: float | None = option("SECONDS", "pulses: time at rest between them.")
-    odd: bool = flag("multisine: odd harmonics, some silent: they show distortions.")
-    periods: int | None = option("N", "multisine: periods [1; for distortions 3 or more].", min=1)
-    seed: int | None = option("N", "prbs, multisine, steps: random seed.", min=0)
+    on: float | None = option("SECONDS", "pulses: time each is driven.", advanced=True)
+    pause: float | None = option("SECONDS", "pulses: time at rest between them.", advanced=True)
+    odd: bool = flag("multisine: odd harmonics, to see distortions.")
+    periods: int | None = option("N", "multisine: periods [1; with --odd 3].", min=1)
+    seed: int | None = option("N", "prbs, multisine, steps, optimal: random seed.", min=0)
 
     def made(self) -> dict[str, Any]:
         """The options that were given, by the names of the designs' arguments."""
@@ -60,16 +64,30 @@ def excite(
     design: Design = argument("|".join(Design), "Kind of schedule."),
     output: Path | None = targets.target("FILE", "CSV to write [schedule_DESIGN.csv]."),
     options: dict[str, Any] = group(Shape),
-    tracks: Tracks | None = option(
-        "|".join(Tracks), "Commands of the two tracks [independent; pulses: equal]."
-    ),
+    tracks: Tracks | None = option("|".join(Tracks), "Of two tracks [independent; pulses: equal]."),
     names: list[str] | None = option("NAME", "Names of the inputs.", "-u", "--input"),
+    model: str | None = reading.model("optimal: for which [the best model]."),
+    workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Write a PWM schedule that excites the plant well."""
+    """Write a PWM schedule that excites the plant well.
+
+    The design optimal is made for a model: within the limits of its log, or those given, it looks
+    for the switching sequence or multisine that leaves the smallest errors (D-optimal).
+    """
     from sysid.data.schedule import write_schedule
 
     path = output or Path(f"schedule_{design.value}.csv")
+    if design is Design.OPTIMAL:
+        if tracks or names:
+            raise UsageError("sysid excite optimal has no --tracks and no --input; omit them")
+        stored = Workspace(workspace).chosen(model)
+        schedule, promise = optimal.designed(stored, options)
+        facts = _facts(schedule, design, write_schedule(schedule, path)) | promise
+        render.document(facts) if json else optimal.show(facts)
+        return
+    if model is not None:
+        raise UsageError(f"sysid excite {design.value} has no --model; it is for optimal")
     schedule = _schedule(design, options, tracks, tuple(names or ()))
     facts = _facts(schedule, design, write_schedule(schedule, path))
     render.document(facts) if json else _show(facts)

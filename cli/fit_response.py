@@ -40,11 +40,9 @@ def fit_response(
     """Fit structures to a response, store them, and say what the best one is."""
     from sysid.data.frequency_response import read_frequency_response
     from sysid.estimation.response_fit import fit_response as fitted
-    from sysid.structures.orders import parse_orders
 
     response = read_frequency_response(path)
-    asked = None if orders is None else parse_orders(orders)
-    found = [fitted(response, name, asked, options, band) for name in structures or TRIED]
+    found = [fitted(response, name, orders, options, band) for name in structures or TRIED]
     found.sort(key=lambda f: (round(f.error, 4), f.model.n_estimated))
     store = Workspace(workspace)
     reports = [{"response_fit": {"error": f.error, "relative": f.relative}} for f in found]

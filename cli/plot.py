@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 def plot(
     what: str = argument(
         "WHAT",
-        "log, step, impulse, bode, nyquist, poles, residuals, fit, curve (statics), horizon, "
-        "surface or ranking.",
+        "log, look, step, impulse, bode, nyquist, poles, residuals, fit, curve (statics), horizon, "
+        "surface, singular (order of ss) or ranking.",
     ),
     which: list[str] | None = argument(
         "[MODEL|LOG]...",
@@ -40,7 +40,7 @@ def plot(
 ) -> None:
     """Draw responses, poles, residuals of models, with 95 % bands."""
     from sysid.data.files import write_atomic
-    from sysid.report.model_panels import NEEDS_LOG, panels_of
+    from sysid.report.model_panels import NEEDS_LOG, OF_LOG, panels_of
     from sysid.report.panels import PanelPicture, Shown, table
     from sysid.report.plots import write_picture
 
@@ -50,7 +50,7 @@ def plot(
     if missing := [i for i in ids if Path(i).suffix or "/" in i]:
         raise UsageError(f"{missing[0]}: file not found")
     models: list[StoredModel] = [store.load(i) for i in dict.fromkeys(ids)]
-    if not models and not (what == "log" and logs):
+    if not models and not (what in OF_LOG and logs):
         models = store.readable()[0] if what == "ranking" else [_best(store, what)]
     records: tuple[Record, ...] = ()
     if logs or what in NEEDS_LOG or what == "bode":

@@ -132,9 +132,13 @@ def available(some: Iterable[Attempt]) -> dict[str, tuple[Attempt]]:
     return {a.key: (a,) for a in some if there or a.record in BUNDLED}
 
 
-def fitted(attempt: Attempt) -> dict[str, Any]:
-    """Fit, what is not given chosen on the training part, and judge on the tests: a ``Fitted``."""
-    trial = RECORDS[attempt.record]()
+def fitted(attempt: Attempt, trial: Trial | None = None) -> dict[str, Any]:
+    """Fit, what is not given chosen on the training part, and judge on the tests: a ``Fitted``.
+
+    Args:
+        trial: how it is judged, that of the record when None.
+    """
+    trial = RECORDS[attempt.record]() if trial is None else trial
     options = FitOptions(structure_options=attempt.options, fixed=attempt.fixed)
     detrend = trial.detrend
     linear = attempt.structure == BEST_LINEAR

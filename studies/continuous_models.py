@@ -2,8 +2,8 @@
 
     python -m studies.continuous_models [--logs 200] [--out FILE]
 
-Logs by a simulator that shares nothing with the code under test: each plant is stepped by its matrix
-exponential on a grid ten to forty times finer than the samples, its dead time a whole number of
+Logs by a simulator that shares nothing with the code under test: each plant is stepped by its
+matrix exponential on a grid twenty times finer than the samples, its dead time a whole number of
 those steps; white noise is added. Plants are slow or fast against the sample time and stiff or not;
 inputs are random levels held for random times.
 """
@@ -80,7 +80,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--logs", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=Path, default=Path("reports/continuous_models.md"))
     given = parser.parse_args()
     rows: dict[tuple[str, str], list[float]] = {}
     lost = 0
@@ -118,7 +118,8 @@ def main() -> None:
         lines.append(f"| {kind} | {name} | {len(a)} | {inside:.0f} % | {three:.0f} % |")
     a = np.array(every)
     lines += [
-        f"| all | all | {len(a)} | {100 * np.mean(a < 1.96):.1f} % | {100 * np.mean(a < 3.0):.1f} % |",
+        f"| all | all | {len(a)} | {100 * np.mean(a < 1.96):.1f} % "
+        f"| {100 * np.mean(a < 3.0):.1f} % |",
         "",
         f"Fits that ended at another minimum (a number more than 20 errors away): {lost}.",
     ]

@@ -20,12 +20,14 @@ _NAMES = {
     "sysid.data.record": ("Channel", "Record"),
     "sysid.errors": ("DataError", "ModelError", "SysidError", "UsageError"),
     "sysid.estimation.online.live_fit": ("LiveFit",),
+    "sysid.estimation.response_fit": ("fit_response",),
     "sysid.export.package": ("write_package",),
     "sysid.fitting.options": ("FitOptions",),
     "sysid.fitting.problem": ("Focus",),
     "sysid.interface": (
-        *("compare", "diagnose", "fit", "fit_response", "fit_vehicle", "frequency_response"),
-        *("from_dataframe", "identify", "inspect", "load_model", "localize", "look", "plan"),
+        *("compare", "diagnose", "fit", "fit_vehicle", "forecast"),
+        *("frequency_response", "from_dataframe", "identify", "inspect", "load_model", "localize"),
+        *("look", "plan"),
         *("simulate", "simulate_runs", "step_response", "structure", "tune"),
     ),
     "sysid.plant.package": ("load_plant",),
@@ -54,14 +56,15 @@ if TYPE_CHECKING:
     from sysid.errors import SysidError as SysidError
     from sysid.errors import UsageError as UsageError
     from sysid.estimation.online.live_fit import LiveFit as LiveFit
+    from sysid.estimation.response_fit import fit_response as fit_response
     from sysid.export.package import write_package as write_package
     from sysid.fitting.options import FitOptions as FitOptions
     from sysid.fitting.problem import Focus as Focus
     from sysid.interface import compare as compare
     from sysid.interface import diagnose as diagnose
     from sysid.interface import fit as fit
-    from sysid.interface import fit_response as fit_response
     from sysid.interface import fit_vehicle as fit_vehicle
+    from sysid.interface import forecast as forecast
     from sysid.interface import frequency_response as frequency_response
     from sysid.interface import from_dataframe as from_dataframe
     from sysid.interface import identify as identify

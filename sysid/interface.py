@@ -21,12 +21,11 @@ from sysid.structures.registry import structure_class
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from sysid.data.frequency_response import FrequencyResponse
     from sysid.data.reading.read_options import ReadOptions
     from sysid.diagnosis.diagnosis import Diagnosis
+    from sysid.estimation.assessment.forecast import Forecast
     from sysid.estimation.assessment.responses import FrequencyCurve, ResponseCurve
     from sysid.estimation.look.summary import Look
-    from sysid.estimation.response_fit import ResponseFit
     from sysid.estimation.selection.comparison import Ranking
     from sysid.robot.calibration.dynamic_motors import KnownMotors
     from sysid.robot.calibration.vehicle_fit import VehicleFit
@@ -83,39 +82,11 @@ def inspect(records: Records) -> tuple[Finding, ...]:
     return tuple(inspect_records(_several(records)))
 
 
-def fit_response(
-    response: "FrequencyResponse | str | Path",
-    name: str,
-    orders: Orders | None = None,
-    options: Mapping[str, str] | None = None,
-    band: tuple[float, float] | None = None,
-) -> "ResponseFit":
-    """Fit ``tf``, ``process`` or ``oe`` to a frequency response, weighed by its variance.
-
-    Args:
-        response: or its ``.frd.csv``.
-        orders: text or a mapping; the usual ones, ranked by BIC, when None.
-        options: of the structure, as text.
-        band: lowest and highest frequency that count [Hz].
-
-    Raises:
-        DataError: the response is not usable.
-        UsageError: another structure, orders that do not fit, or a band without frequencies.
-    """
-    from sysid.data.frequency_response import read_frequency_response
-    from sysid.estimation.response_fit import fit_response as fitted
-
-    if isinstance(response, str | Path):
-        response = read_frequency_response(response)
-    raw = parse_orders(orders) if isinstance(orders, str) else orders
-    return fitted(response, name, raw, options, band)
-
-
-def look(records: Records, kernel: str | None = None) -> "Look":
+def look(records: Records, kernel: str = "DC") -> "Look":
     """What logs show before any model: responses with bands, delays, noise, distortions.
 
     Args:
-        kernel: prior of the impulse response, TC, DC or SS; the likeliest when None.
+        kernel: prior of the impulse response, TC, DC or SS.
 
     Raises:
         DataError: there are no inputs, or too few samples.
@@ -258,6 +229,23 @@ def step_response(model: Model, *, seconds: float | None = None) -> "tuple[Respo
     from sysid.estimation.assessment.responses import step_curves
 
     return step_curves(model, seconds=seconds)
+
+
+def forecast(model: Model, record: Records, steps: int, *, at: float | None = None) -> "Forecast":
+    """What comes after a log: outputs with 95 % bands that grow.
+
+    Args:
+        record: the log so far; a file or a table is read as ``read_log`` does.
+        steps: samples to forecast.
+        at: the last instant that is used [s]; the log's end when None.
+
+    Raises:
+        ModelError: the log does not fit the model, or the model is not linear.
+        UsageError: steps or the instant do not fit.
+    """
+    from sysid.estimation.assessment.forecast import forecast as forecast_of
+
+    return forecast_of(model, _several(record)[-1], steps, at)
 
 
 def frequency_response(model: Model, frequencies: Any = None) -> "tuple[FrequencyCurve, ...]":

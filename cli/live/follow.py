@@ -94,11 +94,7 @@ def check_alone(validation: Sequence[Path] | None, steps: "Preparation") -> None
 
 
 def _orders(request: "Request") -> Any:
-    """The orders asked for; what following cannot do is refused.
-
-    Raises:
-        UsageError: something is asked for that needs the whole log.
-    """
+    """The orders asked for; what following cannot do is refused."""
     from sysid.estimation.identify import Request
     from sysid.fitting.options import FitOptions
     from sysid.structures.orders import parse_orders
@@ -161,7 +157,8 @@ def _run(follower: "Follower", how: Following, view: View, stop: list[int]) -> s
         if now - shown >= how.every:
             shown = now
             if changed and follower.live is not None:
-                view.state(follower.live.state(), _units(follower))
+                units = {c.name: c.unit for c in follower.feed.reader.inputs}
+                view.state(follower.live.state(), units)
                 changed = False
             elif follower.live is None and not waited:
                 follower.poll(last=True)  # a slow log: its first lines must do
@@ -180,10 +177,6 @@ def _ending(how: Following, stop: list[int], seconds: float, idle: float, ended:
     if how.idle is not None and idle >= how.idle:
         return f"Ended: no row has come for {how.idle:g} s."
     return "Ended: nothing more can come." if ended else ""
-
-
-def _units(follower: "Follower") -> dict[str, str]:
-    return {c.name: c.unit for c in follower.feed.reader.inputs}
 
 
 def _kept(follower: "Follower", ending: str, request: "Request", workspace: Workspace) -> Followed:

@@ -148,11 +148,7 @@ def fit_vehicle(
 def _returned(
     returns: Path, side: float, geometry: "Geometry | None", logs: list[Path], json: bool
 ) -> None:
-    """Report the errors that the returns of squares determine, without a log.
-
-    Raises:
-        UsageError: there are logs, too.
-    """
+    """Report the errors that the returns of squares determine, without a log."""
     from sysid.robot.calibration.square_runs import read_returns, square_result
     from sysid.vehicle.kinematics import Geometry
 
@@ -163,11 +159,7 @@ def _returned(
 
 
 def _refuse_without(logs: list[Path]) -> None:
-    """Refuse numbers without a file, with the list of what is missing.
-
-    Raises:
-        UsageError: there is no log, or what stands for one is no file.
-    """
+    """Refuse numbers without a file, with the list of what is missing."""
     from sysid.robot.calibration.logs import NEEDED
 
     if not logs:

@@ -80,12 +80,7 @@ def soil(
 def _traction(
     ground: str | None, vehicle: Path | None, numbers: dict[str, object], wheels: int | None
 ) -> "Traction":
-    """Soil and vehicle as the options say.
-
-    Raises:
-        UsageError: an option cannot be read, or there is no soil.
-        ModelError, DataError: soil or vehicle cannot be.
-    """
+    """Soil and vehicle as the options say."""
     from sysid.vehicle.ground.drawbar import Traction
     from sysid.vehicle.pressure import Distribution, Pressure
     from sysid.vehicle.tracked import TrackedVehicle

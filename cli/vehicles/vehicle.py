@@ -40,7 +40,7 @@ def vehicle(
     from sysid.vehicle.wheels.summary import forward_document, inverse_document, summary
 
     loaded = load_vehicle(file)
-    at = _by_name(angles, "--angles", _steered(loaded))
+    at = _by_name(angles, "--angles", [w.name for w in loaded.wheels if w.kind == "steerable"])
     facts = summary(loaded, at)
     if twist is not None:
         wanted = numbers(twist, "--twist", "numbers such as 0.2,0,0.5")
@@ -75,10 +75,6 @@ def _write(loaded: "Vehicle", facts: dict[str, Any], files: Mapping[str, Path | 
         if path is not None:
             write_atomic(path, text[kind](loaded))
             facts[kind] = path
-
-
-def _steered(loaded: "Vehicle") -> list[str]:
-    return [w.name for w in loaded.wheels if w.kind == "steerable"]
 
 
 def _by_name(text: str | None, option: str, in_order: Sequence[str]) -> Mapping[str, float] | None:

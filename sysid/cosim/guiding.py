@@ -89,10 +89,6 @@ class _Heard:
 
         A control instant is due at j·period; it is served by what was seen nearest to it, so that
         the rate is kept on the mean where a robot's clock and the period do not fit.
-
-        Raises:
-            SilenceError: the robot says nothing any more.
-            ModelError: it has broken off, or its time runs backwards.
         """
         first: float | None = None
         last, due = 0.0, 0
@@ -167,7 +163,6 @@ def guide(
 
     Args:
         mission: its guidance, control, goal and obstacles.
-        port: this end of the connection.
         known: the robot plant, for laws that need a model; only they do.
         patience: how long the robot may say nothing [s].
 

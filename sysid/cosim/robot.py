@@ -212,10 +212,8 @@ def play_robot(
     Args:
         mission: vehicle, start, obstacles, sensors, navigation, controller, timeout.
         plant: a robot plant (:func:`sysid.robot.mission.tracks.mapping.as_robot`).
-        port: this end of the connection.
         pace: whether it waits for answers.
         level: what it is asked for.
-        seed: of the sensors' noise.
         wait: what lets real time pass [s].
 
     Returns:

@@ -74,7 +74,6 @@ def further_tests(
         inputs: all inputs, (N, nu), or one such array a record.
         jacobian: ∂ŷ/∂θ of that output by what was estimated from these data, (N, n), or one such
             array a record. Without it a model fitted to these data passes too easily.
-        level: confidence level of each test.
         noise_model: False for structures without one: products of errors are then reported but
             not judged (coloured residuals fail).
         uncertain: G√P of parameters estimated from other data, (N, k), or one such array a record.

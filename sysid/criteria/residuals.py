@@ -86,7 +86,6 @@ def whiteness_test(
             are left out.
         jacobian: ∂ŷ/∂θ of the tested output by what was estimated from these data, (N, n), or one
             such array a record.
-        output: index of the tested output.
         judged: False for a structure without noise model.
         uncertain: G√P of parameters estimated from other data, (N, k), or one such array a record.
 
@@ -329,11 +328,7 @@ def _inside(samples: int, before: int, after: int) -> Mask:
 
 
 def _affordable(keep: Sequence[Mask], signals: int, lags: int = LAGS) -> int:
-    """At most ``lags``, with 10 samples for every correlation, and at least 1.
-
-    Raises:
-        DataError: fewer than 20 samples.
-    """
+    """At most ``lags``, with 10 samples for every correlation, and at least 1."""
     samples = sum(int(k.sum()) for k in keep)
     if samples < 20:
         raise DataError(

@@ -105,7 +105,6 @@ class ScoredTest:
         """The result in words.
 
         Args:
-            name: of the test.
             output: whose residuals were tested.
             sentences: for a test that passed, one that failed, and one with nothing to test, with
                 ``{output}``, ``{signal}``, ``{lag}``, ``{last}`` (the largest lag) and ``{p}``.

@@ -47,11 +47,7 @@ def plain_object(pairs: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _inside(value: Any) -> Any:
-    """What is written of an object.
-
-    Raises:
-        TypeError: JSON has no words for it.
-    """
+    """What is written of an object."""
     if hasattr(value, "to_json"):
         return value.to_json()
     if isinstance(value, Enum):

@@ -38,7 +38,6 @@ def prbs(
         clock: samples a level is held at least; the band reaches to about 0.4/(clock·dt) Hz.
         offset: mean of the levels [µs].
         seed: chooses the start of the sequence.
-        names: input names.
 
     Raises:
         UsageError: an argument is out of range, or the levels exceed ±20000 µs.
@@ -84,7 +83,6 @@ def multisine(
         amplitude: the largest |u| [µs].
         band: lowest and highest frequency [Hz]; the highest at most 1/(2·dt).
         seed: of the phases.
-        names: input names.
         odd: only odd harmonics, of every four of which one, drawn by chance, stays silent: what
             the output shows there and at even ones is distortion (odd-odd multisine).
         periods: how often it is repeated; distortions need two after the transient.
@@ -253,10 +251,8 @@ def pulses(
     Args:
         dt: sample time [s].
         amplitude: the highest level [µs]; the others are even fractions of it.
-        levels: number of levels.
         on, pause: length of a pulse and of a pause [s].
         rotate: drive the first input opposite to the others, so that the robot turns on the spot.
-        names: input names.
 
     Raises:
         UsageError: an argument is out of range.

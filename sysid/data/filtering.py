@@ -14,8 +14,6 @@ def lfilter(b: Any, a: Any, x: Any, axis: int = -1, zi: Any = None) -> Any:
 
     Args:
         b, a: coefficients of numerator and denominator.
-        x: the signals.
-        axis: the axis of time.
         zi: initial states; with them the final ones are returned too.
     """
     if zi is None and len(a) == 1 and np.ndim(x) == 1:

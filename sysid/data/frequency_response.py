@@ -71,7 +71,7 @@ class FrequencyResponse:
             kept = np.array(given, dtype=np.complex128 if name == "value" else np.float64)
             if kept.shape != shape:
                 raise DataError(f"{self.name}: {name} has shape {kept.shape} instead of {shape}")
-            if name != "variance" and not np.all(np.isfinite(kept)):
+            if not np.all(np.isfinite(kept)):
                 raise DataError(f"{self.name}: {name} has numbers that are not finite")
             kept.setflags(write=False)
             object.__setattr__(self, name, kept)
@@ -174,9 +174,13 @@ def read_frequency_response(path: str | Path) -> FrequencyResponse:
     lines = decode(read_bytes(path), name)[0].splitlines()
     notes = {m[1].lower()[0]: m[2] for line in lines if (m := _NOTE.match(line))}
     kept = [(k, s) for k, s in enumerate(lines, 1) if s.strip() and not s.startswith("#")]
-    if len(kept) < 2:
+    try:
+        delimiter = ";" if kept and ";" in kept[0][1] else ","
+        table = list(csv.reader([s for _, s in kept], delimiter=delimiter))
+    except csv.Error as error:
+        raise DataError(f"{name} is no table of frequencies ({error})") from None
+    if len(table) < 2:
         raise DataError(f"{name} has no rows; a frequency response has a header and rows below it")
-    table = list(csv.reader([s for _, s in kept], delimiter=";" if ";" in kept[0][1] else ","))
     heads = [h.strip() for h in table[0]]
     numbers = [
         _numbers(row, len(heads), f"{name}, line {kept[k][0]}")
@@ -202,11 +206,13 @@ def read_frequency_response(path: str | Path) -> FrequencyResponse:
     gamma = np.array(gammas).T if len(gammas) == len(outputs) else None
     variance = None
     if all(e is not None for row in errors for e in row):
-        variance = np.moveaxis(np.array(errors, dtype=np.float64) ** 2, -1, 0)
+        with np.errstate(over="ignore"):
+            variance = np.moveaxis(np.array(errors, dtype=np.float64) ** 2, -1, 0)
     elif gamma is not None and len(inputs) == 1:
         known = np.clip(gamma, 1e-6, 1.0 - 1e-9)[:, :, None]
         spread = (1.0 - known) / (known * _note(notes, "w", 1.0, name))
-        variance = np.abs(np.moveaxis(value, -1, 0)) ** 2 * spread
+        with np.errstate(over="ignore"):
+            variance = np.abs(np.moveaxis(value, -1, 0)) ** 2 * spread
     return FrequencyResponse(
         columns[0] / (2.0 * np.pi) if angular else columns[0],
         np.moveaxis(value, -1, 0),
@@ -241,7 +247,8 @@ def _by_path(
         u, _, y = found["path"].rpartition(">")
         key = _channel(u or "u"), _channel(y or "y")
         if kind == "magnitude" and unit == "db":
-            values = 10.0 ** (values / 20.0)
+            with np.errstate(over="ignore"):  # what is not finite is refused
+                values = 10.0 ** (values / 20.0)
         if kind == "phase" and unit != "rad":
             values = np.radians(values)
         paths.setdefault(key, {})[kind] = values
@@ -258,7 +265,8 @@ def _value(parts: dict[str, Array], name: str) -> Complex:
     if "real" in parts and "imag" in parts:
         return np.asarray(parts["real"] + 1j * parts["imag"])
     if "magnitude" in parts and "phase" in parts:
-        return np.asarray(parts["magnitude"] * np.exp(1j * parts["phase"]))
+        with np.errstate(invalid="ignore"):
+            return np.asarray(parts["magnitude"] * np.exp(1j * parts["phase"]))
     raise DataError(
         f"{name} has only {', '.join(parts)} of a path; it needs real and imag, or magnitude and "
         "phase"
@@ -269,9 +277,12 @@ def _numbers(row: Sequence[str], count: int, where: str) -> list[float]:
     if len(row) != count:
         raise DataError(f"{where}: {len(row)} cells under a header of {count}")
     try:
-        return [float(cell) for cell in row]
+        numbers = [float(cell) for cell in row]
     except ValueError as error:
         raise DataError(f"{where}: {str(error).partition(': ')[2]} is no number") from None
+    if not all(map(math.isfinite, numbers)):
+        raise DataError(f"{where}: a number is not finite")
+    return numbers
 
 
 def _note(notes: dict[str, str], key: str, otherwise: Any, name: str) -> Any:

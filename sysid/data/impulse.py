@@ -238,7 +238,6 @@ def whitener(parts: Sequence[Array], order: int, ridge: float) -> Array | None:
 
     Args:
         parts: the signals, (N,) each.
-        order: number of coefficients.
         ridge: power added to the signals, relative to their own.
     """
     r = np.asarray(sum(correlation(x, x, order) for x in parts))

@@ -89,9 +89,6 @@ def read_prepared(
     """The records of log files as a fit takes them, and what there is to say about the reading.
 
     Args:
-        paths: the files.
-        options: how to read them.
-        steps: what to do with them then.
         dt: sample time [s] of a model or log that finer records are brought to.
 
     Raises:

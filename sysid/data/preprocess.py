@@ -133,7 +133,6 @@ def low_pass(record: Record, cutoff: float) -> Record:
     commands do. (Ljung 1999, §14.4.)
 
     Args:
-        record: the experiment.
         cutoff: −3 dB frequency [Hz].
 
     Raises:

@@ -35,8 +35,6 @@ def difference(record: Record, other: Sampled, called: str, unstated_fits: bool 
     """In what a record is of another kind, as a sentence without its full stop; empty where alike.
 
     Args:
-        record: the record.
-        other: what it is compared with.
         called: the name of ``other`` in the sentence.
         unstated_fits: whether a unit that one of both does not state is taken for the other's.
     """
@@ -95,7 +93,6 @@ def at_step(record: Record, dt: float) -> Record:
     did, to first order.
 
     Args:
-        record: sampled at ``dt`` or finer.
         dt: the step [s].
     """
     ratio = dt / record.dt

@@ -23,7 +23,7 @@ class Schedule:
 
     Attributes:
         t: instants [s], shape (N,), read-only.
-        u: PWM [µs], shape (N, nu), read-only.
+        u: PWM [µs] or what the channels say, shape (N, nu), read-only.
         channels: the nu input channels.
         active: first and one past the last row that is not the rest at the ends.
     """
@@ -49,14 +49,14 @@ def crest_factor(u: Array) -> float:
 
 
 def write_schedule(schedule: Schedule, path: str | Path) -> Path:
-    """Write a schedule as CSV: ``t`` [s] and one column of whole µs for each input.
+    """Write a schedule as CSV: ``t`` [s] and one column for each input, PWM in whole µs.
 
     Raises:
         DataError, UsageError: the file cannot be written; see ``write_atomic``.
     """
     header = ",".join(("t", *(csv_text(c.name) for c in schedule.channels)))
     rows = (
-        ",".join((f"{t:.9g}", *(str(int(v)) for v in row)))
+        ",".join((f"{t:.9g}", *(str(int(v)) if v == int(v) else f"{v:.6g}" for v in row)))
         for t, row in zip(schedule.t, schedule.u, strict=True)
     )
     return write_atomic(path, "\n".join((header, *rows)) + "\n")

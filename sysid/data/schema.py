@@ -86,7 +86,6 @@ def completed(schema: type[Schema], raw: Mapping[str, Any], **given: Any) -> Sch
     """A dataclass of which a file holds some fields, each of them needed; the others are given.
 
     Args:
-        schema: a frozen dataclass.
         raw: as ``json.loads`` gives it; it may hold more.
         given: fields that the file describes in words of its own.
 

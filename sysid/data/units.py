@@ -187,7 +187,6 @@ def conversions(
         bracketed: column name → unit in brackets; empty where there is none.
         units: channel name → unit by option.
         pwm_max: command of full drive, or None.
-        where: name of the file.
 
     Raises:
         UsageError: an option names no channel or no known unit, or there is no PWM to scale.

@@ -78,7 +78,6 @@ def usable_rows(
     """The rows that serve, on one grid where columns have rates of their own.
 
     Args:
-        table: the file.
         t: instants of its rows [s], (N,).
         values: inputs, outputs and pose, (N, n), NaN in empty cells.
         choice: what they are.

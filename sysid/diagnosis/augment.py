@@ -14,7 +14,9 @@ from sysid.diagnosis.diagnosis import Value
 from sysid.diagnosis.search.admission import on_bound
 from sysid.diagnosis.search.batched_search import information
 from sysid.diagnosis.search.evidence import effective_samples
+from sysid.diagnosis.search.parameter_table import ParameterTable
 from sysid.diagnosis.search.selection import CandidateModel, Interval
+from sysid.effects.base import Place
 from sysid.effects.by_log import BY_LOG
 from sysid.effects.catalogue import CHANGED, LEVEL, effect
 from sysid.effects.sensor import SAMPLING
@@ -39,7 +41,7 @@ def parameter_indices(base: Base, candidate: CandidateModel) -> list[int]:
     indices = [k for k, s in enumerate(m.parameters) if s.owner == "core"]
     for id in effects_of(base, candidate):
         e = effect(id)
-        indices += [m.index[id, p.name, track] for track in m.sides(e) for p in e.parameters]
+        indices += [m.index[id, p.name, side] for side in m.sides(e) for p in e.parameters]
     return indices
 
 
@@ -64,7 +66,9 @@ def values_of(
 ) -> tuple[Value, ...]:
     """The parameters of an effect with standard errors; None where nothing was estimated."""
     m = base.search.model
-    names = base.search.estimation[0].output_names
+    first = base.search.estimation[0]
+    sided = first.nu > first.ny and id in _of_command(m)
+    names = first.input_names if sided else first.output_names
     unit = base.search.estimation[0].outputs[0].unit
     errors, acting = std_errors(base, candidate), _acting(base, candidate, id)
     values = []
@@ -72,7 +76,7 @@ def values_of(
         p = m.parameters[k]
         if acting and p.name not in acting:
             continue
-        tag = "" if p.track < 0 else f"[{names[p.track]}]"
+        tag = "" if p.track < 0 else f"[{names[p.side]}]"
         idle = candidate.q[k] == p.null and p.track >= 0
         if idle and k not in errors and id != CHANGED.id:
             continue
@@ -80,12 +84,13 @@ def values_of(
         interval = (intervals or {}).get(k)
         shown = _value(f"{p.name}{tag}", value, errors.get(k), interval, words)
         shown = replace(shown, bounded=k in errors and on_bound(p, value))
-        values.append(replace(shown, in_file=_in_file(base, shown, p.track)))
+        values.append(replace(shown, in_file=_in_file(base, shown, p.side)))
         if shown.visited and p.of.as_command:
             # as the command that just overcomes it: what a person with a robot turns up
             gain = abs(candidate.q[m.index["core", "gain", p.track]])
-            full = float(full_drive(base.parts.estimation)[p.track]) / gain
-            command = base.search.estimation[0].inputs[p.track].unit
+            at = min(p.track, first.nu - 1)
+            full = float(full_drive(base.parts.estimation)[at]) / gain
+            command = first.inputs[at].unit
             values.append(shown.times(full, command, f"{p.name}_command{tag}"))
         if shown.visited and p.of.as_rate:
             speed = value * _speed_of_error(base, candidate, p.track)
@@ -114,6 +119,10 @@ def _speed_of_error(base: Base, candidate: CandidateModel, track: int) -> float:
     return speed
 
 
+def _of_command(model: ParameterTable) -> tuple[str, ...]:
+    return tuple(e.id for e in model.effects if e.place is Place.COMMAND)
+
+
 def _acting(base: Base, candidate: CandidateModel, id: str) -> tuple[str, ...]:
     """Parameters of the law that acts; none where an effect has but one."""
     if id == CHANGED.id or not effect(id).laws:
@@ -128,9 +137,11 @@ def _in_file(base: Base, value: Value, track: int) -> Value | None:
     None where the value is neither, or was not converted.
     """
     first = base.parts.estimation[0]
-    channel = first.outputs[max(track, 0)]
+    channel = first.outputs[min(max(track, 0), first.ny - 1)]
     size, unit = channel.to_file
-    if "drive" in value.unit and track >= 0 and not first.full_drive_is_known:
+    known = track >= 0 or first.nu == 1
+    if "drive" in value.unit and known and not first.full_drive_is_known:
+        track = min(max(track, 0), first.nu - 1)
         channel = first.inputs[track]
         size = float(full_drive(base.parts.estimation)[track]) / channel.scale
         unit = value.unit.replace("drive", channel.file_words or channel.unit or channel.name)
@@ -174,6 +185,7 @@ def model_of(
         first.dt,
         effects_of(base, candidate),
         base.given,
+        outputs=first.ny if first.ny != first.nu else 0,
     )
     indices = parameter_indices(base, candidate)
     covariance = np.zeros((len(indices), len(indices)))

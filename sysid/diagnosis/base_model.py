@@ -8,6 +8,7 @@ import numpy as np
 from sysid.data.checks.integral import POSITIONS, integrates
 from sysid.data.column_words import may_move
 from sysid.data.facts import LogFacts
+from sysid.data.filtering import lfilter
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.diagnosis.integrating import rates, step_of
@@ -186,7 +187,7 @@ def fit_baseline(
         judging: validation logs; None holds blocks out.
 
     Raises:
-        DataError: numbers of inputs and outputs differ.
+        DataError: several inputs meet several outputs in another number.
         ModelError: the base cannot be fitted.
     """
     on_rate, linear = integrates(LogFacts.of(data).records), None
@@ -212,11 +213,12 @@ def fit_baseline(
         late = "one sample" if delay == 1 else f"{delay} samples"
         words = f"output error of order {order} with {late} of delay"
         words += " and an offset" if level else ""
+        words += f", the sum of {first.nu} inputs" * (first.nu > first.ny)
         words += f" for the rate of the output, which integrates, every {first.dt:.3g} s" * on_rate
     effects = _with_logs(_possible(effects, first), parts, level)
     if order == 1:  # a numerator of a higher order holds it
         effects = (*effects, SAMPLING)
-    model = FullModel(effects, order, first.ny, typical_speed(estimation), first.dt)
+    model = FullModel(effects, order, first.ny, typical_speed(estimation), first.dt, first.nu)
     in_loop = parts.facts.at_own_rate.surely_closed_loop
     search = ForwardSelection(
         model,
@@ -258,6 +260,12 @@ def given_base(
     for r in (*estimation, *parts.holdout):
         model.check(r)
     first = _require_tracks(estimation)
+    if first.nu != first.ny:
+        raise DataError(
+            f"{first.name} has {first.nu} inputs and {first.ny} outputs; around a given model a "
+            "diagnosis needs one input for each output: choose them with `inputs` and `outputs`, "
+            "or leave the model out"
+        )
     scales = full_drive(estimation)
     every = (*parts.estimation, *parts.holdout)
     runs = {id(r): outputs(model, r, None, start_of(model, r)) for r in every}
@@ -305,6 +313,8 @@ def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
     and its loop has lags of its own.
     """
     servo = _is_servo(first)
+    if first.nu > first.ny:
+        effects = [e for e in effects if not e.couples]
     effects = [
         of_servo(e) if servo else of_motor(e) for e in effects if servo or not is_of_servo(e)
     ]
@@ -323,6 +333,8 @@ def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
 
 def _is_servo(first: Record) -> bool:
     """Whether each command is a set point of the position that is read: both in one such unit."""
+    if first.nu != first.ny:
+        return False
     pairs = zip(first.inputs, first.outputs, strict=True)
     return all(u.unit == y.unit and y.unit in POSITIONS for u, y in pairs)
 
@@ -364,6 +376,8 @@ def may_lack_sign(records: Sequence[Record]) -> bool:
     """
     u = np.concatenate([r.u for r in records])
     y = np.concatenate([r.y for r in records])
+    if u.shape[1] > y.shape[1]:
+        return False  # which of the inputs drives it the other way is not known
     both = np.all((u.min(axis=0) < -0.2 * u.max(axis=0)) & (u.max(axis=0) > 0.0))
     size = np.quantile(np.abs(y), 0.95, axis=0)
     return bool(both and np.all(y.min(axis=0) > -0.05 * size))
@@ -371,10 +385,10 @@ def may_lack_sign(records: Sequence[Record]) -> bool:
 
 def _require_tracks(records: Sequence[Record]) -> Record:
     first = records[0]
-    if first.nu != first.ny:
+    if first.nu != first.ny and min(first.nu, first.ny) > 1:
         raise DataError(
             f"{first.name} has {first.nu} inputs and {first.ny} outputs; a diagnosis needs one "
-            "input for each output: choose them with `inputs` and `outputs`"
+            "input for each output, or one of either: choose them with `inputs` and `outputs`"
         )
     return first
 
@@ -397,7 +411,7 @@ def _start_of(linear: Model, model: FullModel, scales: Array) -> Array:
     b(1) = F(1).
     """
     q = model.null.copy()
-    if not isinstance(linear.structure, OE):
+    if not isinstance(linear.structure, OE) or model.inputs != model.tracks:
         return np.empty((0, len(q)))
     polynomials = linear.structure.polynomials(linear.theta)
     for i in range(model.tracks):
@@ -413,6 +427,9 @@ def _starts(model: FullModel, records: Sequence[Record], scales: Array) -> Array
     """Several gains and time constants; the static gain from the largest measurements."""
     drive = np.concatenate([r.u for r in records]) / scales
     y = np.concatenate([r.y for r in records])
+    if drive.shape[1] > y.shape[1]:
+        return _starts_of_sum(model, drive, y[:, 0])
+    drive = np.broadcast_to(drive, y.shape)
     gain = np.array(
         [float(d @ v) / max(float(d @ d), 1e-12) for d, v in zip(drive.T, y.T, strict=True)]
     )
@@ -428,4 +445,18 @@ def _starts(model: FullModel, records: Sequence[Record], scales: Array) -> Array
                 f = np.asarray(np.poly(poles)[1:], dtype=np.float64)
                 model.set_core(q, i, k[i] if abs(k[i]) > 1e-9 else size[i], f)
             rows.append(q)
+    return np.array(rows)
+
+
+def _starts_of_sum(model: FullModel, drive: Array, y: Array) -> Array:
+    """The same for several inputs of one output: gains beside a pole that is tried."""
+    rows = []
+    for pole in (0.5, 0.8, 0.95, 0.99):
+        seen = lfilter(np.array([0.0, 1.0 - pole]), np.array([1.0, -pole]), drive, axis=0)
+        gains = np.linalg.lstsq(np.column_stack([seen, np.ones(len(y))]), y, rcond=None)[0]
+        q = model.null.copy()
+        poles = [pole * 0.6**j for j in range(model.order)]
+        model.set_core(q, 0, gains[0], np.asarray(np.poly(poles)[1:], dtype=np.float64))
+        q[[model.index["core", "gain", i] for i in range(model.inputs)]] = gains[:-1]
+        rows.append(q)
     return np.array(rows)

@@ -94,14 +94,14 @@ def indistinct_edges(
         sign = p.of.edge
         if not sign or not interval.visited or interval.low is None or interval.high is None:
             continue
-        d = np.unique(np.round(sign * u[:, min(p.track, u.shape[1] - 1)], 6))
+        d = np.unique(np.round(sign * u[:, min(max(p.side, 0), u.shape[1] - 1)], 6))
         inside = d[(d > interval.low + NEAR) & (d < interval.high - NEAR)]
         if len(inside) or interval.high - interval.low < APART:
             continue
         below, above = d[d <= interval.low + NEAR], d[d >= interval.high - NEAR]
         if not len(below) or not len(above) or above[0] - below[-1] < APART:
             continue
-        i = min(p.track, len(records[0].inputs) - 1)
+        i = min(max(p.side, 0), len(records[0].inputs) - 1)
         name, unit = records[0].inputs[i].name, records[0].inputs[i].unit
         ends = " and ".join(f"{sign * v * scales[i]:.4g}" for v in (below[-1], above[0]))
         warnings.append(
@@ -149,7 +149,7 @@ def absorbed(base: Base, selection: Selection) -> tuple[str, ...]:
         error, moved = max(error, 1e-150), abs(new - old)
         if moved > ABSORBED[0] * error and moved > ABSORBED[1] * abs(new):
             p = model.parameters[k]
-            factor, unit = _per_command(base, p.track) if p.name == "gain" else (1.0, "")
+            factor, unit = _per_command(base, p.side) if p.name == "gain" else (1.0, "")
             moves.append(
                 f"{p.name} of {names[p.track]} goes from {factor * old:.4g} to "
                 f"{factor * new:.4g}{unit} ({moved / error:.0f} standard errors)"
@@ -163,8 +163,8 @@ def absorbed(base: Base, selection: Selection) -> tuple[str, ...]:
 def _per_command(base: Base, i: int) -> tuple[float, str]:
     """From a gain over full drive to the file's units: factor, and the unit with a blank before."""
     first = base.parts.estimation[0]
-    y, u = first.outputs[i], first.inputs[i]
-    full = float(full_drive(base.parts.estimation)[i])
+    y, u = first.outputs[min(i, first.ny - 1)], first.inputs[at := min(i, first.nu - 1)]
+    full = float(full_drive(base.parts.estimation)[at])
     top, bottom = y.file_words or y.unit or y.name, u.file_words or u.unit or u.name
     return u.scale / (y.scale * full), f" {top} per {bottom}"
 

@@ -121,7 +121,12 @@ class DiagnosisSession:
         jitter = detect_jitter(self.base, self.base.model, self.floor)
         if not jitter:
             return None
-        base = self.base.without(*rows_without_jitter(self.base, jitter, self.floor))
+        rows = rows_without_jitter(self.base, jitter, self.floor)
+        pairs = (zip(*p, strict=True) for p in zip(self.base.parts.weights, rows, strict=True))
+        left = (sum(np.sum(w * m > 0.0, axis=0) for w, m in part) for part in pairs)
+        if any(np.any(n < MIN_SAMPLES) for n in left):
+            return None  # of what always moves nothing would be left
+        base = self.base.without(*rows)
         return replace(self, base=base, jitter=jitter)
 
     def linear_words(self, selection: Selection) -> str:

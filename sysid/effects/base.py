@@ -1,6 +1,6 @@
 """Effect: one physical phenomenon as one pure step, the identity at its null value."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
@@ -398,6 +398,17 @@ class Effect:
         law = self.law(chosen)
         names = tuple(p.name for p in self.parameters if not p.choice)
         return names if law is None else tuple(n for n in names if n in law.parameters)
+
+
+def sides_of(effect: Effect, inputs: int, outputs: int) -> Sequence[int]:
+    """Tracks on which an effect has parameters of its own; −1 where all share them.
+
+    An effect of the command has them at each input: two outputs of one input share them, and each
+    of several inputs of one output has its own.
+    """
+    if effect.shared or (effect.place is Place.COMMAND and inputs < outputs):
+        return (-1,)
+    return range(inputs if effect.place is Place.COMMAND else outputs)
 
 
 OF_SERVO = "of_servo"

@@ -78,8 +78,6 @@ def on_all_rows(
     Args:
         identification: what the stretches gave.
         facts: of the stretches.
-        request: what was asked for.
-        log: the file.
         rows: read at once.
 
     Raises:

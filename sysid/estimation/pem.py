@@ -177,11 +177,7 @@ def check_data(records: Sequence[Record]) -> None:
 def _constrained(
     structure: Structure, record: Record, options: FitOptions
 ) -> tuple[Parameter, ...]:
-    """The structure's parameters with the user's bounds and fixed values.
-
-    Raises:
-        UsageError: they do not fit the structure, or its free run has nothing to run on.
-    """
+    """The structure's parameters with the user's bounds and fixed values."""
     if not structure.traits.takes_inputs and options.focus is Focus.SIMULATION:
         raise UsageError(
             f"{structure.name} has no input, so that its free run from rest stays at zero; fit it "

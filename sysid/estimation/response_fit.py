@@ -9,12 +9,13 @@ Trans. Autom. Control 8, 56) for several dead times (Pintelon & Schoukens 2012, 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.frequency_response import FrequencyResponse
+from sysid.data.frequency_response import FrequencyResponse, read_frequency_response
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array
 from sysid.errors import DataError, Termination, UsageError
@@ -23,6 +24,7 @@ from sysid.structures.continuous.structure import ContinuousStructure
 from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.families import OE
 from sysid.structures.model import Model, Provenance
+from sysid.structures.orders import parse_orders
 from sysid.structures.registry import structure_class
 
 Complex = NDArray[np.complexfloating[Any, Any]]
@@ -62,16 +64,17 @@ class ResponseFit:
 
 
 def fit_response(
-    response: FrequencyResponse,
+    response: FrequencyResponse | str | Path,
     name: str,
-    orders: Mapping[str, Any] | None = None,
+    orders: Mapping[str, Any] | str | None = None,
     options: Mapping[str, str] | None = None,
     band: tuple[float, float] | None = None,
 ) -> ResponseFit:
     """Fit ``tf``, ``process`` or ``oe`` to a frequency response.
 
     Args:
-        orders: of the structure; the best of its usual ones by BIC when None.
+        response: or its ``.frd.csv``.
+        orders: of the structure, as text or a mapping; the best of its usual ones by BIC when None.
         options: of the structure, as text.
         band: lowest and highest frequency that count [Hz].
 
@@ -79,6 +82,10 @@ def fit_response(
         UsageError: another structure, or a band without frequencies.
         DataError: there are fewer numbers than parameters.
     """
+    if isinstance(response, str | Path):
+        response = read_frequency_response(response)
+    if isinstance(orders, str):
+        orders = parse_orders(orders)
     cls = structure_class(name)
     if not issubclass(cls, ContinuousStructure | OE):
         raise UsageError(f"{name} is not fitted to frequency responses; tf, process and oe are")
@@ -261,11 +268,12 @@ def _rational(
             best = cost, theta
         last = np.where(np.abs(den) > 1e-12, den, 1e-12)
     assert best is not None
-    cost, theta = best
-    num = theta[: m + 1] * unit ** (n - np.arange(m + 1.0))
-    den = theta[m + 1 :] * unit ** (n - np.arange(float(n)))
-    roots = np.roots([1.0, *den[::-1]])
-    roots = np.where(roots.real > 0.0, -np.conj(roots), roots)
+    cost, found = best
+    num = found[: m + 1] * unit ** (n - np.arange(m + 1.0))
+    bottom_of = found[m + 1 :] * unit ** (n - np.arange(float(n)))
+    roots = np.roots([1.0, *bottom_of[::-1]])
+    right = roots.real > 0.0
+    roots[right] = -np.conj(roots[right])
     return num, np.real(np.poly(roots))[:0:-1], cost
 
 

@@ -107,7 +107,6 @@ def excess(name: str, cost: float, best: float, equations: tuple[int, int]) -> f
     """By which fraction a cost, smaller is better, exceeds the best one as errors go.
 
     Args:
-        name: criterion whose costs they are.
         equations: samples and outputs behind them.
     """
     ranks = criterion(name)

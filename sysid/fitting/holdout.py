@@ -87,7 +87,6 @@ def hold_out(records: Sequence[Record], dead_time: int = 0) -> HoldOut:
     of many.
 
     Args:
-        records: estimation data.
         dead_time: the longest delay [samples]. Every piece loses as many at its head; records are
             cut less often where that would cost a piece more than half of its samples.
     """

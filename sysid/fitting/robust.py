@@ -122,7 +122,6 @@ def weighted(problem: Problem, records: Sequence[Record], more: int = 0) -> Prob
     """The problem with the weights its records carry; itself where they carry none.
 
     Args:
-        records: the data it was made of.
         more: residuals after those of the data, which count fully.
 
     Raises:

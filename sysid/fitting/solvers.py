@@ -222,7 +222,6 @@ def many_starts(
         starts: z of every start, (S, n).
         each: arrays whose first axis belongs to the starts.
         shared: arrays all starts share; passed as arguments, so that a compilation serves any data.
-        iterations: limit for every start.
         tolerance: on the gradient's norm.
         jacobian: of ``residual``, with the same arguments; forward-mode unless given.
     """

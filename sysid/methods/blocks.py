@@ -83,14 +83,9 @@ def _final_fit(
     """The search on all data from the best of the given starts, every gain in one place.
 
     Args:
-        structure: orders and statics settled.
         parameters: bounds and fixed values the user gave, by name.
         starts: named θ of ``structure``.
         reports: starts tried before.
-
-    Raises:
-        DataError: fewer equations than unknowns.
-        ModelError: no start gives a finite cost.
     """
     given = {p.name: p for p in parameters}
     bare = structure.parameters(records[0].inputs, records[0].outputs)

@@ -172,7 +172,7 @@ class Search:
             solution = self._backcast(problem, solution, huber)
         if solution.termination is Termination.DIVERGED:
             raise ModelError(f"{self.structure.name}: {Termination.DIVERGED.value}")
-        channel = ",".join(sorted({self._output_name(i) for i in problem.channels}))
+        channel = ",".join(sorted({self.records[0].output_names[i] for i in problem.channels}))
         reports = [
             StartReport(
                 channel,
@@ -194,9 +194,6 @@ class Search:
                 "(parameters and initial states); record longer, lower the orders or take the "
                 "initial states as zero"
             )
-
-    def _output_name(self, i: int) -> str:
-        return self.records[0].output_names[i]
 
     def _free(self, problem: Problem, states: bool = True) -> Array:
         return np.append(self.allowed.free[problem.index], np.full(problem.n_initial, states))

@@ -27,7 +27,6 @@ def describe(model: Model, report: Mapping[str, Any], name: str) -> dict[str, An
 
     Args:
         report: what ``fit`` had to say; its ``validation``, else its ``estimation``, is kept.
-        name: what to call the plant.
 
     Returns:
         JSON-able values; numbers that are not finite are None.
@@ -84,11 +83,7 @@ def _lower_rows(matrix: Array) -> list[str]:
 
 
 def _symmetric(rows: tuple[str, ...], n: int) -> Array:
-    """Undo ``_lower_rows``; zeros where a package of an older version has no rows.
-
-    Raises:
-        ValueError: they are no lower triangle of n rows.
-    """
+    """Undo ``_lower_rows``; zeros where a package of an older version has no rows."""
     if not rows:
         return np.zeros((n, n))
     lower = np.zeros((n, n))

@@ -209,7 +209,6 @@ def read_package(path: str | Path, accept_changes: bool = False) -> Package:
     Packages of sysid 0.1.0 have no hash: they are read, and a note says that changes stay unseen.
 
     Args:
-        path: a folder or a zip.
         accept_changes: take a package whose content was changed after the export, with a note.
 
     Raises:
@@ -286,11 +285,7 @@ def load_model(path: str | Path, accept_changes: bool = False) -> Model:
 
 
 def _covered(described: Mapping[str, Any], where: str) -> tuple[str, ...]:
-    """Names of the files that the hash of a package covers.
-
-    Raises:
-        ModelError: they are no names of files inside the package.
-    """
+    """Names of the files that the hash of a package covers."""
     names = described.get(FILES, list(UNLISTED))
     if not isinstance(names, list) or not all(map(_is_inside, names)):
         raise ModelError(f"{where}: plant.json is damaged (its list of files); export it again")

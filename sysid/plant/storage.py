@@ -154,11 +154,7 @@ class _Zip:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[_Folder | _Zip]:
-    """A package, open for reading.
-
-    Raises:
-        ModelError: there is none, or what is done with it fails.
-    """
+    """A package, open for reading."""
     try:
         if not path.exists():
             settle(path.parent)  # a command that was killed may have moved it aside

@@ -17,7 +17,7 @@ def look_panels(found: Look) -> Panels:
     """Impulse, step and frequency responses of every output, coherence, and distortion lines."""
     first, panels = found.records[0], []
     for i, (channel, response) in enumerate(zip(first.outputs, found.impulses, strict=True)):
-        t = first.dt * np.arange(len(response.g), dtype=np.float64)
+        t = response.dt * np.arange(len(response.g), dtype=np.float64)
         for what, values, errors in (
             ("impulse", response.g, response.error),
             ("step", response.step, response.step_error),
@@ -32,18 +32,25 @@ def look_panels(found: Look) -> Panels:
             title = f"{channel.name}: response to {'an impulse' if what == 'impulse' else 'a step'}"
             panels.append(Panel(f"{what}-{channel.name}", title, "time [s]", axis, curves))
         f = found.frequency
-        gains = []
+        gains, phases = [], []
         for j, u in enumerate(first.input_names):
-            size, error = np.abs(f.value[:, i, j]), WIDE / np.sqrt(2.0) * f.error[:, i, j]
-            low = np.maximum(size - error, 1e-3 * size)
-            gains.append(Curve(u, f.w, size, low, size + error, colour=j))
+            known = np.isfinite(f.error[:, i, j])
+            w, g, error = f.w[known], f.value[known, i, j], f.band[known, i, j]
+            size = np.abs(g)
+            low = np.maximum(size - error, 0.03 * size)
+            gains.append(Curve(u, w, size, low, size + error, colour=j))
+            sure = error < size
+            turn = np.degrees(np.unwrap(np.angle(g[sure])))
+            reach = np.degrees(np.arcsin(error[sure] / size[sure]))
+            phases.append(Curve(u, w[sure], turn, turn - reach, turn + reach, colour=j))
         noise = np.sqrt(f.noise[:, i])
-        panels.append(
-            Panel(
-                f"gain-{channel.name}", f"{channel.name}: gain", RAD, "|G|", tuple(gains),
-                log_x=True, log_y=True,
-            )
-        )  # fmt: skip
+        name, by = channel.name, f"By {f.method}."
+        panels += [
+            Panel(f"gain-{name}", f"{name}: gain", RAD, "|G|", tuple(gains), log_x=True, log_y=True,
+                  note=by),
+            Panel(f"phase-{name}", f"{name}: phase", RAD, "arg G [°]", tuple(phases), log_x=True,
+                  note="Where the gain is beyond its band."),
+        ]  # fmt: skip
         coherence = Curve("", f.w, f.coherence[:, i])
         panels.append(
             Panel(

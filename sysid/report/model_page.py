@@ -61,6 +61,7 @@ def model_page(
         *(() if slow else (("horizon", "Fit against steps ahead"), ("step", "Step response"))),
         ("bode", "Frequency response over the measured one"),
         ("poles", "Poles and zeros"),
+        *(() if quick else (("look", "The log itself, before any model"),)),
         *(() if slow or model.structure.traits.linear else (("curve", "Outputs at rest"),)),
     ]
     sections = [

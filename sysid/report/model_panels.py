@@ -19,9 +19,12 @@ from sysid.estimation.assessment.responses import (
     step_curves,
 )
 from sysid.estimation.assessment.spectra import spectra
+from sysid.estimation.look.summary import look as look_at
 from sysid.report.data_panels import fit, horizon, log, ranking, residuals, surface
+from sysid.report.look_panels import look_panels
 from sysid.report.panels import RAD, Curve, Panel, Panels, Shown
 from sysid.report.style import labelled
+from sysid.structures.state_space.subspace import subspace
 
 
 def step(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
@@ -193,8 +196,34 @@ def poles(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     return tuple(panels)
 
 
+def look(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """What the log shows before any model."""
+    return look_panels(look_at(records))
+
+
+def singular(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
+    """What the past says of future outputs, direction by direction: as many states as stand out."""
+    u, y = (np.concatenate([getattr(r, s) for r in records]).mean(axis=0) for s in ("u", "y"))
+    looked = subspace([(r.u - u, r.y - y) for r in records], False, DIRECTIONS // 2)
+    if looked is None:
+        raise ModelError("the log is too short for singular values; record more")
+    values = looked.singular[:DIRECTIONS]
+    values = values / np.sqrt(1.0 + values**2)
+    curves = [Curve("log", np.arange(1.0, len(values) + 1), values, kind="dots", colour=-1)]
+    for k, s in enumerate(shown):
+        n = s.model.structure.order_values().get("n")
+        if s.model.structure.name == "ss" and n is not None and n <= len(values):
+            curves.append(
+                Curve(s.label, np.array([float(n)]), values[[n - 1]], kind="marks", colour=k)
+            )
+    note = "Correlation of future outputs with the past, weights of CVA; × order of a model."
+    axes = ("number of states", "canonical correlation")
+    return (Panel("singular", "Singular values", *axes, tuple(curves), note=note),)
+
+
 WHAT: Mapping[str, Callable[[Sequence[Shown], Sequence[Record]], Panels]] = {
     "log": log,
+    "look": look,
     "step": step,
     "impulse": impulse,
     "bode": bode,
@@ -205,13 +234,20 @@ WHAT: Mapping[str, Callable[[Sequence[Shown], Sequence[Record]], Panels]] = {
     "curve": curve,
     "horizon": horizon,
     "surface": surface,
+    "singular": singular,
     "ranking": ranking,
 }
 """Word → what it shows."""
 
-NEEDS_LOG = ("log", "residuals", "fit", "horizon", "ranking")
+OF_LOG = ("log", "look")
+"""What needs no model."""
+
+NEEDS_LOG = (*OF_LOG, "residuals", "fit", "horizon", "singular", "ranking")
 """What cannot be shown without data."""
 
+
+DIRECTIONS = 20
+"""Singular values that are shown."""
 
 OF_LINEAR = ("bode", "nyquist", "poles")
 """What only linear models have."""

@@ -23,7 +23,7 @@ from sysid.fitting.searchable import StartReport
 from sysid.structures import model_text
 from sysid.structures.base import Structure
 from sysid.structures.linear.base import LinearStructure
-from sysid.structures.linear.transfer import TransferMatrix, control_model
+from sysid.structures.linear.transfer import control_model
 from sysid.structures.motion import initial_state_window, poles
 from sysid.structures.plant import Plant
 from sysid.structures.registry import require_readable, structure_from_json, structure_to_json
@@ -362,7 +362,7 @@ class Model:
         Raises:
             ModelError: the model is not linear.
         """
-        transfer = self._transfer("frequency response")
+        transfer = self._linear("frequency response").transfer(self.theta)
         w = np.geomspace(1e-3, 1.0, 300) * np.pi / self.dt if frequencies is None else frequencies
         return np.asarray(w, dtype=np.float64), transfer.response(np.asarray(w) * self.dt)
 
@@ -393,9 +393,6 @@ class Model:
             matrices = structure.in_continuous_time(self.theta, self.dt)
         names = ([c.name for c in channels] for channels in (self.inputs, self.outputs))
         return control_model(matrices, 0.0 if continuous else self.dt, *names)
-
-    def _transfer(self, what: str) -> TransferMatrix:
-        return self._linear(what).transfer(self.theta)
 
     def _linear(self, what: str) -> LinearStructure:
         if not isinstance(self.structure, LinearStructure):

@@ -41,11 +41,7 @@ def as_fitted(
 
 
 def _stored(options: Mapping[str, Any]) -> "tuple[ReadOptions, Preparation]":
-    """How the logs of a model were read and prepared.
-
-    Raises:
-        UsageError: what the model holds of it is damaged.
-    """
+    """How the logs of a model were read and prepared."""
     from sysid.data.preparation import Preparation
     from sysid.data.reading.read_options import ReadOptions
     from sysid.data.schema import checked

@@ -79,7 +79,7 @@ WRONG: dict[str, tuple[str, int, str]] = {
     "excite too loud": ("excite prbs --amplitude 30000", 2, "exceeds full drive"),
     "excite too short": ("excite steps --duration 0.1", 2, "too short"),
     "excite dt zero": ("excite prbs --ts 0", 2, "sample time must be positive"),
-    "excite band falling": ("excite chirp --band 2 1", 2, "must rise"),
+    "excite band falling": ("excite chirp --band 2:1", 2, "must rise"),
     "excite band of one": ("excite chirp --band 2", 2, "--band"),
     "excite negative seed": ("excite prbs --seed -1", 2, "--seed"),
     "excite tracks of one input": (

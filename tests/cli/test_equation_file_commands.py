@@ -30,6 +30,15 @@ def test_a_file_is_fitted_shown_and_exported(capsys: Capture) -> None:
         # residuals that pass for white: the errors of a fit are those of the information
         assert values[name]["std_error"] == pytest.approx(expected[name], rel=0.1)
     assert run(capsys, "export").code == 0
+    line = ("excite", "optimal", "--duration", "2", "--amplitude", "2", "--json")
+    design = run(capsys, *line).document
+    assert [p["name"] for p in design["parameters"]] == list(TRUTH)
+    assert all(p["error_promised"] > 0.0 for p in design["parameters"])
+    rows = Path("schedule_optimal.csv").read_text().splitlines()
+    assert rows[0] == "t,u_V"
+    assert len(rows) == 1 + 100
+    assert {abs(float(r.split(",")[1])) for r in rows[1:]} <= {0.0, 1.0, 2.0}
+    assert "has no --hold" in run(capsys, "excite", "optimal", "--hold", "1", "2").err
 
 
 def test_before_a_fit_a_file_is_enough(capsys: Capture) -> None:

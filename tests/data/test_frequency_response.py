@@ -8,7 +8,7 @@ import pytest
 
 from sysid.data.frequency_response import FrequencyResponse, read_frequency_response
 from sysid.data.record import Channel
-from sysid.errors import DataError
+from sysid.errors import DataError, SysidError
 
 F = np.array([0.1, 1.0, 10.0])
 
@@ -27,6 +27,8 @@ def test_what_is_written_is_read_back_exactly(tmp_path: Path) -> None:
     np.testing.assert_array_equal(two.value, one.value)
     np.testing.assert_array_equal(two.frequency, one.frequency)
     np.testing.assert_array_equal(two.coherence, one.coherence)
+    assert two.variance is not None
+    assert one.variance is not None
     np.testing.assert_allclose(two.variance, one.variance, rtol=1e-15)
     assert (two.inputs, two.outputs, two.sample_time) == (one.inputs, one.outputs, 0.1)
 
@@ -66,7 +68,10 @@ def test_coherence_gives_the_error(tmp_path: Path) -> None:
         ("f,real,imag\n1,2\n", "line 2: 2 cells"),
         ("f,real,imag\n1,2,x\n", "line 2: 'x' is no number"),
         ("f,real,imag\n2,2,1\n1,2,1\n", "number 2 does not"),
-        ("f,real,imag\n1,nan,1\n", "not finite"),
+        ("f,real,imag\n1,nan,1\n", "line 2: a number is not finite"),
+        ("f,mag [dB],phase\n1,1e6,0\n", "not finite"),
+        ('f,real,imag"\n1,2,3\n', "is no part"),
+        ('f,real,"imag\n1,2,3\n', "no rows"),
         ("f,speed\n1,2\n", "'speed' is no part"),
         ("f,u > y real,u > y imag,v > z real,v > z imag\n1,1,1,1,1\n", "u > z is missing"),
         ("# windows: 0\nf,real,imag,coherence\n1,1,1,1\n", "above 0"),
@@ -90,3 +95,19 @@ def test_control_takes_it_and_gives_it_back(dt: float) -> None:
     assert again.sample_time == (dt or None)
     two = of_two_paths()
     np.testing.assert_array_equal(FrequencyResponse.from_control(two.to_control()).value, two.value)
+
+
+def test_damaged_files_end_in_a_sentence(tmp_path: Path) -> None:
+    """Letters changed, lost or put in: read, or refused, never a traceback or a warning."""
+    rng = np.random.default_rng(0)
+    path = of_two_paths().write(tmp_path / "x.frd.csv")
+    whole, put = path.read_bytes(), [b"1e308", b"nan", b'"', b"\n", b",", b"\x00", b">", b"[", b";"]
+    refused = 0
+    for _ in range(300):
+        at, length = int(rng.integers(len(whole))), int(rng.integers(0, 3))
+        path.write_bytes(whole[:at] + put[int(rng.integers(len(put)))] + whole[at + length :])
+        try:
+            read_frequency_response(path)
+        except SysidError:
+            refused += 1
+    assert 0 < refused < 300

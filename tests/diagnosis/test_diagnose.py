@@ -170,11 +170,13 @@ def test_the_same_log_gives_the_same_diagnosis(tmp_path: Path) -> None:
     }
 
 
-def test_a_log_with_more_outputs_than_inputs_is_refused(tmp_path: Path) -> None:
+def test_a_log_with_three_inputs_and_two_outputs_is_refused(tmp_path: Path) -> None:
     log = logs(tmp_path, "", 21)["est"]
-    one = dataclasses.replace(log, u=log.u[:, :1], inputs=log.inputs[:1])
-    with pytest.raises(DataError, match="one input for each output"):
-        diagnose([one])
+    third = Channel("pwm_c", "µs")
+    u = np.column_stack([log.u, log.u[::-1, 0]])
+    three = dataclasses.replace(log, u=u, inputs=(*log.inputs, third))
+    with pytest.raises(DataError, match="one input for each output, or one of either"):
+        diagnose([three])
 
 
 # The parts ----------------------------------------------------------------------------------------

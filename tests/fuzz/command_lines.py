@@ -21,7 +21,7 @@ COMMANDS = (
     "fit {log} --orders 'na=1 nb=1 nf=1 nc=1 nd=1' --detrend linear --initial zero {ws}",
     "fit {log} --structure hammerstein-wiener --orders 'nb=1 nf=1' --option input=dead-zone {ws}",
     "excite prbs --duration 5 --ts 0.1 --amplitude 9000 --clock 3 --seed 1 -o {new}",
-    "excite multisine --band 0.1 2 --duration 5 --ts 0.05 --tracks equal -o {new}",
+    "excite multisine --band 0.1:2 --duration 5 --ts 0.05 --tracks equal -o {new}",
     "compare --criterion aic --folds 3 {ws}",
     "models list --json {ws}",
     "structures arx",

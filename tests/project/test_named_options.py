@@ -52,6 +52,7 @@ SHOWN_BY = {
     "cli/live": ("fit",),
     "cli/targets.py": ("simulate", "plan"),
     "cli/structures.py": ("fit",),
+    "cli/optimal.py": ("excite",),
 }
 """Module or folder of the command line → the commands whose messages it writes."""
 

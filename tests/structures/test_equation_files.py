@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.signal import StateSpace, lsim
 
 from sysid.data.record import Array, Channel, Record
@@ -109,6 +111,39 @@ def test_a_wrong_file_is_refused_with_its_place(
     assert str(caught.value).startswith("equations.ode.yaml:")
 
 
+@pytest.mark.parametrize(
+    ("old", "sentence"),
+    [("+".join("q" * 400), "more than 300 parts"), ("(" * 60 + "q" + ")" * 60, "nested too deep"),
+     ("q^1e300", "the exponent is beyond 20"), ("q^(1/0)", "the exponent divides by 0")],
+)  # fmt: skip
+def test_what_asks_for_too_much_is_refused(old: str, sentence: str) -> None:
+    with pytest.raises(DataError, match=sentence):
+        definition_of(SPRING.replace("k*q", old))
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(
+    st.integers(0, len(SPRING) - 1),
+    st.sampled_from("{}()[],:#^*/-+ '\"0q@\u00e4\n|>&"),
+    st.booleans(),
+)
+def test_a_damaged_file_gives_a_sentence(at: int, sign: str, instead: bool) -> None:
+    text = SPRING[:at] + sign + SPRING[at + instead :]
+    said = ""
+    try:
+        definition = definition_of(text)
+    except DataError as error:
+        said = str(error)
+    if said:
+        assert said.startswith("equations:")
+    else:  # another space, a name with one letter more: what is left can be run
+        physics = FilePhysics(1, 1, text)
+        x = np.ones((len(definition.states), 1))
+        p = physics.unpack(np, physics.pack({}))
+        with np.errstate(all="ignore"):
+            assert np.shape(physics.rates(np, x, np.ones((1, 1)), p)) == x.shape
+
+
 def test_units_of_a_file_go_with_those_of_the_log() -> None:
     s = boxed(SPRING)
     named = [Channel("f", "N")], [Channel("q", "m")]
@@ -192,12 +227,15 @@ def test_every_experiment_may_have_a_parameter_of_its_own() -> None:
     logs = []
     for own in (0.5, 2.0):
         u = rng.standard_normal((120, 1))
-        y = s.simulate(np.array([0.8]), u, np.array([0.0, own]))
+        y = s.simulate(np.array([0.8]), u, np.array([0.0, own - 1.0]))
         logs.append(Record(u, y + 1e-3 * rng.standard_normal(y.shape), 1.0))
+    at_rest = s.simulate(np.array([0.8]), logs[0].u)
+    assert at_rest[1, 0] == pytest.approx(logs[0].u[0, 0])  # b is 1, its start
     model = fit(s, logs)
     # noise of 1e-3 over 120 samples of unit drive
     assert model.theta[0] == pytest.approx(0.8, abs=1e-3)
-    assert [x[1] for x in model.initial_states] == pytest.approx([0.5, 2.0], abs=2e-3)
+    # counted from the start in the file, which is 1
+    assert [x[1] for x in model.initial_states] == pytest.approx([-0.5, 1.0], abs=2e-3)
 
 
 def test_a_known_first_state_is_not_estimated() -> None:

@@ -79,10 +79,9 @@ def kalman_gain() -> tuple[Array, Array]:
     return A @ P @ C.T @ np.linalg.inv(S), S
 
 
-def fitted(records: Sequence[Record], n: int = 3, **options: Focus) -> Model:
-    return fit(
-        StateSpace.from_orders({"n": n}, 2, 2), records, FitOptions(**options), detrend=NOTHING
-    )
+def fitted(records: Sequence[Record], focus: Focus = Focus.PREDICTION) -> Model:
+    s = StateSpace.from_orders({"n": 3}, 2, 2)
+    return fit(s, records, FitOptions(focus=focus), detrend=NOTHING)
 
 
 @pytest.mark.parametrize(
@@ -110,6 +109,23 @@ def test_plant_kalman_gain_and_innovations_are_found_with_their_errors(
         x = A @ x + B @ row
     off = model.simulate(u) - np.array(run)
     assert np.sqrt(np.mean(off**2)) < 0.05 * np.std(run)
+
+
+def test_the_predictor_stays_bounded_and_the_plant_if_asked() -> None:
+    """A record that grows: without a controller, with and without ``stable``."""
+    rng = np.random.default_rng(8)
+    u, y = rng.standard_normal((150, 1)), np.zeros((150, 1))
+    for t in range(1, 150):
+        y[t] = 1.02 * y[t - 1] + u[t - 1] + 0.1 * rng.standard_normal()
+    record, s = Record(u, y, 0.1), StateSpace.from_orders({"n": 1}, 1, 1)
+    free, held = (
+        fit(s, [record], FitOptions(stable=held), detrend=Detrend.none(1, 1))
+        for held in (False, True)
+    )
+    np.testing.assert_allclose(free.poles(), 1.02, atol=0.002)
+    assert np.abs(held.poles()[0]) < 1.0
+    for model in (free, held):
+        assert np.abs(np.linalg.eigvals(s.realization(model.theta).predictor().A))[0] <= 1.01
 
 
 def test_free_runs_leave_the_gain_out() -> None:

@@ -167,11 +167,7 @@ def load_ros() -> Ros:
 def _append_system_packages(
     python: Path = SYSTEM_PYTHON, folders: Sequence[Path] = SYSTEM_PACKAGES
 ) -> None:
-    """Put the folder that holds rospy at the end of the path.
-
-    Raises:
-        ModelError: there is none, or it belongs to another Python.
-    """
+    """Put the folder that holds rospy at the end of the path."""
     opt = sorted(Path("/opt/ros").glob("*/lib/python3/dist-packages"))
     packages = [f for f in (*opt, *folders) if (f / "rospy").is_dir()]
     if not packages:

@@ -82,9 +82,6 @@ class _Talk:
         Args:
             topic: what it is waited for on.
             patience: how long [s].
-
-        Raises:
-            SilenceError: none came; with what is known of the reason.
         """
         until, gone = time.monotonic() + patience, 0.0
         while True:
@@ -113,11 +110,7 @@ class _Talk:
         )
 
     def refuse_two(self, topic: str) -> None:
-        """Refuse a topic that several nodes publish.
-
-        Raises:
-            ModelError: several do.
-        """
+        """Refuse a topic that several nodes publish."""
         names = self.node.master.publishers(topic)
         if len(names) > 1:
             raise ModelError(
@@ -125,12 +118,7 @@ class _Talk:
             )
 
     def meet(self, topic: str, patience: float) -> None:
-        """Wait until the other node publishes a topic.
-
-        Raises:
-            SilenceError: it does not come.
-            ModelError: several nodes publish it.
-        """
+        """Wait until the other node publishes a topic."""
         until = time.monotonic() + patience
         while not self.listens[topic].get_num_connections():
             if time.monotonic() > until:
@@ -143,11 +131,7 @@ class _Talk:
         self.refuse_two(topic)
 
     def be_heard(self, topic: str, patience: float) -> None:
-        """Wait until a topic of ours has a listener: what is said before is lost.
-
-        Raises:
-            SilenceError: nobody listens.
-        """
+        """Wait until a topic of ours has a listener: what is said before is lost."""
         until = time.monotonic() + patience
         while not self.says[topic].get_num_connections():
             if time.monotonic() > until:

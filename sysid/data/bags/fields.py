@@ -117,11 +117,7 @@ def _turned(message: Any, steps: tuple[Step, ...]) -> tuple[Reader, tuple[Step, 
 
 
 def _at(message: Any, steps: Sequence[Step]) -> Any:
-    """The value at the end of a path.
-
-    Raises:
-        IndexError: an element is not there; LookupError: a field is not.
-    """
+    """The value at the end of a path."""
     for step in steps:
         message = _step(message, step)
     return message
@@ -197,7 +193,6 @@ def si_unit(kind: str, steps: Sequence[Step]) -> str:
 
     Args:
         kind: type of the message, ``sensor_msgs/msg/JointState``.
-        steps: of the path.
     """
     words = [s for s in steps if isinstance(s, str)]
     if not words:

@@ -146,7 +146,8 @@ def latencies(streams: Sequence[Timed], zero_order_hold: frozenset[str]) -> tupl
         (
             s
             for s in by_rate
-            if by_topic and s.stream.topic == min(by_topic.values(), key=_error).topic
+            if by_topic
+            and s.stream.topic == min(by_topic.values(), key=lambda a: a.std_error).topic
         ),
         by_rate[0] if by_rate else None,
     )
@@ -163,10 +164,6 @@ def latencies(streams: Sequence[Timed], zero_order_hold: frozenset[str]) -> tupl
             apart = replace(apart, behind=start.behind, responds=True)
         estimates.append(apart)
     return tuple(estimates)
-
-
-def _error(one: Latency) -> float:
-    return one.std_error
 
 
 def _window(streams: Sequence[Timed]) -> list[Timed]:

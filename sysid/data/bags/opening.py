@@ -150,11 +150,13 @@ def opened(path: Path) -> Iterator[Bag]:
         ) from None
     whole = (path / DESCRIPTION).exists() or not path.is_dir()
     files = [path] if whole else _files(path)
+    # those of ROS 1 and MCAP hold the definitions of their messages
+    lacks_types = any(f.suffix.lower() not in (".bag", ".mcap") for f in files)
     try:
         for file in path.iterdir() if path.is_dir() else [path]:
             if not file.is_dir():
                 open_regular(file).close()
-        reader = AnyReader(files, default_typestore=_standard() if _needs_types(files) else None)
+        reader = AnyReader(files, default_typestore=_standard() if lacks_types else None)
         reader.open()
     except Exception as error:  # as in ``Bag.messages``
         raise DataError(_broken(path.name, error)) from None
@@ -183,11 +185,6 @@ def _standard() -> Any:
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.LATEST)
-
-
-def _needs_types(files: list[Path]) -> bool:
-    """Whether a bag may lack the definitions of its messages: those of ROS 1 and MCAP hold them."""
-    return any(f.suffix.lower() not in (".bag", ".mcap") for f in files)
 
 
 def _files(folder: Path) -> list[Path]:

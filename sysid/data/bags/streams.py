@@ -135,11 +135,7 @@ class _Part:
     frames: tuple[str, str] = ("", "")
 
     def add(self, message: Message) -> None:
-        """Take the numbers out of a message.
-
-        Raises:
-            UsageError: the first one does not hold them.
-        """
+        """Take the numbers out of a message."""
         content = message.content
         header = getattr(content, "header", None)
         if not self.readers:
@@ -166,11 +162,7 @@ class _Part:
                 raise UsageError(f"{self.bag.where}: {self.topic} ({kind}) {error}") from None
 
     def stream(self) -> Stream:
-        """All of it.
-
-        Raises:
-            DataError: a field is in no message.
-        """
+        """All of it."""
         values = np.frombuffer(self.values, dtype=np.float64).reshape(-1, len(self.columns))
         for k, (name, _, path) in enumerate(self.columns):
             if not np.isfinite(values[:, k]).any():

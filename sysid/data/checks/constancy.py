@@ -123,8 +123,6 @@ def change_within(records: Sequence[Record], j: int, fit: ProcessFit) -> Change 
 
     Args:
         records: what the process was fitted to.
-        j: the output.
-        fit: its process.
     """
     n = len(fit.residual)
     first = max(round(EDGE * BLOCKS), int(np.ceil(MIN_LAGS * float(fit.lag.max()) / n * BLOCKS)))

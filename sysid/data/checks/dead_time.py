@@ -43,7 +43,6 @@ def refined_delays(
 
     Args:
         delays: of every pair, output by output.
-        processes: of the outputs.
         dt: sample time [s].
         shortest: 1 where a response within the sample is known to be a controller's, else 0.
     """

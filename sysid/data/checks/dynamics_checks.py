@@ -188,7 +188,6 @@ def check_sampling(
 
     Args:
         dt: sample time [s].
-        speeds: of the outputs.
         delays: of every pair: what an input reaches within the sample only seems slow.
     """
     immediate = {d.output for d in delays or () if d.delay == 0}

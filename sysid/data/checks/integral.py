@@ -141,7 +141,6 @@ def is_position(records: Sequence[Record], output: int) -> bool:
 
     Args:
         records: a motor an output, each with the input of its own number.
-        output: which one.
     """
     channel = records[0].outputs[output]
     if channel.unit:

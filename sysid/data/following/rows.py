@@ -121,7 +121,6 @@ class RowReader:
         """The rows of more lines.
 
         Args:
-            lines: whole lines.
             last: decide on the format now, even where few lines have come.
 
         Returns:
@@ -292,11 +291,7 @@ class _Format:
         return len(cells) == len(self.layout.names) and tuple(cells) != self.layout.names
 
     def numbers(self, lines: Sequence[str]) -> tuple[Array, Array]:
-        """Instants [s] and signals as in the file; NaN where a cell is empty.
-
-        Raises:
-            DataError: a cell is no number.
-        """
+        """Instants [s] and signals as in the file; NaN where a cell is empty."""
         signals = (*self.choice.inputs, *self.choice.outputs)
         if not lines:
             return np.zeros(0), np.zeros((0, len(signals)))

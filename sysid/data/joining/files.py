@@ -76,8 +76,6 @@ def joined(
     """A log with the columns of a second file, in the rows that both cover.
 
     Args:
-        table: the log.
-        other: path of the second file.
         options: how the log is read; ``join_offset`` is t_log − t_other [s], None to estimate it.
 
     Returns:
@@ -150,14 +148,10 @@ def _brought(
     """The columns at the rows of the log: what is measured by lines, what is commanded held.
 
     Args:
-        log: the log.
         at: instants of the second file's rows on the clock of the log [s], (M,).
         known: its columns without empty cells, (M,) each.
         raw: the same as written.
         where: the two files, for the sentence.
-
-    Raises:
-        DataError: they hardly overlap.
     """
     order = np.flatnonzero(np.diff(at, prepend=-np.inf) > 0.0)
     by_events = is_event_log(log.t, at[order])
@@ -335,9 +329,9 @@ def companion(joins: Sequence[str], log: Path) -> Path | None:
     Raises:
         UsageError: a log is given two files.
     """
-    for_this_log = [
-        j.partition("=")[2] for j in joins if "=" in j and _same(j.partition("=")[0], log)
-    ]
+    called = (log.name, log.stem, str(log))
+    pairs = [j.split("=", 1) for j in joins if "=" in j]
+    for_this_log = [file for name, file in pairs if name in called]
     plain = [j for j in joins if "=" not in j]
     chosen = for_this_log or plain
     if len(chosen) > 1:
@@ -346,7 +340,3 @@ def companion(joins: Sequence[str], log: Path) -> Path | None:
             "where there are several logs"
         )
     return Path(chosen[0]) if chosen else None
-
-
-def _same(name: str, log: Path) -> bool:
-    return name in (log.name, log.stem, str(log))

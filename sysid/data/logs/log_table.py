@@ -97,7 +97,6 @@ def read_log_table(path: Path, options: ReadOptions, *, even: bool = True) -> Lo
 
     Args:
         path: CSV, Parquet, or a bag, for which ``options.map`` says what is which column.
-        options: how to read it.
         even: whether streams of a bag are to share even rows; other files are as they are.
 
     Raises:
@@ -120,11 +119,7 @@ def read_log_table(path: Path, options: ReadOptions, *, even: bool = True) -> Lo
 
 
 def _check_no_bag_options(path: Path, options: ReadOptions) -> None:
-    """Refuse what only a bag can take.
-
-    Raises:
-        UsageError: something of it is given.
-    """
+    """Refuse what only a bag can take."""
     if options.map:
         raise UsageError(f"{path.name} is not a bag, and `map` is for bags only; name its columns")
     plain = ReadOptions()

@@ -75,7 +75,6 @@ def read_sensor_log(
     """Read the sensors that a log holds.
 
     Args:
-        path: CSV or Parquet.
         wanted: the measurements to look for.
         columns: measurement → column, where the names differ; ``-column`` where its sign does.
         options: ``time``, ``ts``, ``units``, ``delimiter`` and ``decimal`` count here.

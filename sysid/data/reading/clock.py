@@ -88,7 +88,6 @@ def instants(raw: Array, column: TimeColumn, unit: float | None, where: str, pla
         raw: the numbers, shape (N,).
         column: the column and how it was found.
         unit: its unit [s] where it is stated, else None: it is then guessed from its steps.
-        where: name of the file.
         place: row → "file, line n".
 
     Raises:

@@ -68,10 +68,8 @@ def choose_columns(
     columns are taken that alone can be the input and the output by their names (``roles``).
 
     Args:
-        names: the file's column names.
         inputs, outputs: names asked for; empty to go by convention.
         time: the time column asked for; None to go by name.
-        where: what to call the file in messages.
         read: reads a column as numbers, to see which one rises as a time does; None to go by
             names alone.
         timed: whether the sample time is known from elsewhere, so that no column need state it.

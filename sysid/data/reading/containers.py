@@ -178,11 +178,7 @@ def _json(data: bytes, where: str) -> Columns:
 
 
 def _json_lines(text: str, where: str) -> Iterator[Any]:
-    """The object of each line; the last line may be cut off.
-
-    Raises:
-        DataError: another line is none.
-    """
+    """The object of each line; the last line may be cut off."""
     lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
     for i, line in lines:
         try:

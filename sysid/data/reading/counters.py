@@ -181,11 +181,9 @@ def without_jumps(
 
     Args:
         values: (N, n), as the file has them.
-        names: of the columns.
         outputs: output → its unit.
         headings: columns of the pose that are angles.
         periods: column (or ``EVERY``) → period [file unit], 0 to leave it; wins over what is seen.
-        where: name of the file.
         speed_of: outputs whose speed is asked for; for another counter it is proposed.
 
     Raises:
@@ -321,10 +319,8 @@ def as_speeds(
     Args:
         t: instants of the rows [s], (N,).
         values: (N, n), without jumps.
-        names: of the columns.
         outputs: output → its unit.
         speed_of: outputs to be replaced.
-        where: name of the file.
 
     Raises:
         UsageError: one of them is no output.

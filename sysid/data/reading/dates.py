@@ -79,7 +79,6 @@ def seconds_of(cells: Sequence[str], order: str | None = None) -> Dates | int | 
     travels least, Σ|t_k+1 − t_k|. Days that follow each other would else be months apart.
 
     Args:
-        cells: the column.
         order: one of ``ORDERS`` by option, None to decide.
 
     Returns:

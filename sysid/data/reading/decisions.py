@@ -32,9 +32,6 @@ def decisions(
         table, choice: the file and its columns.
         stamps: the numbers of the time column, (N,), or none where it holds dates.
         t: instants of all rows [s], (N,).
-        rows: the number of rows that were used.
-        records: the experiments.
-        findings: what was said about the reading.
         pose_units: of the pose; an angle of unknown unit has scale 0.
     """
     first = records[0]

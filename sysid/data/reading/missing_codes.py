@@ -65,7 +65,6 @@ def without_codes(
         names: of the columns, the inputs first.
         nu: the number of inputs; only nines are a code there, for 0 is a command.
         missing: codes by option, see ``given_codes``.
-        where: name of the file.
 
     Raises:
         UsageError: an option names something else than numbers.

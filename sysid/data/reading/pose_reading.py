@@ -68,7 +68,6 @@ def pose_in_si(
         values: (N, n): inputs, outputs and pose as the file has them.
         choice: what the columns are.
         units: of x, y and angle, as ``pose_conversions`` gives them.
-        where: name of the file.
     """
     if not choice.pose:
         return values, pose_findings(choice, where)

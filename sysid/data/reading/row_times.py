@@ -86,7 +86,6 @@ def row_times(
     """Instants [s] of every row.
 
     Args:
-        table: the file.
         column: its time column or counter, None where it has none.
         units: column name → unit by option.
         ts: sample time [s] by option, None to go by the column.

@@ -262,10 +262,8 @@ def slow_sensors(
     Args:
         t: instants of the rows [s], (N,).
         values: (N, n): inputs, outputs, pose.
-        names: of the columns.
         counts: numbers of inputs and of outputs.
         how: ``auto``, ``keep`` (every row as logged), or a number of rows in a sample.
-        where: name of the file.
 
     Raises:
         UsageError: so many rows leave too few samples.

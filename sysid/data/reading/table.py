@@ -257,11 +257,7 @@ class Table:
         return np.ascontiguousarray(frame[index].to_numpy(dtype=np.float64))
 
     def _with_states(self, index: list[int]) -> Array:
-        """The columns where one of them holds the words of a switch, such as ON and OFF.
-
-        Raises:
-            DataError: a cell is neither a number nor, in a column of such words, one of them.
-        """
+        """The columns where one of them holds the words of a switch, such as ON and OFF."""
         layout = self.source
         assert isinstance(layout, Layout)
         cells = [split_line(row, layout.delimiter) for row in layout.rows]
@@ -353,7 +349,6 @@ def read_table(
     """The table in the bytes of a CSV or Parquet file.
 
     Args:
-        data: the whole file.
         where: its name, for messages and to recognise Parquet by ``.parquet`` or ``.pq``.
         delimiter, decimal: None to find them.
         strict: whether lines that are no rows are refused rather than left out.

@@ -180,11 +180,7 @@ def _cleaned(lines: _Lines, sep: str, where: str, strict: bool, complete: bool) 
 
 
 def _signs(rows: Sequence[str], sep: str, decimal: str | None) -> NumberSigns:
-    """Decimal sign and thousands separator.
-
-    Raises:
-        UsageError: the decimal sign asked for cannot be.
-    """
+    """Decimal sign and thousands separator."""
     if decimal not in (None, ".", ","):
         raise UsageError(f"the decimal sign must be '.' or ',', got {decimal!r}")
     if decimal == sep:
@@ -216,11 +212,7 @@ def split_line(line: str, delimiter: str) -> list[str]:
 def _without_units(
     rows: list[str], numbers: list[int], sep: str, names: tuple[str, ...], where: str
 ) -> tuple[list[str], dict[int, str]]:
-    """The rows without the unit behind each number of a column (``0.01 sec``), and these units.
-
-    Raises:
-        DataError: a column has numbers in more than one unit.
-    """
+    """The rows without the unit behind each number of a column (``0.01 sec``), and these units."""
     first = [measured(c) for c in cells_of(rows[0], sep)] if sep != " " else []
     units = {i: m[1] for i, m in enumerate(first) if m is not None and i < len(names)}
     if not units:

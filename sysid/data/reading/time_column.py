@@ -159,7 +159,6 @@ def find_time(
     Args:
         names: the columns, in the order of the file.
         read: reads a column; None to go by names alone.
-        skip: columns asked for as signals.
         by_steps: whether a first column may be the time by its steps alone; not where the
             sample time is known, and a column that stands still then states nothing either.
     """

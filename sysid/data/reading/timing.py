@@ -131,7 +131,6 @@ def plan_grid(
         t: instants, any unit, finite.
         policy: what may be done about jitter and gaps.
         place: row → "file, line n" for messages.
-        where: name of the file.
         moving: the columns that may be the clock instead, for a message.
 
     Raises:

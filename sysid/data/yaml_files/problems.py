@@ -25,7 +25,6 @@ def first_problem(
     """Word the problem that comes first in the file, and name the lines of the others.
 
     Args:
-        error: what pydantic found.
         source: the file, for line numbers.
         known_keys: the keys there are in a section.
         whole: what the file describes, such as ``the mission``.

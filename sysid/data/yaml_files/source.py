@@ -68,9 +68,6 @@ def read_yaml(path: str | Path) -> YamlSource:
 
     Stricter than YAML: one document, text keys, no key twice, no anchors, aliases or tags.
 
-    Args:
-        path: the file.
-
     Returns:
         The values with their line numbers.
 

@@ -122,7 +122,9 @@ def _best(base: Base, i: int) -> tuple[int, float]:
     best, facts = (order_of_base, np.inf), LogFacts(tuple(fitted))
     detrend = "none" if fitted[0].is_robot_log else "auto"
     for order in (order_of_base + more for more in MORE):
-        structure = OE.from_orders({"nb": order, "nf": order, "nk": base.search.delay}, 1, 1)
+        structure = OE.from_orders(
+            {"nb": order, "nf": order, "nk": base.search.delay}, fitted[0].nu, 1
+        )
         try:
             model = fit(structure, facts, ROUGH, detrend=detrend)
             runs = [outputs(model, r, None, Start.ESTIMATED) for r in holdout]
@@ -137,12 +139,14 @@ def _best(base: Base, i: int) -> tuple[int, float]:
 
 
 def _columns(records: Sequence[Record], i: int, weights: Sequence[Array]) -> list[Record]:
-    """One output with its own command, lost measurements bridged by lines."""
+    """One output with its own command, or with all of them; lost measurements bridged by lines."""
     columns = []
     for r, w in zip(records, weights, strict=True):
         at = np.arange(len(r))
         there = w[:, i] > 0.0
         y = np.interp(at, at[there], r.y[there, i])[:, None]
-        plain = Record(r.u[:, [i]], y, r.dt, (r.inputs[i],), (r.outputs[i],), t0=r.t0, name=r.name)
+        own = [i] if r.nu == r.ny else list(range(r.nu))
+        inputs = tuple(r.inputs[k] for k in own)
+        plain = Record(r.u[:, own], y, r.dt, inputs, (r.outputs[i],), t0=r.t0, name=r.name)
         columns.append(plain)
     return columns

@@ -333,6 +333,8 @@ class CandidateSearch:
         free_on = partial(free_indices, self.model, e, q)
         effects, excluded = (*before.effects, e.id), before.excluded
         free = (*before.free, *free_on(range(self.model.tracks)))
+        if self.model.inputs > self.model.tracks:
+            q, free = self._at_inputs(before, e, q, free)
         model = self.evaluate(effects, q, free, excluded=excluded)
         if e.shared or self.model.tracks == 1:
             return model
@@ -355,6 +357,25 @@ class CandidateSearch:
         if self.model.coupled(out, free):  # what one track loses, the other feels
             return self.fitted(replace(model, touched=served), out, free)
         return self.evaluate(effects, out, free, served, excluded)
+
+    def _at_inputs(
+        self, before: CandidateModel, e: Effect, q: Array, free: tuple[int, ...]
+    ) -> tuple[Array, tuple[int, ...]]:
+        """The effect kept at those of several inputs of one output where the error needs it."""
+        every = self.model.parameters
+        for i in self.model.sides(e) if len(self.model.sides(e)) > 1 else ():
+            rest = tuple(k for k in free if every[k].owner != e.id or every[k].side != i)
+            if not any(every[k].owner == e.id for k in rest):
+                break
+            out = q.copy()
+            own = [k for k in self.model.of(e.id) if every[k].side == i]
+            out[own] = before.q[own]
+            out = search(self.model, out[None], [rest], self.data, BUDGET.more_steps)[0][0]
+            runs = self.model.run(np.array([q, out]), self.data)
+            now, without = self.data.squared_error(runs).sum(axis=1)
+            if not now < RULE.own_part * without:
+                q, free = out, rest
+        return q, free
 
     def _needed_itself(
         self, before: CandidateModel, e: Effect, q: Array, least: Array

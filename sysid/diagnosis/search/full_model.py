@@ -27,19 +27,33 @@ class FullModel(ParameterTable):
     """All effects around cores of one order, for a number of tracks."""
 
     def __init__(
-        self, effects: Sequence[Effect], order: int, tracks: int, speed: Array, dt: float
+        self,
+        effects: Sequence[Effect],
+        order: int,
+        tracks: int,
+        speed: Array,
+        dt: float,
+        inputs: int = 0,
     ) -> None:
-        super().__init__(effects, order, tracks, speed, dt)
+        super().__init__(effects, order, tracks, speed, dt, inputs)
         run = kernel if compiler() else Stepped
-        self._null, self._kernel = self.null, run(self.effects, order, tracks, dt)
-        shared = {e.id for e in self.effects if e.shared}
+        self._null, self._kernel = (
+            self.null,
+            run(self.effects, order, width := max(self.inputs, tracks), dt, tracks),
+        )
+        sides = {e.id: self.sides(e) for e in self.effects} | {"core": range(tracks)}
         self._index = np.array(
             [
-                [self.index[owner, name, -1 if owner in shared else i] for i in range(tracks)]
+                [self._at(owner, name, sides[owner], i) for i in range(width)]
                 for owner, name in self._kernel.rows
             ],
             dtype=np.int64,
         )
+
+    def _at(self, owner: str, name: str, sides: Sequence[int], i: int) -> int:
+        """The entry of a row of the kernel on its track i."""
+        side = i if (owner, name) == ("core", "gain") else sides[i % len(sides)]
+        return self.index[owner, name, side]
 
     def run(self, q: Array, data: Data) -> Array:
         """Measurements for parameter vectors q (batch, parameters), shape (batch, M, tracks)."""

@@ -1,13 +1,13 @@
 """Parameters of the full model: the effect and track of each entry of a parameter vector."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.effects.base import Effect, EffectParameter
+from sysid.effects.base import Effect, EffectParameter, sides_of
 from sysid.effects.catalogue import CHANGED
 
 SHIFT, WIDE_SHIFT = 1e-5, 0.03
@@ -26,12 +26,13 @@ class ModelParameter:
 
     Attributes:
         owner: ``core`` or an effect's id.
-        track: index of the track, or -1 when all share it.
+        track: index of the track whose output it moves, or -1 when all share it.
         null: value at which it does nothing (for the core: its place is taken by the base).
         lower, upper: bounds in physical units.
         scale: typical size, for the solver.
         of: what the effect declares of it.
         rough: whether it belongs to an effect with a parameter on which runs depend by jumps.
+        side: index of the input where several act on one output; else the track.
     """
 
     owner: str
@@ -43,6 +44,7 @@ class ModelParameter:
     scale: float
     of: EffectParameter = _OF_CORE
     rough: bool = False
+    side: int = 0
 
     @property
     def without_gradient(self) -> bool:
@@ -65,15 +67,26 @@ class ParameterTable:
     Args:
         speed: typical speed of each track, (tracks,).
         dt: sample time [s].
+        inputs: number of inputs where it is not that of the tracks; else 0.
     """
 
     def __init__(
-        self, effects: Sequence[Effect], order: int, tracks: int, speed: Array, dt: float
+        self,
+        effects: Sequence[Effect],
+        order: int,
+        tracks: int,
+        speed: Array,
+        dt: float,
+        inputs: int = 0,
     ) -> None:
         self.effects, self.order, self.tracks = tuple(effects), order, tracks
-        self.speed, self.dt = speed, dt
+        self.speed, self.dt, self.inputs = speed, dt, inputs or tracks
         self.parameters = (
             *(p for i in range(tracks) for p in self._of_core(i, float(speed[i]))),
+            *(
+                replace(self._of_core(0, float(speed[0]))[0], side=i)
+                for i in range(tracks, self.inputs)
+            ),
             *(
                 self._of_effect(e, p, i)
                 for e in effects
@@ -81,28 +94,34 @@ class ParameterTable:
                 for p in e.parameters
             ),
         )
-        self.index = {(s.owner, s.name, s.track): k for k, s in enumerate(self.parameters)}
+        self.index = {(s.owner, s.name, s.side): k for k, s in enumerate(self.parameters)}
 
     def _of_core(self, i: int, v: float) -> list[ModelParameter]:
-        f = (ModelParameter("core", f"f{k}", i, 0.0, -10.0, 10.0, 0.1) for k in self._powers)
-        b = (ModelParameter("core", f"b{k}", i, 0.0, -100.0, 100.0, 0.1) for k in self._powers[1:])
-        return [ModelParameter("core", "gain", i, v, -1e3 * v, 1e3 * v, v), *f, *b]
+        f = (
+            ModelParameter("core", f"f{k}", i, 0.0, -10.0, 10.0, 0.1, side=i) for k in self._powers
+        )
+        b = (
+            ModelParameter("core", f"b{k}", i, 0.0, -100.0, 100.0, 0.1, side=i)
+            for k in self._powers[1:]
+        )
+        return [ModelParameter("core", "gain", i, v, -1e3 * v, 1e3 * v, v, side=i), *f, *b]
 
     @property
     def _powers(self) -> range:
         return range(1, self.order + 1)
 
-    def _of_effect(self, e: Effect, p: EffectParameter, track: int) -> ModelParameter:
+    def _of_effect(self, e: Effect, p: EffectParameter, side: int) -> ModelParameter:
+        track = min(side, self.tracks - 1)
         v = float(np.mean(self.speed) if track < 0 else self.speed[track])
         of_speed = {"speed": v, "speed/s": v, "1/speed": 1.0 / v}
         factor = of_speed.get(p.unit, self.dt if p.in_samples else 1.0)
         null = p.null * factor if p.unit in of_speed and abs(p.null) < 1e3 else p.null
         bounds, rough = (p.lower * factor, p.upper * factor), any(q.stepwise for q in e.parameters)
-        return ModelParameter(e.id, p.name, track, null, *bounds, p.size * factor, p, rough)
+        return ModelParameter(e.id, p.name, track, null, *bounds, p.size * factor, p, rough, side)
 
     def sides(self, e: Effect) -> Sequence[int]:
-        """Tracks on which an effect has parameters; -1 where all share them."""
-        return (-1,) if e.shared else range(self.tracks)
+        """Tracks, or inputs, at which an effect has parameters; -1 where all share them."""
+        return sides_of(e, self.inputs, self.tracks)
 
     @property
     def null(self) -> Array:
@@ -116,14 +135,14 @@ class ParameterTable:
 
     def core(self, q: Array, track: int) -> tuple[float, Array, Array]:
         """K, f_1 … f_n and b_2 … b_n of a track's core."""
-        at = [k for k in self.of("core") if self.parameters[k].track == track]
+        at = [k for k in self.of("core") if self.parameters[k].side == track]
         return float(q[at[0]]), q[at[1 : self.order + 1]], q[at[self.order + 1 :]]
 
     def set_core(
         self, q: Array, track: int, gain: float, f: Array, b: Array | Sequence[float] = ()
     ) -> None:
         """Put K, f_1 … and b_2 … of a track's core into ``q``; what is not given becomes zero."""
-        at = [k for k in self.of("core") if self.parameters[k].track == track]
+        at = [k for k in self.of("core") if self.parameters[k].side == track]
         q[at] = 0.0
         q[at[0]], q[at[1 : len(f) + 1]] = gain, f
         q[at[self.order + 1 : self.order + 1 + len(b)]] = b
@@ -156,8 +175,19 @@ class ParameterTable:
                     at = self.index[e.id, p.name, i]
                     s, tried = self.parameters[at], p.choice or p.name in acting
                     values[at] = p.start(k) * s.scale / p.size if tried else s.null
-            starts.append(values)
+            starts += [values, *self._at_one_input(values)]
         return starts
+
+    def _at_one_input(self, values: dict[int, float]) -> list[dict[int, float]]:
+        """A start at each of several inputs of one output alone."""
+        every = self.parameters
+        sides = {every[k].side for k in values}
+        if len(sides) <= self.tracks:
+            return []
+        return [
+            {k: v if every[k].side == i else every[k].null for k, v in values.items()}
+            for i in sorted(sides)
+        ]
 
     def chosen(self, e: Effect, q: Array) -> dict[str, float]:
         """The choices of an effect in an item, those of the first track on which it acts."""

@@ -21,9 +21,10 @@ class Data:
     """Records prepared for the full model: stacked, each from its own start.
 
     Attributes:
-        drive, y: commands in units of full drive and measurements, (M, tracks).
+        drive: commands in units of full drive, (M, tracks), or (M, inputs) of one track.
+        y: measurements, (M, tracks).
         moving: 1 in records that begin in motion, 0 where the command begins with the record,
-            (M, tracks).
+            as ``drive``.
         counted: angle integrated from the measurements before each, (M, tracks).
         t: time since the start of the record, or of what a piece was taken from, (M, 1).
         reset: 1 at a record's start, (M,).
@@ -92,6 +93,8 @@ def prepare(
     moving: list[Array] = []
     for r in records:
         d = r.u / scales
+        if r.nu == 1:  # all outputs have it
+            d = np.repeat(d, r.ny, axis=1)
         before = drive_before(d[0], r.y)
         drive.append(np.vstack([np.repeat(before[None], shift, axis=0), d[: len(d) - shift]]))
         moving.append(np.tile(np.where(before == drive[-1][0], 1.0, 0.0), (len(d), 1)))

@@ -141,10 +141,10 @@ def _by_track(model: FullModel, free: Sequence[int]) -> list[tuple[int, list[int
     """Each track with its free edges, and its parameters of how far a run jumps there."""
     edges, every = edges_of(model, free), model.parameters
     jumps = [k for k in free if every[k].of.jumps and not every[k].of.edge]
-    tracks = dict.fromkeys(every[k].track for k in edges)
+    tracks = dict.fromkeys(every[k].side for k in edges)
 
     def of(some: Sequence[int], i: int) -> list[int]:
-        return [k for k in some if every[k].track == i]
+        return [k for k in some if every[k].side == i]
 
     return [(i, of(edges, i), of(jumps, i)) for i in sorted(tracks)]
 
@@ -189,7 +189,7 @@ def _moved_alone(model: FullModel, q: Array, free: Sequence[int], data: Data, si
     """An item with the edges on one side of zero at each of their positions, (rows, parameters)."""
     rows, every = [q], model.parameters
     edges = [k for k in edges_of(model, free) if every[k].of.edge == sign]
-    positions = [_positions(data.drive[:, every[k].track] * sign, q[k]) for k in edges]
+    positions = [_positions(data.drive[:, max(every[k].side, 0)] * sign, q[k]) for k in edges]
     for n in range(max((len(p) for p in positions), default=0)):
         row = q.copy()
         for k, p in zip(edges, positions, strict=True):
@@ -228,7 +228,7 @@ def between_levels(
     for i, edges, jumps in _by_track(model, free):
         if not jumps:
             continue
-        ends = [_open(data.drive[:, i] * model.parameters[k].of.edge, q[k]) for k in edges]
+        ends = [_open(data.drive[:, max(i, 0)] * model.parameters[k].of.edge, q[k]) for k in edges]
         room = np.array(ends) - q[edges][:, None]
         low, high = max(np.max(room[:, 0]), -np.min(q[jumps])), np.min(room[:, 1])
         for shift in np.linspace(low, high, MOST // 2 + 1)[1:-1]:

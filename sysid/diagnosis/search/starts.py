@@ -92,7 +92,8 @@ def _other_cores(model: FullModel, q: Array) -> list[Array]:
 
 def _stronger(model: FullModel, row: Array, factor: float = 1.3) -> Array:
     out = row.copy()
-    out[[model.index["core", "gain", i] for i in range(model.tracks)]] *= factor
+    gains = [k for k in model.of("core") if model.parameters[k].name == "gain"]
+    out[gains] *= factor
     return out
 
 
@@ -126,7 +127,9 @@ def _signless(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
 def _ringing(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
     """Third-order cores with a resonance, where signs that change fast cannot be put back."""
     rows, first = [], e.parameters[0]
-    gains = np.mean(np.abs(data.y), axis=0) / np.maximum(np.mean(np.abs(data.drive), axis=0), 1e-9)
+    gains = np.mean(np.abs(data.y), axis=0) / np.maximum(
+        np.mean(np.abs(data.drive[:, : model.tracks]), axis=0), 1e-9
+    )
     for turn, radius, real in product((0.3, 0.6, 1.0), (0.9, 0.97), (0.85, 0.96)):
         row = q.copy()
         poles = [real, radius * np.exp(1j * turn), radius * np.exp(-1j * turn)]

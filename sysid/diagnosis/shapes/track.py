@@ -135,6 +135,10 @@ def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track
     model, first, tracks = search.model, search.estimation[0], []
     for i in range(model.tracks):
         gain, f, tail = model.core(candidate.q, i)
+        own = drive[:, i]
+        if model.inputs > model.tracks:  # of several inputs their sum, in units of the first
+            gains = candidate.q[[model.index["core", "gain", k] for k in range(model.inputs)]]
+            own = drive @ gains / gain if gain else own
         b = np.append(1.0 + np.sum(f) - np.sum(tail), tail)
         j = 1 - i if model.tracks == 2 else None
         there = fitted[:, i] | judged[:, i]
@@ -144,7 +148,7 @@ def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track
             Track(
                 starts,
                 model.dt,
-                drive[:, i],
+                own,
                 None if j is None else drive[:, j],
                 speed,
                 None if j is None else _bridged(y[:, j], fitted[:, j] | judged[:, j], starts),
@@ -162,9 +166,9 @@ def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track
                 b,
                 search.level,
                 not search.core,
-                first.inputs[i],
+                first.inputs[min(i, first.nu - 1)],
                 first.outputs[i],
-                float(search.scales[i]),
+                float(search.scales[min(i, first.nu - 1)]),
             )
         )
     return tuple(tracks)

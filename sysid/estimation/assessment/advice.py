@@ -248,9 +248,6 @@ def beyond_range(model: Model, records: Sequence[Record]) -> tuple[str, ...]:
     """One sentence for each input that leaves the range the model has seen.
 
     Linear models are left out: what they do at one level they do at every level.
-
-    Args:
-        records: the data it is judged on.
     """
     if model.structure.traits.linear or len(model.ranges) < len(model.inputs):
         return ()

@@ -160,7 +160,6 @@ def residual_tests(
     Nonlinear structures have to stand Billings & Voon's further tests as well.
 
     Args:
-        records: the data to test on.
         fitted: whether the model was fitted to these data. On others nothing is projected out;
             what the parameters' uncertainty puts into the residuals is allowed for instead.
     """

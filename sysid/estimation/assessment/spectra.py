@@ -17,6 +17,9 @@ from sysid.errors import DataError
 SEGMENTS = 8
 """Windows that a record is cut into at least: with fewer the coherence of noise is near 1."""
 
+OVERLAP = 1.0 / 6.0
+"""Correlation of two Hann windows that overlap by half (Welch 1967, IEEE Trans. AU 15, 70)."""
+
 SHORTEST = 16
 """Samples of a window at least."""
 
@@ -29,7 +32,7 @@ class Spectra:
         inputs, outputs: power spectral densities, (n, nu) and (n, ny).
         response: Ĝ from inputs to outputs, (n, ny, nu).
         coherence: multiple coherence of each output, (n, ny).
-        windows: independent windows behind it.
+        windows: as many independent windows would tell as much.
     """
 
     w: Array
@@ -83,5 +86,5 @@ def spectra(records: Sequence[Record]) -> Spectra:
         explained = np.einsum("fij,fij->fi", response, yu.conj()).real
         coherence = np.clip(explained / np.maximum(power[:, nu:], 1e-300), 0.0, 1.0)
     w = 2.0 * np.pi * np.arange(1, f.shape[1] + 1) / (size * dt)
-    windows = sum(max(len(r) // size, 1) for r in records)
+    windows = max(round(len(every) / (1.0 + 2.0 * OVERLAP**2)), 1)
     return Spectra(w, power[:, :nu], power[:, nu:], response, coherence, windows)

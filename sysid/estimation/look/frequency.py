@@ -6,7 +6,9 @@ A local polynomial takes the spectrum around a line of the Fourier transform as
 
 so that the transient of a record that is no whole period is estimated instead of leaking into the
 response; what is left is the noise, whose variance gives the band (Schoukens, Vandersteen, Barbé &
-Pintelon 2009, IEEE Trans. Instrum. Meas. 58, 786; Pintelon & Schoukens 2012, ch. 7).
+Pintelon 2009, IEEE Trans. Instrum. Meas. 58, 786; Pintelon & Schoukens 2012, ch. 7). A periodic
+input has power on lines far apart: its response is the ratio of the mean periods on these lines,
+and the spread among periods, or realisations of the phases, is the band (there, ch. 3 and 4).
 """
 
 from collections.abc import Sequence
@@ -15,10 +17,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtri, stdtrit
 
+from sysid.data.frequency_response import FrequencyResponse
 from sysid.data.record import Array, Record
 from sysid.errors import DataError
 from sysid.estimation.assessment.spectra import spectra
+from sysid.estimation.look.distortion import periods_of
 
 DEGREE = 2
 """Of the polynomials."""
@@ -31,6 +36,11 @@ LINES = 150
 
 TRUSTED = 0.3
 """A response whose standard error is below this share of it can be trusted."""
+
+SINGULAR = 1e-6
+"""Directions of a window's columns below this share of the strongest are not there."""
+
+SQRT2 = np.sqrt(2.0)
 
 Complex = NDArray[np.complex128]
 
@@ -45,6 +55,8 @@ class FrequencyEstimate:
         error: standard error of its complex value, √E|Ĝ − G|², (n, ny, nu).
         noise: power spectral density of what the inputs do not explain, (n, ny).
         coherence: share of each output's power that they explain, (n, ny).
+        freedom: complex degrees of freedom that the error was estimated with, (n,).
+        method: in words.
     """
 
     w: Array
@@ -52,6 +64,34 @@ class FrequencyEstimate:
     error: Array
     noise: Array
     coherence: Array
+    freedom: Array
+    method: str
+
+    @property
+    def band(self) -> Array:
+        """Half-width of the 95 % interval of the gain: Student's t over √2 errors, (n, ny, nu)."""
+        return np.asarray(stdtrit(2.0 * self.freedom, 0.975)[:, None, None] * self.error / SQRT2)
+
+    @property
+    def radius(self) -> Array:
+        """Of the 95 % circle in the complex plane: |Ĝ − G|²/σ̂² is F of 2 and 2·freedom."""
+        return np.asarray(np.sqrt(fdtri(2.0, 2.0 * self.freedom, 0.95))[:, None, None] * self.error)
+
+    def as_data(self, record: Record) -> FrequencyResponse:
+        """What another program or a fit takes: the frequencies at which all paths have an error."""
+        known = np.all(np.isfinite(self.error), axis=(1, 2))
+        if not known.any():
+            raise DataError(f"{record.name}: no frequency has power of every input")
+        return FrequencyResponse(
+            self.w[known] / (2.0 * np.pi),
+            self.value[known],
+            self.error[known] ** 2,
+            record.inputs,
+            record.outputs,
+            record.dt,
+            self.coherence[known],
+            record.name,
+        )
 
     def trusted_up_to(self, i: int, j: int) -> float:
         """Highest frequency [rad/s] below which most of the response has a narrow band; 0: none."""
@@ -61,64 +101,122 @@ class FrequencyEstimate:
         return float(self.w[kept[-1]]) if len(kept) else 0.0
 
 
-def local_polynomial(records: Sequence[Record]) -> FrequencyEstimate:
-    """Responses by local polynomials, averaged over records by their weights.
+def frequency_response(records: Sequence[Record]) -> FrequencyEstimate:
+    """By periods where one input repeats itself in all records, else by local polynomials.
 
     Raises:
         DataError: the records are too short.
     """
-    nu = records[0].nu
-    unknowns = (DEGREE + 1) * (nu + 1)
-    half = (unknowns + SPARE) // 2
+    return periodic(records) or local_polynomial(records)
+
+
+def periodic(records: Sequence[Record]) -> FrequencyEstimate | None:
+    """The best linear response on the lines that a periodic input excites.
+
+    Ĝ is the mean over realisations of Y/U of the mean periods. Its variance is that among
+    realisations, which holds noise and stochastic nonlinear distortion; with a single one that of
+    the noise, among its periods.
+
+    Returns:
+        None where the input is not periodic, or there are several.
+    """
+    every = [periods_of(r) for r in records]
+    found = [p for p in every if p is not None]
+    if records[0].nu != 1 or len(found) < len(every) or len({p.length for p in found}) > 1:
+        return None
+    lines = np.flatnonzero(np.all([p.excited for p in found], axis=0))
+    if not len(lines):
+        return None
+    P, dt = found[0].length, records[0].dt
+    ratios = np.array([p.Y[lines] / p.U[lines] for p in found])
+    noise = np.mean([p.noise[lines] * p.count for p in found], axis=0)
+    value = ratios.mean(axis=0)
+    freedom = len(found) - 1 or found[0].count - 1
+    if len(found) > 1:
+        squares = np.sum(np.abs(ratios - value) ** 2, axis=0) / (len(found) * freedom)
+    else:
+        squares = found[0].noise[lines] / np.abs(found[0].U[lines]) ** 2
+    power = np.mean([np.abs(p.Y[lines]) ** 2 for p in found], axis=0) + noise
+    error: Array = np.sqrt(squares)[:, :, None]
+    return FrequencyEstimate(
+        np.asarray(2.0 * np.pi * lines / (P * dt), dtype=np.float64),
+        value[:, :, None],
+        error,
+        np.asarray(2.0 * noise * P * dt),
+        np.clip(1.0 - noise / np.maximum(power, 1e-300), 0.0, 1.0),
+        np.full(len(lines), float(freedom)),
+        f"mean of {sum(p.count for p in found)} periods"
+        + (f", {len(found)} realisations" if len(found) > 1 else ""),
+    )
+
+
+def local_polynomial(records: Sequence[Record]) -> FrequencyEstimate:
+    """Responses by local polynomials; records share the variance of the noise.
+
+    At frequencies where the inputs do not tell the paths apart the error is infinite.
+
+    Raises:
+        DataError: the records are too short.
+    """
+    half = ((DEGREE + 1) * (records[0].nu + 1) + SPARE) // 2
     longest = max(records, key=len)
     if len(longest) // 2 <= 2 * half + 1:
         raise DataError(
             f"{longest.name}: {len(longest)} samples are too few for a frequency response; at "
             f"least {4 * half + 4} are needed"
         )
-    parts = [_of_record(r, half, longest) for r in records if len(r) // 2 > 2 * half + 1]
-    w = parts[0][0]
-    weights = [1.0 / np.maximum(p[2], 1e-300) for p in parts]
-    total = np.sum(weights, axis=0)
-    value = np.sum([p[1] * g for p, g in zip(parts, weights, strict=True)], axis=0) / total
-    noise = np.mean([p[3] for p in parts], axis=0)
-    power = np.mean([p[4] for p in parts], axis=0)
-    coherence = np.clip(1.0 - noise / np.maximum(power, 1e-300), 0.0, 1.0)
-    return FrequencyEstimate(w, value, np.sqrt(1.0 / total), noise, coherence)
-
-
-def _of_record(r: Record, half: int, longest: Record) -> tuple[Array, Complex, Array, Array, Array]:
-    """w, Ĝ, its variance, noise and power of the outputs, at the lines of the longest record."""
-    nu, ny, samples = r.nu, r.ny, len(r)
-    z = np.column_stack([r.u, r.y])
-    known = np.all(np.isfinite(z), axis=1)
-    z = np.where(known[:, None], z - z[known].mean(axis=0), 0.0)
-    F = np.fft.rfft(z, axis=0) / np.sqrt(samples)
-    count = len(F)
-    lines = np.unique(np.geomspace(1, len(longest) // 2 - 1, LINES).round()).astype(int)
+    lines = np.unique(np.geomspace(1, len(longest) // 2 - 1, LINES).round())
     w = 2.0 * np.pi * lines / (len(longest) * longest.dt)
-    value = np.zeros((len(w), ny, nu), dtype=np.complex128)
-    variance, noise = np.full((len(w), ny, nu), np.inf), np.zeros((len(w), ny))
-    power = np.zeros((len(w), ny))
-    for m, frequency in enumerate(w):
-        centre = round(frequency * samples * r.dt / (2.0 * np.pi))
-        low = int(np.clip(centre - half, 1, max(count - 2 * half - 1, 1)))
+    parts = [_of_record(r, half, w) for r in records if len(r) // 2 > 2 * half + 1]
+    value, spread, left, freedom, power = (list(p) for p in zip(*parts, strict=True))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weights = [1.0 / s for s in spread]  # 0 where a record says nothing
+        total = np.sum(weights, axis=0)
+        mean = np.sum([g * k[:, None] for g, k in zip(value, weights, strict=True)], axis=0)
+        mean = np.where(total[:, None] > 0.0, mean / total[:, None], 0.0)
+        free = np.sum(freedom, axis=0)
+        variance = np.sum(left, axis=0) / free[:, None]
+        error = np.sqrt(variance[:, :, None] / total[:, None])
+    density = np.mean(power, axis=0)
+    coherence = np.clip(1.0 - variance / np.maximum(density, 1e-300), 0.0, 1.0)
+    noise = 2.0 * variance * longest.dt
+    return FrequencyEstimate(w, mean, error, noise, coherence, free, "local polynomials")
+
+
+def _of_record(r: Record, half: int, w: Array) -> tuple[Complex, Array, Array, Array, Array]:
+    """Ĝ, its variance over the noise's, squared remainders, their freedom, power: by frequency."""
+    nu, samples = r.nu, len(r)
+    F = np.fft.rfft(_centred(r), axis=0) / np.sqrt(samples)
+    count = len(F)
+    value = np.zeros((len(w), r.ny, nu), dtype=np.complex128)
+    spread, freedom = np.full((len(w), nu), np.inf), np.zeros(len(w))
+    left, power = np.zeros((len(w), r.ny)), np.zeros((len(w), r.ny))
+    places = np.arange(nu) * (DEGREE + 1)
+    for m, centre in enumerate(w * samples * r.dt / (2.0 * np.pi)):
+        low = int(np.clip(round(float(centre)) - half, 1, max(count - 2 * half - 1, 1)))
         at = np.arange(low, min(low + 2 * half + 1, count))
         steps = ((at - centre) / half)[:, None] ** np.arange(DEGREE + 1)
         U, Y = F[at, :nu], F[at, nu:]
-        columns = [U[:, [j]] * steps for j in range(nu)] + [steps.astype(np.complex128)]
-        K = np.hstack(columns)
-        inverse = np.linalg.pinv(K, rcond=1e-9)
+        K = np.hstack([*(U[:, [j]] * steps for j in range(nu)), steps.astype(np.complex128)])
+        size = np.maximum(np.linalg.norm(K, axis=0), 1e-300)
+        left_vectors, values, right = np.linalg.svd(K / size, full_matrices=False)
+        known = values > SINGULAR * values[0]
+        inverse = (right[known].conj().T / values[known]) @ left_vectors[:, known].conj().T
         theta = inverse @ Y
-        rank = np.linalg.matrix_rank(K, tol=1e-9 * np.linalg.norm(K, 2))
-        left = np.sum(np.abs(Y - K @ theta) ** 2, axis=0) / max(len(at) - rank, 1)
-        places = [j * (DEGREE + 1) for j in range(nu)]
-        value[m] = theta[places].T
-        spread = np.sum(np.abs(inverse[places]) ** 2, axis=1)
-        variance[m] = np.outer(left, spread)
-        noise[m] = left * r.dt
-        power[m] = np.mean(np.abs(Y) ** 2, axis=0) * r.dt
-    return w, value, variance, noise, power
+        left[m] = np.sum(np.abs(Y - K / size @ theta) ** 2, axis=0)
+        freedom[m] = len(at) - int(known.sum())
+        power[m] = np.mean(np.abs(Y) ** 2, axis=0)
+        if known.all():
+            value[m] = (theta / size[:, None])[places].T
+            spread[m] = np.sum(np.abs(inverse[places]) ** 2, axis=1) / size[places] ** 2
+    return value, spread, left, freedom, power
+
+
+def _centred(r: Record) -> Array:
+    """Inputs and outputs about their means, 0 where one is missing, (N, nu + ny)."""
+    z = np.column_stack([r.u, r.y])
+    known = np.all(np.isfinite(z), axis=1)
+    return np.asarray(np.where(known[:, None], z - z[known].mean(axis=0), 0.0))
 
 
 def welch(records: Sequence[Record]) -> FrequencyEstimate:
@@ -126,7 +224,8 @@ def welch(records: Sequence[Record]) -> FrequencyEstimate:
     s = spectra(records)
     error = np.abs(s.response) * np.sqrt(2.0) * s.gain_error[:, :, None]
     noise = s.outputs * (1.0 - s.coherence)
-    return FrequencyEstimate(s.w, s.response, error, noise, s.coherence)
+    freedom = np.full(len(s.w), max(float(s.windows - records[0].nu), 1.0))
+    return FrequencyEstimate(s.w, s.response, error, noise, s.coherence, freedom, "Welch")
 
 
 def blackman_tukey(records: Sequence[Record], lags: int | None = None) -> FrequencyEstimate:
@@ -141,9 +240,7 @@ def blackman_tukey(records: Sequence[Record], lags: int | None = None) -> Freque
     total: Any = 0.0
     samples = 0
     for r in records:
-        z = np.column_stack([r.u, r.y])
-        known = np.all(np.isfinite(z), axis=1)
-        z = np.where(known[:, None], z - z[known].mean(axis=0), 0.0)
+        z = _centred(r)
         F = np.fft.rfft(z, 2 * len(z), axis=0)
         R = np.fft.irfft(F[:, :, None] * F[:, None, :].conj(), axis=0)
         total = total + np.concatenate([R[-M:], R[: M + 1]])
@@ -158,10 +255,11 @@ def blackman_tukey(records: Sequence[Record], lags: int | None = None) -> Freque
     power = np.einsum("faa->fa", S).real[:, nu:]
     explained = np.einsum("fij,fij->fi", value, yu.conj()).real
     coherence = np.clip(explained / np.maximum(power, 1e-300), 0.0, 1.0)
-    noise = power * (1.0 - coherence)
+    noise = np.maximum(power, 0.0) * (1.0 - coherence)
     # variance of a smoothed spectrum: Σ window² / N of the periodogram's (Ljung 1999, 6.74)
     share = float(np.sum(window**2)) / samples
     inverse = np.linalg.pinv(uu, rcond=1e-9, hermitian=True)
     spread = np.einsum("faa->fa", inverse).real
     error = np.sqrt(np.maximum(share * noise[:, :, None] * spread[:, None, :], 0.0))
-    return FrequencyEstimate(w, value, error, noise, coherence)
+    free = np.full(len(w), max(1.0 / share - nu, 1.0))
+    return FrequencyEstimate(w, value, error, 2.0 * noise, coherence, free, "Blackman–Tukey")

@@ -193,11 +193,7 @@ class _SteadyState:
         return np.concatenate([du, dy])
 
     def with_error(self, du: Array, drifting: Index) -> tuple[Array, Array]:
-        """Δu and Δy, and their standard errors, (nu + ny,) each.
-
-        Raises:
-            numpy.linalg.LinAlgError: outputs not among the drifting ones have no steady state.
-        """
+        """Δu and Δy, and their standard errors, (nu + ny,) each."""
         theta = self.outcome.theta
         known = np.isfinite(np.diag(self.outcome.covariance))
         covariance = np.where(np.outer(known, known), self.outcome.covariance, 0.0)

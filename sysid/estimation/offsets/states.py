@@ -85,7 +85,6 @@ def fixed_parameter_tests_of(
     Args:
         errors: its residuals on the estimation data, (N, ny) each record.
         jacobians: all its gradient columns, by output and record.
-        level: confidence level over all of them.
     """
     entries = fixed_entries(model)
     defaults = model.structure.parameters(model.inputs, model.outputs)

@@ -169,7 +169,6 @@ def dead_zone(
 
     Args:
         pieces: uninterrupted stretches, outputs before inputs, (N, ny + nu) each.
-        signal: number of the input among the signals.
         terms: (signal, lag) of the regressors of that output; lags of the output among them.
 
     Returns:

@@ -280,9 +280,6 @@ def _figures_made(c: Contender, role: str, policy: Policy) -> dict[str, Any]:
     """Figures on the data a model was judged on, under this policy.
 
     Those of the fit where they were made under the same policy; else they are made anew.
-
-    Raises:
-        ModelError: there are none, or they cannot be made anew because the data are gone.
     """
     part, held_out = c.report.get(role), role == "validation"
     if not isinstance(part, Mapping):

@@ -48,7 +48,6 @@ def cross_validate(
 
     Args:
         model: gives structure, orders and offsets.
-        records: estimation data.
         folds: number of blocks, at least 2.
         options: how to fit; as the model itself was, unless given.
 

@@ -177,11 +177,7 @@ def _entries(
     offsets: Offsets,
     progress: Progress | None,
 ) -> list[Entry]:
-    """Every structure with its best orders fitted to all data; what fails is put into ``failed``.
-
-    Raises:
-        DataError, ModelError: the only structure cannot be fitted.
-    """
+    """Every structure with its best orders fitted to all data; failures go into ``failed``."""
     entries = []
     for k, (name, chosen) in enumerate(tasks):
         if name in failed:

@@ -4,7 +4,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass
 
-from sysid.data.record import Channel
 from sysid.export.c.fields import Field, numbers
 from sysid.export.c.loop.block import Block
 from sysid.export.c.precision import Precision
@@ -180,12 +179,10 @@ def _rows(blocks: Sequence[Block], size: int) -> Iterator[str]:
 def _plant(model: Model, plant: PlantStep) -> Iterator[str]:
     yield from ("", "## plant", "")
     for part, letter, channels in (("inputs", "u", model.inputs), ("outputs", "y", model.outputs)):
-        yield from _table(part, [_channel(letter, k, c) for k, c in enumerate(channels)])
+        yield from _table(
+            part, [Field(f"{letter}[{k}]", c.unit, c.name) for k, c in enumerate(channels)]
+        )
     yield from _table("parameters", plant.parameters)
-
-
-def _channel(letter: str, k: int, channel: Channel) -> Field:
-    return Field(f"{letter}[{k}]", channel.unit, channel.name)
 
 
 def _interface(b: Block) -> Iterator[str]:

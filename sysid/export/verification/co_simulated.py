@@ -82,11 +82,7 @@ class CoSimulated:
         return Result(self.name, installed, worst, worst <= TOLERANCE)
 
     def _error(self, folder: Path, units: Sequence[str], foreign: bool) -> float:
-        """Largest error of units in parts of the range of an output.
-
-        Raises:
-            ModelError: one does not run.
-        """
+        """Largest error of units in parts of the range of an output."""
         asked, given = (folder / f"{self.name}-{what}.json" for what in ("cases", "outputs"))
         cases = []
         for unit in units:

@@ -144,11 +144,7 @@ def running(
 
 
 def _error(nodes: Path, folder: Path, drive: bytes) -> float:
-    """Largest error of a column of the robot's log in parts of its range.
-
-    Raises:
-        ModelError: a node fails, or takes too long.
-    """
+    """Largest error of a column of the robot's log in parts of its range."""
     log, expected = folder / "ros.csv", _rows(drive.decode("utf-8", "replace"), DRIVE)
     with own_master(folder) as environment, ExitStack() as both:
         words = {"robot": ["_lock_step:=true", f"_log:={log}"], "guidance": []}
@@ -172,11 +168,7 @@ def _error(nodes: Path, folder: Path, drive: bytes) -> float:
 
 
 def _rows(text: str, where: str) -> Array:
-    """The numbers of a log below its titles.
-
-    Raises:
-        ModelError: it is damaged.
-    """
+    """The numbers of a log below its titles."""
     try:
         rows = np.array(
             [[float(v) for v in line.split(",")] for line in text.splitlines()[1:]], dtype=float

@@ -148,11 +148,7 @@ class Compiled:
         return Result(self.name, version, max(errors), True, instructions=instructions)
 
     def _printed(self, c: Path, program: str, files: Files, foreign: bool) -> list[str]:
-        """Lines that a self-test prints, none where the package has no such program.
-
-        Raises:
-            ModelError: it does not compile, or fails.
-        """
+        """Lines that a self-test prints, none where the package has no such program."""
         if f"c/{PROGRAMS[program]}" not in files:
             return []
         mains = PROGRAMS.values()

@@ -161,11 +161,7 @@ def _result(
 
 
 def _selftest(plant: Plant, files: Files, where: str) -> SelfTest:
-    """The self-test of a package.
-
-    Raises:
-        ModelError: it is missing, or damaged.
-    """
+    """The self-test of a package."""
     if NAME not in files:
         raise ModelError(f"{where} has no {NAME}: export the plant again")
     return read_csv(files[NAME], plant, where)

@@ -84,11 +84,7 @@ def fit_weighed(
 
 
 def _commands(record: Record) -> tuple[Array, str]:
-    """Commands or currents of the left and of the right side, (N, 2), and their unit.
-
-    Raises:
-        DataError: there is not one of each side.
-    """
+    """Commands or currents of the left and of the right side, (N, 2), and their unit."""
     sides = [meaning(c.name).side for c in record.inputs]
     at = [sides.index(s) if sides.count(s) == 1 else -1 for s in ("left", "right")]
     if min(at) < 0 and record.nu == 2 and not any(sides):

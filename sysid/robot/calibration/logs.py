@@ -92,11 +92,7 @@ def _table(path: Path, options: ReadOptions) -> Table:
 
 
 def _refuse_without(path: Path, options: ReadOptions) -> None:
-    """Refuse a log whose columns do not hold what is needed, with the list of what is missing.
-
-    Raises:
-        DataError: a pose, or the speeds of two sides, cannot be seen among its names.
-    """
+    """Refuse a log whose columns do not hold what is needed, with the list of what is missing."""
     table = _table(path, options)
     names = table.names
     missing = []

@@ -49,7 +49,6 @@ def slip_curves(parts: Sequence[Part], fit: SlipFit, geometry: Geometry) -> Slip
     """Way lost against turning, speed [m/s] and acceleration [m/s²]; turn lost against turning.
 
     Args:
-        parts: windows of every trajectory.
         fit: whose lags bring wheels and pose together.
         geometry: radius and width that say what the wheels rolled.
     """

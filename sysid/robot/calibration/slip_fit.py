@@ -87,7 +87,6 @@ def fit_slip(parts: Sequence[Part], start: Geometry, terms: Sequence[str] | None
     """The numbers that bring the predicted increments next to the measured ones.
 
     Args:
-        parts: windows of every trajectory.
         start: lengths near those of the vehicle as it turns.
         terms: optional terms to free; None to find out which.
     """

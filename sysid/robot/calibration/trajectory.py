@@ -258,15 +258,12 @@ def _drive(name: str, track: Track) -> Trajectory:
     on_grid = np.column_stack([np.interp(nodes, t, rolled[:, k]) for k in (0, 1)])
     there = np.isfinite(track.pose).all(axis=1)
     moved = np.any(np.diff(track.pose, axis=0, prepend=track.pose[:1] - 1.0) != 0.0, axis=1)
-    rows = np.flatnonzero(there & (moved | _at_rest(omega)))
+    at_rest = (np.abs(omega) < STILL).all(axis=1)
+    rows = np.flatnonzero(there & (moved | at_rest))
     pose = track.pose[rows].copy()
     pose[:, 2] = np.unwrap(pose[:, 2])
     gaps = np.concatenate([[0], np.cumsum(lost)])
     return Trajectory(name, step, np.diff(on_grid, axis=0) / step, t[rows], pose, gaps[rows])
-
-
-def _at_rest(omega: Array) -> NDArray[np.bool_]:
-    return np.asarray((np.abs(omega) < STILL).all(axis=1))
 
 
 def _without_jumps(

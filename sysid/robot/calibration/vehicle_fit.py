@@ -285,7 +285,6 @@ def fit_vehicle(
             (``held='keep'`` where they are read: repeats of slow sensors are detected here).
         holdout: records that judge; without them the last 30 % of each record's windows do.
         geometry: radius and distance of the wheels or tracks; None for the thesis's robot's.
-        motion: a name of ``MOTIONS``.
         motors: what drives a vehicle of motion ``dynamic``; None where nothing of it is known.
 
     Raises:

@@ -295,13 +295,11 @@ class Program:
         affine = offset + sum(s * g for s, g in zip(along, np.indices(aligned.shape), strict=True))
         if np.array_equal(affine, at):
             return Access(array, offset, along)
-        return Access(array, 0, strides, index=self._indices(at.ravel().tolist()))
+        numbers = "\n".join(integers("{}", at.ravel().tolist()))
+        return Access(array, 0, strides, index=self._stored(numbers, "g"))
 
     def _table(self, values: Array) -> str:
         return self._stored("\n".join(table("{}", values)), "c")
-
-    def _indices(self, values: list[int]) -> str:
-        return self._stored("\n".join(integers("{}", values)), "g")
 
     def _stored(self, text: str, letter: str) -> str:
         if text not in self._known:

@@ -31,6 +31,7 @@ class Stepped:
     order: int
     tracks: int
     dt: float
+    outputs: int = 0
 
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:
@@ -66,17 +67,22 @@ class Stepped:
     ) -> Array:
         parameters = with_constants(np, acting, core, raw, self.dt)
         shape = core.gain.shape
-        out = np.empty((len(signals.y), *shape))
+        tracks, outputs = shape[-1], self.outputs or shape[-1]
+        seen = np.arange(tracks) % outputs
+        out = np.empty((len(signals.y), *shape[:-1], outputs))
         state, turned = rest_state(np, acting, core, np.zeros(shape)), np.zeros(shape)
         for m in range(len(out)):
             drive = np.broadcast_to(signals.drive[m], shape)
-            counted, t, log = signals.counted[m], signals.t[m], signals.log[m]
+            counted, t, log = signals.counted[m][seen], signals.t[m], signals.log[m]
             if signals.reset[m] > 0.0:
-                w = first_speed(acting, parameters, np.broadcast_to(signals.y[m], shape))
+                w = first_speed(acting, parameters, np.broadcast_to(signals.y[m][seen], shape))
                 state = rest_state(np, acting, core, w, signals.moving[m] * drive)
                 turned = np.broadcast_to(counted, shape)
             w = state[0][0]
             sample = Sample(drive, drive, t, turned, counted, log)
-            state, out[m] = step_with(np, acting, core, parameters, state, sample, self.dt)
+            state, read = step_with(
+                np, acting, core, parameters, state, sample, self.dt, outputs < tracks
+            )
+            out[m] = read[..., :outputs]
             turned = turned + 0.5 * self.dt * (w + state[0][0])
         return np.moveaxis(out, 1, 0)

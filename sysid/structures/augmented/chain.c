@@ -1,5 +1,8 @@
 /* One free run of the chain command -> torque -> speed -> reading; see chain.py. Generated around it:
- * TRACKS, ORDER, ROWS, DT, EFFECTS, and of each effect its functions (constants, rest, step, holds). */
+ * TRACKS, OUTPUTS, ORDER, ROWS, DT, EFFECTS, and of each effect its functions (constants, rest, step, holds).
+ * Of one machine with several inputs each input is a track, a copy of the machine that feels the torque of all; the first is read. */
+
+#define SEEN(i) ((i) < OUTPUTS ? (i) : 0)
 
 typedef struct {
     double t[1], log[1];
@@ -84,12 +87,12 @@ static void run(const double *p, const unsigned char *acts, const Data *d, doubl
         for (int i = 0; i < TRACKS; i++) c.holds[i] += holds[i];
     }
     for (long m = 0; m < d->rows; m++) {
-        const double *drive = d->drive + m * TRACKS, *counted = d->counted + m * TRACKS;
+        const double *drive = d->drive + m * TRACKS, *counted = d->counted + m * OUTPUTS;
         double w[TRACKS], now[TRACKS], torque[TRACKS], read[TRACKS], wanted[TRACKS], first[TRACKS];
         c.t[0] = d->t[m];
         c.log[0] = d->log[m];
         if (d->reset[m] > 0.0) {
-            for (int i = 0; i < TRACKS; i++) w[i] = d->y[m * TRACKS + i];
+            for (int i = 0; i < TRACKS; i++) w[i] = d->y[m * OUTPUTS + SEEN(i)];
             for (int j = n - 1; j >= 0; j--)
                 if (acting[j]->undone) acting[j]->undone(p + acting[j]->row * TRACKS, w);
             for (int i = 0; i < TRACKS; i++) {
@@ -98,7 +101,7 @@ static void run(const double *p, const unsigned char *acts, const Data *d, doubl
                     x[r][i] = 0.0;
                     for (int q = r; q < ORDER; q++) x[r][i] += (b[q][i] - f[q * TRACKS + i]) * w[i];
                 }
-                turned[i] = counted[i];
+                turned[i] = counted[SEEN(i)];
                 now[i] = drive[i] * d->moving[m * TRACKS + i];
             }
             for (int j = 0; j < n; j++)
@@ -110,13 +113,15 @@ static void run(const double *p, const unsigned char *acts, const Data *d, doubl
             c.w[i] = w[i];
             c.w_free[i] = (ORDER > 1 ? x[1 % ORDER][i] : 0.0) - f[i] * w[i];
             c.turned[i] = turned[i];
-            c.counted[i] = counted[i];
+            c.counted[i] = counted[SEEN(i)];
             torque[i] = gain[i] * drive[i];
         }
         through(&at[READING], &c, torque, p, k, s, read);
-        for (int i = 0; i < TRACKS; i++) out[m * TRACKS + i] = read[i];
+        for (int i = 0; i < OUTPUTS; i++) out[m * OUTPUTS + i] = read[i];
         through(&at[COMMAND], &c, torque, p, k, s, now);
-        for (int i = 0; i < TRACKS; i++) torque[i] = wanted[i] = gain[i] * now[i];
+        for (int i = 0; i < TRACKS; i++) wanted[i] = gain[i] * now[i];
+        for (int i = OUTPUTS; i < TRACKS; i++) wanted[0] += wanted[i];
+        for (int i = 0; i < TRACKS; i++) torque[i] = wanted[i] = wanted[i < OUTPUTS ? i : 0];
         through(&at[TORQUE], &c, wanted, p, k, s, torque);
         for (int i = 0; i < TRACKS; i++) {
             first[i] = (ORDER > 1 ? x[1 % ORDER][i] : 0.0) - f[i] * w[i] + b[0][i] * torque[i];
@@ -142,6 +147,6 @@ void runs(long batch, long parameters, const double *q, const double *null, cons
             for (int r = EFFECT[e].row * TRACKS; r < (EFFECT[e].row + EFFECT[e].rows) * TRACKS; r++)
                 acts[e] |= p[r] != null[index[r]];
         }
-        run(p, acts, d, out + item * d->rows * TRACKS);
+        run(p, acts, d, out + item * d->rows * OUTPUTS);
     }
 }

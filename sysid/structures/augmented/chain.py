@@ -122,6 +122,7 @@ def step_with(
     state: ChainState,
     sample: Sample,
     dt: float,
+    summed: bool = False,
 ) -> tuple[ChainState, Signal]:
     """One sample: (state, drive (tracks,)) → (next state, reading (tracks,)).
 
@@ -130,6 +131,8 @@ def step_with(
 
     Args:
         parameters: ``with_constants``.
+        summed: whether tracks are the inputs of one machine: each is a copy of it that feels the
+            torque of all inputs, K₁ d₁ + K₂ d₂ + …
     """
     x, effect_states = state
     w = x[0]
@@ -169,6 +172,9 @@ def step_with(
     reading = through(Place.READING, w, core.gain * sample.drive)
     acting = through(Place.COMMAND, sample.acting, core.gain * sample.drive)
     wanted = core.gain * acting
+    if summed:
+        each = (wanted[..., i : i + 1] for i in range(wanted.shape[-1]))
+        wanted = xp.concatenate([sum(each, 0.0)] * wanted.shape[-1], axis=-1)
     torque = through(Place.TORQUE, wanted, wanted)
     rows = [
         (x[i + 1] if i + 1 < n else 0.0 * w) - core.f[i] * w + core.b[i] * torque for i in range(n)

@@ -110,14 +110,19 @@ def _pointer(values: Array) -> Any:
 
 
 @lru_cache(32)
-def kernel(effects: tuple[Effect, ...], order: int, tracks: int, dt: float) -> Kernel:
+def kernel(
+    effects: tuple[Effect, ...], order: int, tracks: int, dt: float, outputs: int = 0
+) -> Kernel:
     """The kernel of these effects, in the order in which they act, around cores of one order.
+
+    Args:
+        outputs: 1 where the tracks are the inputs of one machine; 0 for as many as tracks.
 
     Raises:
         ModelError: the step of an effect cannot be written as C.
         OSError: there is no C compiler.
     """
-    function = library(source(effects, order, tracks, dt)).runs
+    function = library(source(effects, order, tracks, dt, outputs)).runs
     function.restype = None
     function.argtypes = [
         ctypes.c_long, ctypes.c_long, _NUMBER, _NUMBER, ctypes.POINTER(ctypes.c_long),
@@ -135,7 +140,7 @@ def rows_of(effects: Sequence[Effect], order: int) -> tuple[tuple[str, str], ...
     )
 
 
-def source(effects: Sequence[Effect], order: int, tracks: int, dt: float) -> str:
+def source(effects: Sequence[Effect], order: int, tracks: int, dt: float, outputs: int = 0) -> str:
     """The C source of a kernel."""
     row, constant, state = 2 * order, 0, 0
     functions, table = [], []
@@ -153,7 +158,8 @@ def source(effects: Sequence[Effect], order: int, tracks: int, dt: float) -> str
         constant += written.constants * tracks
         state += e.memory.states * tracks
     sizes = {
-        "TRACKS": tracks, "ORDER": order, "ROWS": row, "EFFECTS": len(effects),
+        "TRACKS": tracks, "OUTPUTS": outputs or tracks, "ORDER": order, "ROWS": row,
+        "EFFECTS": len(effects),
         "CONSTANTS": constant, "STATES": state,
     }  # fmt: skip
     defined = [f"#define {name} {value}" for name, value in sizes.items()]

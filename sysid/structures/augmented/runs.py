@@ -26,7 +26,7 @@ class ChainRuns(RunErrors):
 
     def __init__(self, structure: "Augmented", data: Data) -> None:
         self._structure = structure
-        n = 2 * structure.order * structure.ny + structure.n_effect_parameters
+        n = structure.n_core + structure.n_effect_parameters
         super().__init__(n, data, 0, scales=np.ones(structure.ny))
 
     def runs(self, p: Array) -> list[Array]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Array, Channel, Index
-from sysid.effects.base import FRICTION_BEFORE_LOADS, ORDER, Effect, Place
+from sysid.effects.base import FRICTION_BEFORE_LOADS, ORDER, Effect, Place, sides_of
 from sysid.effects.catalogue import catalogue, effect, in_chain
 from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
@@ -46,17 +46,21 @@ SMALLEST = 1e-3
 class Augmented(Structure):
     """ω = core(T), T = K d around which the effects act; one command a track.
 
-    θ stacks, track after track, K, f_1 … f_n, b_2 … b_n, then effect after effect its parameters
-    (those shared by all tracks once).
+    Or one command of all tracks, whose effects they share; or several commands of one track: then
+    T = K₁ d₁ + K₂ d₂ + …, the effects of a command act on each.
+
+    θ stacks, track after track, K, f_1 … f_n, b_2 … b_n, then the gains of further commands, then
+    effect after effect its parameters (those shared by all tracks once).
 
     Attributes:
         order: order n of the core.
         delay: input delay of the core [samples], at least 1.
-        scales: full drive of each track's command.
+        scales: full drive of each command.
         dt: sample time [s].
         effects: ids in order of acceptance.
         given: a model of another structure that drives the core; None where the command does.
         chain: order of the chain in which the effects act (``in_chain``).
+        outputs: number of outputs where it is not that of the commands; else 0.
     """
 
     name: ClassVar[str] = "augmented"
@@ -75,6 +79,7 @@ class Augmented(Structure):
     effects: tuple[str, ...] = field(default=())
     given: GivenBase | None = field(default=None, compare=False)
     chain: int = ORDER
+    outputs: int = 0
 
     @property
     def nu(self) -> int:
@@ -82,7 +87,17 @@ class Augmented(Structure):
 
     @property
     def ny(self) -> int:
-        return len(self.scales)
+        return self.outputs or len(self.scales)
+
+    @property
+    def width(self) -> int:
+        """Tracks of the chain: commands of one output, or outputs."""
+        return max(self.nu, self.ny)
+
+    @property
+    def n_core(self) -> int:
+        """Parameters of the cores."""
+        return 2 * self.order * self.ny + self.width - self.ny
 
     def order_values(self) -> dict[str, Any]:
         return {"n": self.order, "nk": self.delay}
@@ -93,7 +108,7 @@ class Augmented(Structure):
             "scales": list(self.scales),
             "dt": self.dt,
             "chain": self.chain,
-        }
+        } | ({"outputs": self.outputs} if self.outputs else {})
         return settings if self.given is None else {**settings, "given": self.given}
 
     @classmethod
@@ -109,6 +124,7 @@ class Augmented(Structure):
             tuple(s["effects"]),
             GivenBase.from_json(s["given"]) if s.get("given") else None,
             _order(s.get("chain", FRICTION_BEFORE_LOADS)),
+            int(s.get("outputs", 0)),
         )
 
     @cached_property
@@ -128,9 +144,13 @@ class Augmented(Structure):
             parameters.append(Parameter(f"gain[{out.name}]", out.unit))
             parameters += [Parameter(f"f{k + 1}[{out.name}]") for k in range(self.order)]
             parameters += [Parameter(f"b{k + 1}[{out.name}]") for k in range(1, self.order)]
+        more = inputs[self.ny :]
+        parameters += [Parameter(f"gain[{u.name}]", outputs[0].unit) for u in more]
         for id in self.effects:
             e = effect(id)
-            for tag in ("",) if e.shared else tuple(f"[{out.name}]" for out in outputs):
+            sides = sides_of(e, self.nu, self.ny)
+            channels = inputs if len(sides) > self.ny else outputs
+            for tag in ("" if i < 0 else f"[{channels[i].name}]" for i in sides):
                 parameters += [
                     Parameter(f"{id}.{p.name}{tag}", p.unit.replace("speed", outputs[0].unit))
                     for p in e.parameters
@@ -141,22 +161,26 @@ class Augmented(Structure):
     def n_effect_parameters(self) -> int:
         """Parameters of all effects, those of each track counted."""
         effects = [effect(id) for id in self.effects]
-        return sum(len(e.parameters) * (1 if e.shared else self.ny) for e in effects)
+        return sum(len(e.parameters) * len(sides_of(e, self.nu, self.ny)) for e in effects)
 
     @cached_property
     def _indices(self) -> tuple[Index, Index, Index, dict[str, Index]]:
         """Entries of θ: K (tracks,), f (n, tracks), b₂ … (n − 1, tracks), effects by id."""
-        tracks, n = self.ny, self.order
-        first = 2 * n * np.arange(tracks)
-        f = first + 1 + np.arange(n)[:, None]
-        b = first + 1 + n + np.arange(n - 1)[:, None]
-        at, effects = 2 * n * tracks, {}
+        tracks, n = self.width, self.order
+        own = 2 * n * (np.arange(tracks) % self.ny)
+        further = np.arange(self.ny, tracks)
+        first = own.copy()
+        first[self.ny :] = (2 * n - 1) * self.ny + further
+        f = own + 1 + np.arange(n)[:, None]
+        b = own + 1 + n + np.arange(n - 1)[:, None]
+        at, effects = self.n_core, {}
         for id in self.effects:
             e = effect(id)
             width = len(e.parameters)
-            offsets = 0 * np.arange(tracks) if e.shared else width * np.arange(tracks)
+            sides = len(sides_of(e, self.nu, self.ny))
+            offsets = width * (np.arange(tracks) % sides)
             effects[id] = at + np.arange(width)[:, None] + offsets
-            at += width * (1 if e.shared else tracks)
+            at += width * sides
         return first, f, b, effects
 
     def unpack(self, theta: Array) -> tuple[Core, dict[str, dict[str, Array]]]:
@@ -179,7 +203,7 @@ class Augmented(Structure):
     def n_states(self, theta: Array) -> int:
         """Core, effects, dead time, angles and clock, before them those of the given model."""
         rows = self.order + sum(e.memory.states for e in self.active) + self.delay - 1
-        return self._given_states + self.ny * (rows + 2) + 1
+        return self._given_states + self.width * (rows + 2) + 1
 
     @property
     def _given_states(self) -> int:
@@ -188,21 +212,21 @@ class Augmented(Structure):
     def fitted_state(self, theta: Array, u: Array, y: Array, samples: int) -> Array:
         """Steady motion at the first measured speed; only a given model uses a longer head."""
         core, parameters = self.unpack(theta)
-        w = np.zeros(self.ny)
+        w = np.zeros(self.width)
         if len(y):
-            w = first_speed(self.active, parameters, y[0])
-        drive = u[0] / np.array(self.scales) if len(u) else None
+            w = first_speed(self.active, parameters, y[0] + 0.0 * w)
+        drive = u[0] / np.array(self.scales) + 0.0 * w if len(u) else None
         head = np.zeros(0)
         if self.given is not None:
             head = self.given.fitted_state(u, y, samples)
             drive = self.given.step()(head, u[0])[1] if len(u) else None
-        before = np.zeros(self.nu)
+        before = np.zeros(self.width)
         if drive is not None:
             drive = drive_before(drive, y)
-            before = drive_before(u[0] / np.array(self.scales), y)
+            before = drive_before(u[0] / np.array(self.scales) + 0.0 * w, y)
         state = rest_state(np, self.active, core, w, drive)
         line = [before] * (self.delay - 1)
-        zeros = np.zeros(self.ny)
+        zeros = np.zeros(self.width)
         return np.concatenate([head, _flat(np, state, line, np.zeros(1), (zeros, zeros))])
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
@@ -221,7 +245,8 @@ class Augmented(Structure):
         step, x = self._chain(thetas), states[:, n_given:]
         out = np.zeros((len(thetas), len(u), self.ny))
         for k, drive in enumerate(self._drive(u, states[0, :n_given])):
-            x, out[:, k] = step(x, np.broadcast_to(drive, out[:, k].shape))
+            x, y = step(x, np.broadcast_to(drive, (len(thetas), self.width)))
+            out[:, k] = y[:, : self.ny]
         return out
 
     def _drive(self, u: Array, head: Array) -> Array:
@@ -240,8 +265,10 @@ class Augmented(Structure):
         def advance(x: Array, u: Array) -> tuple[Array, Array]:
             xp: Any = x.__array_namespace__()
             head, drive = (x[:0], u / scales) if base is None else base(x[:n_given], u)
+            if len(scales) < self.width:
+                drive = xp.concatenate([drive] * self.width)
             following, y = chain(x[n_given:], drive)
-            return xp.concatenate([head, following]), y
+            return xp.concatenate([head, following]), y[: self.ny]
 
         return advance
 
@@ -256,9 +283,8 @@ class Augmented(Structure):
             state, line, clock, angles = self._unflat(xp, x)
             line = [*line, drive]
             speed = state[0][0]
-            state, y = step_with(
-                xp, active, core, whole, state, Sample(line[0], line[0], clock, *angles), dt
-            )
+            sample = Sample(line[0], line[0], clock, *angles)
+            state, y = step_with(xp, active, core, whole, state, sample, dt, self.width > self.ny)
             turned = angles[0] + 0.5 * dt * (speed + state[0][0])
             return _flat(xp, state, line[1:], clock + dt, (turned, angles[1] + dt * y)), y
 
@@ -268,7 +294,7 @@ class Augmented(Structure):
         self, xp: Any, x: Array
     ) -> tuple[ChainState, list[Array], Array, tuple[Array, Array]]:
         """Core and effects, delayed commands, clock, angles; undoes ``_flat``."""
-        tracks, n = self.ny, self.order
+        tracks, n = self.width, self.order
         count = n + sum(e.memory.states for e in self.active) + self.delay - 1
         rows = [x[..., k * tracks : (k + 1) * tracks] for k in range(count)]
         clock, angles = x[..., count * tracks], x[..., count * tracks + 1 :]
@@ -314,13 +340,14 @@ class Augmented(Structure):
         """The core of each track, then each effect with its parameters."""
         core, parameters = self.unpack(theta)
         lines = []
-        for i, (u, y) in enumerate(zip(inputs, outputs, strict=True)):
+        for i, y in enumerate(outputs):
+            own = range(self.nu) if self.width > self.ny else [min(i, self.nu - 1)]
+            torque = " + ".join(
+                f"{core.gain[max(i, j)]:.5g}·{inputs[j].name}/{self.scales[j]:g}" for j in own
+            )
             if self.order == 1:
                 tau = -self.dt / np.log(max(-core.f[0, i], 1e-12))
-                lines.append(
-                    f"{tau:.4g} s·d{y.name}/dt = T - {y.name}, T = {core.gain[i]:.5g}·"
-                    f"{u.name}/{self.scales[i]:g}"
-                )
+                lines.append(f"{tau:.4g} s·d{y.name}/dt = T - {y.name}, T = {torque}")
             else:
                 lines.append(f"{y.name} = core of order {self.order}, gain {core.gain[i]:.5g}")
         for id in self.effects:
@@ -328,7 +355,9 @@ class Augmented(Structure):
             values_text = ", ".join(
                 f"{name} = {value:.4g}"
                 for p in e.parameters
-                for name, value in _named(p.name, parameters[id][p.name], e, outputs)
+                for name, value in _named(
+                    p.name, parameters[id][p.name], sides_of(e, self.nu, self.ny), inputs, outputs
+                )
                 if value != p.null
             )
             lines.append(
@@ -359,7 +388,9 @@ def _(s: Augmented, theta: Array) -> Ground:
 @identified_effects.register
 def _(s: Augmented, theta: Array) -> Identified:
     """The effects of command and torque; none where another model drives the chain."""
-    if s.given is not None:  # its outputs, not the commands, are what the effects act on
+    if (
+        s.given is not None or s.nu != s.ny
+    ):  # its outputs, not the commands, are what the effects act on
         return Identified()
     core, values = s.unpack(theta)
     ids = [e.id for e in s.active if e.place in (Place.COMMAND, Place.TORQUE)]
@@ -414,12 +445,17 @@ def _order(stored: int) -> int:
 
 
 def _named(
-    name: str, values: Array, e: Effect, outputs: Sequence[Channel]
+    name: str,
+    values: Array,
+    sides: Sequence[int],
+    inputs: Sequence[Channel],
+    outputs: Sequence[Channel],
 ) -> list[tuple[str, float]]:
-    """Every value beside the name of its output; a value that all outputs share stands once."""
-    if e.shared or len(outputs) == 1:
+    """Every value beside the name of its channel; a value that all share stands once."""
+    if len(sides) == 1:
         return [(name, float(values[0]))]
-    return [(f"{name}[{c.name}]", float(v)) for c, v in zip(outputs, values, strict=True)]
+    channels = inputs if len(sides) > len(outputs) else outputs
+    return [(f"{name}[{c.name}]", float(v)) for c, v in zip(channels, values, strict=True)]
 
 
 def _flat(

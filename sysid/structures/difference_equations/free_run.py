@@ -239,7 +239,6 @@ class FreeRun(ABC):
 
         Args:
             u, y: the record.
-            horizon: steps of a run.
             first: first sample at which a run may start; predictions before its end are NaN.
             unknown: so many inputs at the end of u are known up to each start and zero after.
         """

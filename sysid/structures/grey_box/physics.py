@@ -194,10 +194,6 @@ class Physics(ABC):
             x[:n] = y[0, :n]
         return x
 
-    def rest_state(self) -> Array:
-        """The state of a run that begins anywhere: zeros, (n,)."""
-        return np.zeros(len(self.state_names))
-
     def estimated_states(self) -> tuple[bool, ...]:
         """Which first states are estimated; the others are what ``state_guess`` says."""
         return (True,) * len(self.state_names)

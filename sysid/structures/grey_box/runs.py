@@ -184,7 +184,7 @@ def stays_bounded(structure: "AnyBox", theta: Array) -> bool:
     p = physics.prepared(np, physics.unpack(np, np.asarray(theta)), sampling.h)
     ranges = sampling.input_range or ((-1.0, 1.0),) * physics.nu
     inputs = probing_inputs(ranges, length)
-    x = np.tile(physics.rest_state()[:, None], (1, inputs.shape[2]))
+    x = np.zeros((structure.n_states(theta), inputs.shape[2]))
     outputs = np.zeros((length, physics.ny, inputs.shape[2]))
     with np.errstate(all="ignore"):
         for k, u in enumerate(inputs):
@@ -265,9 +265,9 @@ class GreyErrors(RunErrors):
         self._last: tuple[bytes, tuple[list[Any], list[Array]]] = (b"", ([], []))
 
     def initial_states(self, p: Array) -> Array:
-        """Initial states (n, records): those in p, or rest."""
+        """Initial states (n, records): those in p, or zeros."""
         if not self.states_each:
-            return np.tile(self.structure.physics.rest_state()[:, None], (1, len(self.data)))
+            return np.zeros((self._n_states, len(self.data)))
         return np.ascontiguousarray(self.states(p).T)
 
     def _run(self, p: Array) -> tuple[list[Any], list[Array]]:

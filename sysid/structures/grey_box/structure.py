@@ -165,8 +165,8 @@ class GreyBox(NamedStructure, Generic[P]):
         return fitted_state(self, theta, u, y, samples)
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run from x0 (rest when None), (N, ny)."""
-        x = self.physics.rest_state() if x0 is None else x0
+        """Free run from x0 (all states zero when None), (N, ny)."""
+        x = np.zeros(self.n_states(theta)) if x0 is None else x0
         return free_run(self, theta, [u], x[:, None])[0]
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:

@@ -54,8 +54,6 @@ def fit_together(
     Args:
         fits: terms, starts and data; all with the same inputs.
         limits: bounds of the output in free run.
-        length: samples a chunk.
-        evaluations: limit on free runs.
         tolerance: relative decrease of the squared error at which a fit is over.
     """
     batch = _Batch(fits, limits, length)
@@ -220,7 +218,6 @@ def select_by_simulation(
         gram: least squares of the candidate terms.
         runs: the same terms, run freely.
         start: terms to begin with.
-        most: largest number of terms.
 
     Returns:
         Every set passed on the way with its squared simulation error, the last one the best.

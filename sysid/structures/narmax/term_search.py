@@ -99,9 +99,7 @@ def search_terms(row: Row, refine: bool, evaluations: int) -> tuple[Trial, list[
     the held-out data, because inside the data it wins easily and outside it runs away.
 
     Args:
-        row: the output with its data.
         refine: whether coefficients may be refined in free run.
-        evaluations: limit of each refinement.
     """
     s = row.structure
     if s.degree:

@@ -206,10 +206,8 @@ def fit_folds(
     """Coefficients of several sets of terms on every fold, all fitted at once.
 
     Args:
-        row: the output with its data.
         sets: terms with their starts by fold.
         chunk: samples of the free runs.
-        evaluations: limit on free runs.
     """
     fits = [
         ChunkFit(terms, theta, fold.train)

@@ -51,7 +51,6 @@ def search_row(row: RowRuns, rungs: Sequence[int], simulate: bool) -> tuple[Tria
     """The best map of one output, and all that were tried.
 
     Args:
-        row: the output with its data.
         rungs: chunk lengths of the refinement; none for least squares only.
         simulate: whether only refined maps may win.
     """

@@ -199,7 +199,8 @@ class StateSpace(RealizedStructure):
     def starts(self, records: Sequence[Record], focus: Focus) -> InitialGuesses:
         """Subspace estimates with the weights of CVA and of N4SID."""
         found = []
-        for name, cva in (("subspace, CVA weights", True), ("subspace, N4SID weights", False)):
+        weights = (("subspace, CVA weights", True), ("subspace, N4SID weights", False))
+        for name, cva in weights[: 2 if self.ny > 1 else 1]:  # they differ by a number then
             looked = self.looked_at(records, cva)
             theta = None if looked is None else self.theta_of(_settled(*looked.matrices(self.n)))
             if theta is not None and np.all(np.isfinite(theta)):

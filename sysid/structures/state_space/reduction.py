@@ -5,7 +5,7 @@ values are σ = √eig(P Q). Kept states r leave |G − G_r| ≤ 2 Σ_{k>r} σ_k
 1984; Glover 1984; of discrete models Al-Saggaf & Franklin 1987).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from sysid.data.record import Array
 from sysid.errors import ModelError, UsageError
 from sysid.structures.linear.base import LinearStructure
 from sysid.structures.model import Model
-from sysid.structures.state_space.innovations import StateSpace
+from sysid.structures.state_space.resampling import in_state_space
 
 TINY = 1e-12
 """Singular values below this share of the largest belong to states that nothing shows."""
@@ -40,7 +40,7 @@ def reduced(model: Model, order: int) -> Reduction:
     """A linear model truncated to ``order`` states.
 
     Raises:
-        ModelError: it is not linear or not stable.
+        ModelError: it is not linear or not stable, or its outputs do not show the states evenly.
         UsageError: the order is not between the number of outputs and its own.
     """
     from scipy.linalg import solve_discrete_lyapunov
@@ -65,23 +65,9 @@ def reduced(model: Model, order: int) -> Reduction:
         raise UsageError(f"only {kept} of its {len(A)} states show at all; take that order")
     scale = 1.0 / np.sqrt(s[:order])
     left, right = (U[:, :order] * scale).T @ Q.T, P @ Vt[:order].T * scale
-    small = (left @ A @ right, left @ B, C @ right, D, np.zeros((order, ny)))
-    made = StateSpace((), order, 0 if np.any(D) else 1, len(B[0]), ny, noise=False)
-    numbers = made.theta_of(small)
-    if numbers is None:
-        raise ModelError("the outputs do not show that many states evenly; take another order")
-    fewer = replace(
-        model,
-        structure=made,
-        theta=numbers,
-        covariance=np.zeros((len(numbers), len(numbers))),
-        parameters=made.parameters(model.inputs, model.outputs),
-        initial_states=(),
-        at_bound=(),
-        null_directions=(),
-        starts=(),
-        warnings=(f"Reduced from {len(A)} states of {structure.name} by balanced truncation.",),
-    )
+    small = (left @ A @ right, left @ B, C @ right, D)
+    words = f"Reduced from {len(A)} states of {structure.name} by balanced truncation."
+    fewer = in_state_space(model, small, model.dt, words)
     w = np.geomspace(1e-4, 1.0, 500) * np.pi / model.dt
     change = np.linalg.norm(model.bode(w)[1] - fewer.bode(w)[1], 2, axis=(1, 2))
     return Reduction(fewer, s, float(2.0 * np.sum(s[order:])), float(change.max()))

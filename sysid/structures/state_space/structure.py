@@ -199,7 +199,7 @@ class RealizedStructure(LinearStructure, Searchable):
     ) -> tuple[Problem, ...]:
         data = [(r.u, r.y) for r in records]
         ahead = focus is Focus.PREDICTION and self.traits.has_noise_model
-        return (RealizedErrors(self, data, initial is not Initial.ZERO, ahead),)
+        return (RealizedErrors(self, data, initial is not Initial.ZERO, ahead, stable),)
 
     def offset_entries(self) -> Index:
         return self.constant_places()[0]
@@ -242,10 +242,20 @@ class RealizedErrors(RunErrors):
     Args:
         states: whether the initial states of each record are estimated.
         ahead: whether errors are those one step ahead.
+        stable: whether free runs must be bounded. Those of the predictor always are (Ljung 1999,
+            §4.3): outside, the first state alone fits a record, and nothing else.
     """
 
-    def __init__(self, structure: RealizedStructure, data: Data, states: bool, ahead: bool) -> None:
-        self.structure, self.ahead = structure, ahead
+    def __init__(
+        self,
+        structure: RealizedStructure,
+        data: Data,
+        states: bool,
+        ahead: bool,
+        stable: bool = False,
+    ) -> None:
+        self.structure, self.ahead, self.stable = structure, ahead, stable
+        self.most = 1.0 + 1.0 / max(len(y) for _, y in data)  # an integrator grows by e at most
         self.n_theta = structure.n_plain + sum(structure.levels)
         core = structure.core_states
         super().__init__(self.n_theta, data, core if states else 0)
@@ -256,11 +266,20 @@ class RealizedErrors(RunErrors):
 
     def runs(self, p: Array) -> Sequence[Array] | None:
         theta, states = p[: self.n_theta], self.states(p)
+        if not self._bounded(theta):
+            return None
         out = []
         for k, (u, y) in enumerate(self.data):
             r, inputs = self._at(theta, u, y)
             out.append(r.run(inputs, states[k] if self.states_each else None))
         return out
+
+    def _bounded(self, theta: Array) -> bool:
+        if not np.all(np.isfinite(theta)) or (self.stable and not self.structure.stable(theta)):
+            return False
+        r = self.structure.realization(theta)
+        A = r.A if r.K is None or not self.ahead else r.predictor().A
+        return not len(A) or bool(np.max(np.abs(np.linalg.eigvals(A))) <= self.most)
 
     def tangents(self, p: Array) -> Iterator[Array]:
         theta, states = p[: self.n_theta], self.states(p)

@@ -3,13 +3,16 @@
 With Ā = A − K C, B̄ = [B − K D, K] and z = [u; y] the model is x(t+1) = Ā x(t) + B̄ z(t), whose
 errors are white whether or not the inputs come from a controller. So:
 
-1. y(t) = Σ_{k=1}^{p} C Ā^{k−1} B̄ z(t−k) + D u(t) + e(t) by least squares (a long ARX);
+1. y(t) = Σ_{k=1}^{p} C Ā^{k−1} B̄ z(t−k) + D u(t) + e(t) by least squares (a long ARX), p by AIC;
 2. with these Markov parameters Γ X̂, the states seen by f future outputs, from past z;
 3. W Γ X̂ = U S Vᵀ; the n largest singular values span the states, X̂ = S^{1/2} Vᵀ;
 4. C, D, then A, B, K by least squares from X̂, u and the errors.
 
-W = I weighs outputs as N4SID does; W that whitens the future outputs is that of canonical variates
-(CVA, Larimore 1990).
+W = I weighs outputs as N4SID does; W = Λ^{−1/2} of the innovations' covariance makes of the
+singular values σ/√N the canonical correlations √(σ²/(N + σ²)) of past and future (CVA, Larimore
+1990): the future outputs less what future inputs and outputs explain are Γ X + E, and E is white.
+The covariance of the future outputs themselves must not stand there: it hides slow states behind
+what moves most.
 
 Sources: Chiuso (2007), Automatica 43, 1034 (PBSIDopt); Jansson (2003), SYSID (SSARX); Van Overschee
 & De Moor (1996), Subspace Identification for Linear Systems.
@@ -73,16 +76,18 @@ def subspace(data: Data, feedthrough: bool, most: int, cva: bool = True) -> Subs
     Args:
         data: (u, y) of each record, without offsets.
         most: states that must be told apart.
-        cva: whether future outputs are whitened.
+        cva: whether innovations are whitened.
     """
     nu, ny = data[0][0].shape[1], data[0][1].shape[1]
     shortest = min(len(y) for _, y in data)
     samples = sum(len(y) for _, y in data)
-    past = int(np.clip(samples // (PART * (nu + ny)), LEAST_PAST, MOST_PAST))
-    past = min(max(past, -(-2 * most // ny)), shortest // 3)
+    least = max(LEAST_PAST, -(-2 * most // ny))
+    past = int(np.clip(samples // (PART * (nu + ny)), least, max(MOST_PAST, least)))
+    past = min(past, shortest // 3)
     if past < 2 or samples - len(data) * past < (nu + ny) * past + 2 * ny:
         return None
     z = [np.hstack([u, y]) for u, y in data]
+    past = _past_of(z, past, min(least, past), ny)
     rows = [_past_rows(one, past) for one in z]
     now = [u[past:] if feedthrough else u[past:, :0] for u, _ in data]
     left = np.hstack([np.concatenate(rows), np.concatenate(now)])
@@ -95,7 +100,7 @@ def subspace(data: Data, feedthrough: bool, most: int, cva: bool = True) -> Subs
     for i in range(past):  # the i-th future output sees the past from lag i + 1 on
         gamma[i * ny : (i + 1) * ny, : (past - i) * width] = found[i * width : past * width].T
     e = right - left @ found
-    W = _whitening(right, past, ny, [len(r) for r in rows]) if cva else np.eye(past * ny)
+    W = np.kron(np.eye(past), _whitening(e)) if cva else np.eye(past * ny)
     seen = W @ gamma @ np.concatenate(rows).T
     U, s, _ = np.linalg.svd(seen @ seen.T)
     singular = np.sqrt(s)
@@ -116,18 +121,24 @@ def _past_rows(z: Array, past: int) -> Array:
     return np.hstack([z[past - k : len(z) - k] for k in range(1, past + 1)])
 
 
-def _whitening(y: Array, future: int, ny: int, lengths: Sequence[int]) -> Array:
-    """R^{−1/2} of the covariance of ``future`` outputs after each other."""
-    stacked = []
-    at = 0
-    for n in lengths:
-        part = y[at : at + n]
-        at += n
-        if n > future:
-            stacked.append(np.hstack([part[k : n - future + k + 1] for k in range(future)]))
-    if not stacked:
-        return np.eye(future * ny)
-    Y = np.concatenate(stacked)
-    values, vectors = np.linalg.eigh(Y.T @ Y / len(Y))
-    values = np.maximum(values, 1e-6 * values[-1])
-    return np.asarray((vectors / np.sqrt(values)) @ vectors.T)
+def _past_of(z: Sequence[Array], longest: int, least: int, ny: int) -> int:
+    """Length of the ARX with the smallest AIC; one triangle has the errors of every length."""
+    left = np.concatenate([_past_rows(one, longest) for one in z])
+    right = np.concatenate([one[longest:, -ny:] for one in z])
+    triangle = np.asarray(np.linalg.qr(np.hstack([left, right]), mode="r"))[:, -ny:]
+    width, samples = z[0].shape[1], len(left)
+    best, chosen = np.inf, longest
+    for p in range(least, longest + 1):
+        rest = triangle[p * width :]
+        size = np.linalg.slogdet(rest.T @ rest / samples)[1]
+        aic = samples * size + 2.0 * p * width * ny
+        if aic < best:
+            best, chosen = aic, p
+    return chosen
+
+
+def _whitening(e: Array) -> Array:
+    """Λ^{−1/2} of the covariance of errors."""
+    values, vectors = np.linalg.eigh(e.T @ e / len(e))
+    values = np.maximum(values, 1e-12 * values[-1])
+    return np.asarray((vectors / np.sqrt(np.maximum(values, 1e-300))) @ vectors.T)

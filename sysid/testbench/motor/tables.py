@@ -192,15 +192,14 @@ def known_value(name: str, value: float, source: str, std_error: float | None = 
         DataError: it is not positive.
     """
     if name not in CONSTANTS and name != "gear":
-        raise UsageError(f"{source}: there is no constant {name!r}; give one of {_known()}")
+        raise UsageError(
+            f"{source}: there is no constant {name!r}; give one of "
+            f"{', '.join((*CONSTANTS, 'gear'))}"
+        )
     if not (np.isfinite(value) and value > 0.0):
         raise DataError(f"{source}: {name} must be a positive number, got {value:g}")
     error = 0.0 if name == "gear" else rounding_error(value)
     return KnownValue(name, value, error if std_error is None else std_error, source)
-
-
-def _known() -> str:
-    return ", ".join((*CONSTANTS, "gear"))
 
 
 def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | None, str]:
@@ -229,7 +228,7 @@ def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | N
         empty = [by_role[r].name for r in needed if not np.isfinite(columns_in_file[r]).any()]
         which = ", ".join(empty) or "every row"
         return None, f"{table.where} is not used, because {which} is empty."
-    measurements = {r: _scaled(columns_in_file[r][full], by_role[r]) for r in columns_in_file}
+    measurements = {r: columns_in_file[r][full] * by_role[r].scale for r in columns_in_file}
     steps = {
         r: smallest_step(columns_in_file[r][full]) * abs(by_role[r].scale) for r in columns_in_file
     }
@@ -245,10 +244,6 @@ def steady_test(table: Table, columns: Sequence[Column]) -> tuple[SteadyTest | N
     return made, said
 
 
-def _scaled(values: Array, column: Column) -> Array:
-    return np.asarray(values * column.scale)
-
-
 def _kind(measurements: Mapping[str, Array]) -> Kind:
     turns = "speed" in measurements and bool(np.any(measurements["speed"] != 0.0))
     if "torque" in measurements:
@@ -257,11 +252,7 @@ def _kind(measurements: Mapping[str, Array]) -> Kind:
 
 
 def _check(test: SteadyTest) -> None:
-    """Refuse what no such experiment can give.
-
-    Raises:
-        DataError: a sign is wrong, or currents of a motor that turns stand as a blocked rotor's.
-    """
+    """Refuse what no such experiment can give."""
     for quantity in ("current", "speed", "torque"):
         product = test.of(quantity) * np.sign(test.voltage)
         wrong = np.flatnonzero(product < 0.0)

@@ -80,7 +80,6 @@ def free_swing(t: Array, angle: Array, where: str) -> FreeSwing:
     Args:
         t: instants [s], (N,), rising.
         angle: (N,), in any unit.
-        where: name of the log for messages.
 
     Raises:
         DataError: nothing oscillates, too few periods are there, or the samples are too far apart.

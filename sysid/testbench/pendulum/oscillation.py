@@ -116,8 +116,6 @@ def fit_oscillation(
         t: instants [s], (N,).
         angle: (N,) [rad], or in radians or degrees where ``in_radians`` is false.
         swing: the free part, as counted.
-        in_radians: whether the unit is known.
-        where: name of the log for messages.
 
     Raises:
         DataError: no oscillation explains half of what moves.

@@ -56,7 +56,6 @@ def record_run(loop: Loop, seed: int = 0) -> RecordedRun:
 
     Args:
         loop: on plain numbers.
-        seed: of the sensors' noise.
     """
     watched: dict[str, Any] = {
         "guidance": _Watched(
@@ -110,7 +109,6 @@ def not_again(loop: Loop, blocks: Collection[str]) -> str:
     """Why what was driven here cannot be driven again in C, a sentence; empty where it can.
 
     Args:
-        loop: as it was driven.
         blocks: names of the laws that are written as C.
     """
     if loop.scene.sensors:

@@ -40,7 +40,6 @@ def loop_sources(loop: Loop, precision: Precision) -> LoopSources:
 
     Args:
         loop: of a mission and a robot plant, on plain numbers.
-        precision: of the numbers in C.
 
     Raises:
         ModelError: a law cannot be written as C.
@@ -53,11 +52,7 @@ def loop_sources(loop: Loop, precision: Precision) -> LoopSources:
 
 
 def _block(loop: Loop, law: Law) -> Block | None:
-    """A law as C; None for a motion that cannot be written so, which no robot needs.
-
-    Raises:
-        ModelError: another law cannot be written as C.
-    """
+    """A law as C; None for a motion that cannot be written so, which no robot needs."""
     if law.name == "motion" and isinstance(loop.motion, TurnsTracks):
         return None
     try:

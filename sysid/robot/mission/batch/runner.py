@@ -155,11 +155,7 @@ class BatchRunner(ABC):
 
     @cached_property
     def _types(self) -> Any:
-        """Types of the state's numbers after a sample, which it begins with as well.
-
-        Raises:
-            NotCompiledError: a law's state has another shape after a step than before.
-        """
+        """Types of the state's numbers after a sample, which it begins with as well."""
         jax, one = jax_module(), self.example
         state = jax.eval_shape(self._start, one)
         draws = tuple(np.zeros(s.draws) for s in self.variant.scene.sensors.values())

@@ -172,9 +172,6 @@ class Definition:
 def definition_of(text: str, name: str = "equations") -> Definition:
     """Read and check the text of a file of equations.
 
-    Args:
-        name: what messages call the file.
-
     Raises:
         DataError: it is none; ``file:line:column: what is wrong: what to do``.
     """
@@ -190,11 +187,7 @@ def definition_of(text: str, name: str = "equations") -> Definition:
 
 
 def _refuse_cut(source: YamlSource) -> None:
-    """Refuse an equation that YAML has cut at a comma, before its pieces are called unknown keys.
-
-    Raises:
-        DataError: a key is the end of a bracket.
-    """
+    """Refuse an equation that YAML has cut at a comma, before its pieces are unknown keys."""
     for place in source.lines:
         if place and str(place[-1]).count(")") > str(place[-1]).count("("):
             raise DataError(
@@ -357,9 +350,6 @@ class _Checker:
                 found[name] = e
             elif name in shown_by:
                 found[name] = Expression("name", 0, name=shown_by[name])
-        for name, p in said.parameters.items():
-            if p.per_experiment:
-                found[name] = Expression("number", 0, number=p.start)
         return found
 
     def _parsed(

@@ -22,7 +22,7 @@ _DERIVED: Mapping[str, tuple[float, tuple[int, ...]]] = {
     "Wb": (1.0, (2, 1, -2, -1)), "T": (1.0, (0, 1, -2, -1)), "l": (1e-3, (3,)), "L": (1e-3, (3,)),
 }  # fmt: skip
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 0.1, "k": 1e3, "M": 1e6, "G": 1e9}
-_TOKEN = re.compile(r"\s*([A-Za-zΩ%]+|1|[*/()]|\^-?\d+)")
+_TOKEN = re.compile(r"\s*([A-Za-zΩ%]+|1|[*/()]|\^-?\d)")
 
 
 @dataclass(frozen=True)

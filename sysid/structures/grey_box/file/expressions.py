@@ -20,8 +20,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-MAX_DEPTH = 40
-MAX_NODES = 2000
+MAX_DEPTH = 200
+"""Calls in calls while it is read; a pair of brackets takes five."""
+
+MAX_TOKENS = 300
+"""Words and signs of one expression: trees are walked by recursion, a step a sign."""
+
+MAX_POWER = 20.0
 
 TINY = 1e-30
 """Below it roots and broken powers take their argument for this, where their slope is infinite."""
@@ -168,8 +173,6 @@ def parse(text: str) -> Expression:
     expression = reader.choice(0)
     if reader.now is not None:
         raise reader.error(f"nothing can follow before {reader.now!r}")
-    if sum(1 for _ in nodes(expression)) > MAX_NODES:
-        raise ExpressionError(f"it has more than {MAX_NODES} parts: split it by `let`", 0)
     return expression
 
 
@@ -186,6 +189,8 @@ class _Reader:
                 raise ExpressionError(f"the character {text[at]!r} has no meaning here", at)
             self.tokens.append((match[1], match.start(1)))
             at = match.end()
+            if len(self.tokens) > MAX_TOKENS:
+                raise ExpressionError(f"it has more than {MAX_TOKENS} parts: split it by let", at)
 
     @property
     def now(self) -> str | None:
@@ -209,7 +214,7 @@ class _Reader:
     ) -> Expression:
         """Parts joined from the left by operators of one rank."""
         if depth > MAX_DEPTH:
-            raise self.error(f"it is nested deeper than {MAX_DEPTH}")
+            raise self.error("it is nested too deep: split it by let")
         left = part(depth + 1)
         while self.now in tokens:
             operator, at = self.tokens[self.k]
@@ -243,7 +248,7 @@ class _Reader:
 
     def signed(self, depth: int) -> Expression:
         if depth > MAX_DEPTH:
-            raise self.error(f"it is nested deeper than {MAX_DEPTH}")
+            raise self.error("it is nested too deep: split it by let")
         if self.now in ("-", "+"):
             sign, at = self.tokens[self.k]
             self.k += 1
@@ -253,7 +258,10 @@ class _Reader:
         if self.now in ("^", "**"):
             at = self.at
             self.k += 1
-            return Expression("^", at, (base, _folded(self.signed(depth + 1))))
+            exponent = _folded(self.signed(depth + 1))
+            if not abs(exponent.number) <= MAX_POWER:
+                raise ExpressionError(f"the exponent is beyond {MAX_POWER:g}", exponent.at)
+            return Expression("^", at, (base, exponent))
         return base
 
     def atom(self, depth: int) -> Expression:

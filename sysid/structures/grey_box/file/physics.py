@@ -31,8 +31,9 @@ EITHER_SIGN = 1.0
 class FilePhysics(Physics):
     """ẋ = f(x, u, p) or x⁺ = f(x, u, p), y = g(x, p) as a file writes them.
 
-    A parameter that every experiment has of its own is a state that stays as it begins. Continuous
-    equations are integrated by Runge-Kutta 4; linear ones are stepped exactly, u held.
+    A parameter that every experiment has of its own is a state that stays as it begins, counted
+    from the start that the file gives, so that rest is zero. Continuous equations are integrated by
+    Runge-Kutta 4; linear ones are stepped exactly, u held.
 
     Attributes:
         text: the file.
@@ -69,11 +70,6 @@ class FilePhysics(Physics):
         said = self.definition.said.states
         return tuple(not (n in said and said[n].known) for n in self.state_names)
 
-    def rest_state(self) -> Array:
-        """Parameters of an experiment at their starts; zeros."""
-        parameters = self.definition.said.parameters
-        return np.array([parameters[n].start if n in parameters else 0.0 for n in self.state_names])
-
     # ----------------------------------------------------------------- the equation
 
     def _values(
@@ -82,7 +78,9 @@ class FilePhysics(Physics):
         """Names of the file and what they stand for; ``let`` as far as it is known without u."""
         d = self.definition
         values: dict[str, Signal] = {n: p[n] for n in d.parameters}
-        values |= {n: x[i] for i, n in enumerate(d.states)}
+        own = d.said.parameters
+        for i, name in enumerate(d.states):
+            values[name] = x[i] + own[name].start if name in own else x[i]
         if u is not None:
             values |= {n: u[i] for i, n in enumerate(d.inputs)}
         for name, e in d.let.items():
@@ -189,7 +187,7 @@ class FilePhysics(Physics):
         p = self.unpack(np, np.asarray(theta))
         values = {n: float(v) for n, v in p.items()}
         values |= {n: float(v) for n, v in zip(d.outputs, y[0], strict=True)} if len(y) else {}
-        x = self.rest_state()
+        x = np.zeros(len(d.states))
         for i, name in enumerate(d.states):
             e = d.initial.get(name)
             if e is not None and names_in(e) <= values.keys():

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self, cast
 
-from sysid.data.record import Array, Channel
+from sysid.data.record import Channel
 from sysid.data.yaml_files.source import text_of
 from sysid.errors import UsageError
 from sysid.fitting.problem import Parameter
@@ -13,7 +13,6 @@ from sysid.structures.grey_box.file.definition import definition_of
 from sysid.structures.grey_box.file.physics import FilePhysics
 from sysid.structures.grey_box.physics import Physics
 from sysid.structures.grey_box.structure import GreyBox, grey_box_traits
-from sysid.structures.special_runs import rest
 from sysid.structures.traits import Traits
 
 
@@ -105,8 +104,3 @@ def structure_of_file(path: str | Path) -> type[FromFile]:
         "largest": channels,
     }
     return type("FromFile", (FromFile,), body)
-
-
-@rest.register
-def _(s: FromFile, theta: Array) -> Array:
-    return s.physics.rest_state()
