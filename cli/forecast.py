@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from sysid.errors import UsageError
 from sysid.workspace.logs import as_fitted
 from sysid.workspace.store import Workspace
@@ -87,6 +85,8 @@ def _document(f: "Forecast") -> dict[str, Any]:
 
 def _inside(f: "Forecast", i: int) -> float | None:
     """Share of the measured samples that lie in the band; None where none was measured."""
+    import numpy as np
+
     seen = np.isfinite(f.measured[:, i])
     if not seen.any():
         return None
@@ -96,6 +96,8 @@ def _inside(f: "Forecast", i: int) -> float | None:
 
 def _table(f: "Forecast") -> None:
     rows = []
+    import numpy as np
+
     chosen = np.unique(np.geomspace(1, len(f.t), min(ROWS, len(f.t))).round().astype(int)) - 1
     for k in chosen:
         for i, c in enumerate(f.record.outputs):
