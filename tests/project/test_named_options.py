@@ -110,6 +110,7 @@ def named_fields() -> list[tuple[str, str]]:
 def arguments_of_scripts() -> set[str]:
     """Every argument of the façade's functions and classes of options."""
     verbs = (sysid.fit, sysid.identify, sysid.compare, sysid.diagnose, sysid.tune, sysid.load_plant,
+             sysid.forecast, sysid.look,
              sysid.inertia_of_logs, sysid.inertia_of_period, sysid.Hanging,
              sysid.fit_vehicle, sysid.bench_power, sysid.LiveFit, verify)  # fmt: skip
     options = (sysid.ReadOptions, sysid.FitOptions, Policy, Preparation, sysid.MotorOptions)

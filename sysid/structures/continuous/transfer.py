@@ -19,7 +19,7 @@ from sysid.structures.traits import Traits
 MOST = 10
 """Most poles that are accepted."""
 
-OPTIONS = {"delay": "`none`: no dead time"}
+OPTIONS = {"delay": "none: no dead time"}
 
 
 @dataclass(frozen=True)

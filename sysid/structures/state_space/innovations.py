@@ -54,7 +54,7 @@ class StateSpace(RealizedStructure):
             when="several outputs that share dynamics; logs from under a controller",
             order_names=("n",),
             order_words={"n": "states", "nk": "delay of the inputs in samples, 0 or 1"},
-            options={"noise": "`none`: no Kalman gain K, errors are those of the free run"},
+            options={"noise": "none: no Kalman gain K, errors are those of the free run"},
             has_noise_model=True,
             search_cost=4.0,
         ),
