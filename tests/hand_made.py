@@ -1,5 +1,7 @@
 """Models put together from a structure and its parameters, without a fit."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sysid.criteria.table import BUILT_IN
@@ -22,6 +24,7 @@ def hand_made(
     theta: Array,
     offsets: tuple[float, float] = (0.0, 0.0),
     reach: tuple[float, float] = (-1.0, 1.0),
+    unit: str | None = None,
 ) -> Model:
     """A model whose numbers are given; ``offsets`` are those of all inputs and of all outputs.
 
@@ -30,9 +33,12 @@ def hand_made(
         theta: its parameters.
         offsets: operating point.
         reach: range of the inputs about the operating point.
+        unit: of all outputs, where it matters.
     """
     nu, ny = structure.nu, structure.ny
     inputs, outputs = channels("u", nu), channels("y", ny)
+    if unit is not None:
+        outputs = tuple(replace(c, unit=unit) for c in outputs)
     theta = np.asarray(theta, dtype=np.float64)
     parameters = structure.parameters(inputs, outputs)
     assert len(parameters) == len(theta)

@@ -179,7 +179,7 @@ def equations(name: str) -> Model:
     made = structure_class(str(path)).from_orders({}, 1, 1)
     assert isinstance(made, FromFile)
     made = replace(made, sampling=Sampling(DT, 4))
-    return hand_made(made, made.physics.pack({}), reach=(0.0, 3.0))
+    return hand_made(made, made.physics.pack({}), reach=(0.0, 3.0), unit="rad")
 
 
 def augmented(effects: tuple[str, ...], order: int = 2, delay: int = 3) -> Model:
