@@ -173,13 +173,13 @@ def tanks() -> Model:
     return replace(hand_made(made, theta, reach=(0.0, 3.0)), dt=4.0)
 
 
-def equations(name: str) -> Model:
+def equations(name: str, unit: str) -> Model:
     """A bundled file of equations at its starts."""
     path = Path(__file__).parents[2] / "datasets" / "equations" / f"{name}.ode.yaml"
     made = structure_class(str(path)).from_orders({}, 1, 1)
     assert isinstance(made, FromFile)
     made = replace(made, sampling=Sampling(DT, 4))
-    return hand_made(made, made.physics.pack({}), reach=(0.0, 3.0), unit="rad")
+    return hand_made(made, made.physics.pack({}), reach=(0.0, 3.0), unit=unit)
 
 
 def augmented(effects: tuple[str, ...], order: int = 2, delay: int = 3) -> Model:
@@ -235,8 +235,8 @@ CASES = {
     "motor-tracks-rk4": partial(motor, 2, MOTOR, {"integrator": "rk4"}),
     "motor-bench": partial(motor, 2, {}, {"parameters": "bench", "input": "pwm"}),
     "tanks": tanks,
-    "pendulum.ode": partial(equations, "pendulum"),
-    "two_tanks.ode": partial(equations, "two_tanks"),
+    "pendulum.ode": partial(equations, "pendulum", "rad"),
+    "two_tanks.ode": partial(equations, "two_tanks", "V"),
     **{f"effect-{e.id}": partial(augmented, (e.id,)) for e in chain_effects()},
     "behind-narx": partial(behind, partial(narx, "wavelet", 2)),
     "behind-hw": partial(behind, partial(hammerstein_wiener, "dead-zone", 2)),
