@@ -11,6 +11,7 @@ from scipy.linalg import expm
 import sysid
 from sysid.data.record import Array, Record
 from sysid.errors import UsageError
+from sysid.estimation.assessment.step_response import step_responses
 from sysid.structures.continuous.process import Process
 from sysid.structures.continuous.transfer import ContinuousTransfer
 from sysid.structures.model import Model
@@ -137,6 +138,24 @@ def test_a_discrete_model_in_continuous_time_has_the_same_samples() -> None:
     w = np.array([0.5, 5.0])
     own = model.bode(w)[1][:, 0, 0]
     np.testing.assert_allclose(again(np.exp(1j * w * DT)), own, rtol=1e-8)
+
+
+def test_a_plant_without_dead_time_ends_at_the_bound() -> None:
+    """Slopes are asked on both sides of Td = 0."""
+    u = levels(400, 9)
+    y = finely([2.0], [0.6, 1.9, 1.0], 0.0, u)
+    y += 0.02 * np.random.default_rng(9).standard_normal(400)
+    record = Record(u[:, None], y[:, None], DT)
+    model = sysid.fit(record, sysid.structure(record, "process", {}, {"type": "P2DZ"}))
+    (step,) = step_responses(model)
+    assert abs(step.gain.value - 2.0) < 4.0 * step.gain.std_error
+    s = model.structure
+    theta = model.theta.copy()
+    runs = []
+    for delay in (-1e-7, 1e-7):
+        theta[-1] = delay
+        runs.append(s.simulate(theta, u[:, None]))
+    np.testing.assert_allclose(runs[0], runs[1], atol=1e-5)
 
 
 def test_read_back_as_it_was() -> None:

@@ -5,7 +5,7 @@ point of the truth with 95 %, not the whole curve.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -207,6 +207,7 @@ def root_clouds(model: Model) -> tuple[RootCloud, ...]:
     """
     if not isinstance(model.structure, LinearStructure) or not model.inputs:
         raise ModelError(f"{model.structure.name} has no poles and zeros of a path from an input")
+    model = replace(model, structure=model.structure.held_near(model.theta))
     ny, nu = len(model.outputs), len(model.inputs)
     every = [(i, j) for i in range(ny) for j in range(nu)]
     entries = {key: entry_of(model, model.theta, *key) for key in every}

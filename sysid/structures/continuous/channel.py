@@ -16,13 +16,16 @@ LATE = 1e-9
 """A share of a sample that is rounding."""
 
 
-def discretised(num: Any, den: Any, delay: Any, dt: float) -> tuple[Any, Any, Any, Any, int]:
+def discretised(
+    num: Any, den: Any, delay: Any, dt: float, lag: int | None = None
+) -> tuple[Any, Any, Any, Any, int]:
     """(Φ, Γ₀, Γ₁, C, d) of a path; numbers may be complex.
 
     Args:
         num: b_0 … b_m.
         den: a_0 … a_{n−1}.
         delay: τ [s].
+        lag: d where it is held: the formulas go on smoothly beyond 0 ≤ φ < 1.
     """
     n = len(den)
     kind = np.result_type(np.asarray(num).dtype, np.asarray(den).dtype, type(delay), np.float64)
@@ -31,7 +34,8 @@ def discretised(num: Any, den: Any, delay: Any, dt: float) -> tuple[Any, Any, An
     B, C = np.zeros((n, 1), dtype=kind), np.zeros((1, n), dtype=kind)
     B[-1, 0] = 1.0
     C[0, : len(num)] = num
-    d = int(np.floor(np.real(delay) / dt + LATE))
+    # slopes are asked a little below zero, too
+    d = max(int(np.floor(np.real(delay) / dt + LATE)), 0) if lag is None else lag
     late = delay - d * dt  # φ dt
     first, over_first = held(A, B, late)
     rest, over_rest = held(A, B, dt - late)

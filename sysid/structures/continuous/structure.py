@@ -6,7 +6,7 @@ one log is the plant itself, and another sample time needs no other fit.
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -34,12 +34,14 @@ class ContinuousStructure(RealizedStructure):
         inputs, outputs: how many.
         dt: sample time of the records it was fitted to [s].
         delayed: whether paths have a dead time.
+        lags: whole samples of every path's dead time, where they are held (``held_near``).
     """
 
     inputs: int
     outputs: int
     dt: float
     delayed: bool
+    lags: tuple[int, ...] = field(default=(), kw_only=True)
 
     @abstractmethod
     def path(self, p: Any) -> tuple[Any, Any, Any]:
@@ -91,6 +93,9 @@ class ContinuousStructure(RealizedStructure):
             made, dt=checked(float, settings["dt"]), delayed=checked(bool, settings["delayed"])
         )
 
+    def held_near(self, theta: Array) -> Self:
+        return replace(self, lags=self.realization(theta).lag[:: 2 if self.delayed else 1])
+
     def for_fit(self, records: Sequence[Record], focus: Focus) -> Self:
         """With the records' sample time."""
         return replace(self, dt=records[0].dt)
@@ -123,7 +128,7 @@ class ContinuousStructure(RealizedStructure):
             i, j = divmod(k, self.inputs)
             s = slice(k * n, (k + 1) * n)
             A[s, s], B[s, [2 * k]], B[s, [2 * k + 1]], C[[i], s], d = discretised(
-                num, den, delay, self.dt
+                num, den, delay, self.dt, self.lags[k] if self.lags else None
             )
             lag += [d, d + 1]
             source += [j, j]

@@ -28,6 +28,10 @@ class LinearStructure(NamedStructure):
     def transfer(self, theta: Array) -> TransferMatrix:
         """G(q)."""
 
+    def held_near(self, theta: Array) -> Self:
+        """The structure whose polynomials keep their lengths, whatever moves a little from θ."""
+        return self
+
     def matrices(self, theta: Array) -> tuple[Array, Array, Array, Array]:
         """(A, B, C, D) of x⁺ = A x + B u, y = C x + D u with the states of ``step``."""
         return self.transfer(theta).matrices

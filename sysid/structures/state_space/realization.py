@@ -69,7 +69,7 @@ class Realization:
         columns, at = [], np.concatenate([[0], np.cumsum(self.waiting)])
         for j, lag in zip(self.source, self.lag, strict=True):
             if past is None:
-                head = np.full(lag, u[0, j] if len(u) else 0.0)
+                head = np.full(min(lag, len(u)), u[0, j] if len(u) else 0.0)
             else:
                 head = past[at[j] : at[j] + lag][::-1]
             columns.append(np.concatenate([head, u[:, j]])[: len(u)])
@@ -135,21 +135,22 @@ class Realization:
         return out
 
     def transfer(self) -> TransferMatrix:
-        """G(q): numerators det(q − A + B_j C_i) − (1 − D_ij) det(q − A) over det(q − A)."""
-        A, B, C, D = self.whole()
-        ny, nu = D.shape
+        """G(q): numerators det(q − A + B_k C_i) − (1 − D_ik) det(q − A) over det(q − A), of every
+        column k, later by its lag.
+        """
+        A, B, C, D = (np.real(M) for M in (self.A, self.B, self.C, self.D))
+        ny = len(C)
         bottom = np.real(np.poly(A)) if len(A) else np.ones(1)
-        num = []
+        longest = max(self.lag, default=0)
+        num = np.zeros((ny, self.nu, len(bottom) + longest))
         for i in range(ny):
-            row = []
-            for j in range(nu):
-                top = D[i, j] * bottom
-                if len(A) and np.any(C[i]) and np.any(B[:, j]):
-                    top = top + np.real(np.poly(A - np.outer(B[:, j], C[i]))) - bottom
+            for k, (j, lag) in enumerate(zip(self.source, self.lag, strict=True)):
+                top = D[i, k] * bottom
+                if len(A) and np.any(C[i]) and np.any(B[:, k]):
+                    top = top + np.real(np.poly(A - np.outer(B[:, k], C[i]))) - bottom
                 small = np.abs(top) < NOTHING * max(float(np.abs(top).max()), 1e-300)
-                row.append(np.where(small, 0.0, top))
-            num.append(row)
-        return TransferMatrix.build(num, [[bottom] * nu for _ in range(ny)])
+                num[i, j, lag : lag + len(top)] += np.where(small, 0.0, top)
+        return TransferMatrix.build(list(map(list, num)), [[bottom] * self.nu for _ in range(ny)])
 
 
 def run(matrices: tuple[Any, Any, Any, Any], u: Array, x0: Any = None) -> Any:
