@@ -21,7 +21,7 @@ def reduce(
     json: bool = reading.JSON,
 ) -> None:
     """Reduce a linear model to fewer states, with its error bound."""
-    from sysid.structures.state_space.reduction import reduced
+    from sysid.estimation.reduction import reduced
 
     store = Workspace(workspace)
     stored = store.chosen(model)

@@ -21,7 +21,7 @@ def resample(
     json: bool = reading.JSON,
 ) -> None:
     """Give a linear model another sample time."""
-    from sysid.structures.state_space.resampling import resampled
+    from sysid.estimation.resampling import resampled
 
     store = Workspace(workspace)
     stored = store.chosen(model)

@@ -151,12 +151,18 @@ def nyquist(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     return tuple(panels)
 
 
+UNKNOWN = 2.0
+"""A pole or zero with a larger standard error lies anywhere in the unit circle."""
+
+
 def _ellipse(centre: complex, root: Array, colour: int) -> Curve:
     """The 95 % ellipse of a point of the plane: χ² of two degrees of freedom is 5.99."""
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
     if not np.isfinite(root).all():
         return Curve("", np.zeros(0), np.zeros(0), colour=colour)
     half, axes, _ = np.linalg.svd(root, full_matrices=False)
+    if not np.max(axes, initial=0.0) < UNKNOWN:  # it would leave nothing else to be seen
+        return Curve("", np.zeros(0), np.zeros(0), colour=colour)
     points = half @ (axes[:, None] * np.array([np.cos(turn), np.sin(turn)])) * np.sqrt(5.991)
     return Curve("", centre.real + points[0], centre.imag + points[1], colour=colour)
 

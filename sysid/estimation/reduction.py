@@ -11,9 +11,9 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import ModelError, UsageError
+from sysid.estimation.resampling import in_state_space
 from sysid.structures.linear.base import LinearStructure
 from sysid.structures.model import Model
-from sysid.structures.state_space.resampling import in_state_space
 
 TINY = 1e-12
 """Singular values below this share of the largest belong to states that nothing shows."""

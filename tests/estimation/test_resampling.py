@@ -6,9 +6,9 @@ import pytest
 from hand_made import hand_made
 
 from sysid.errors import ModelError, UsageError
+from sysid.estimation.resampling import resampled
 from sysid.structures.registry import structure_class
 from sysid.structures.state_space.innovations import StateSpace
-from sysid.structures.state_space.resampling import resampled
 
 PLANT = control.tf([2.0, 1.0], [1.0, 0.8, 4.0])
 

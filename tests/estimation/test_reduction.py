@@ -7,8 +7,8 @@ import pytest
 import sysid
 from sysid.data.record import Record
 from sysid.errors import ModelError, UsageError
+from sysid.estimation.reduction import reduced
 from sysid.structures.model import Model
-from sysid.structures.state_space.reduction import reduced
 
 
 def fourth_order() -> Model:
