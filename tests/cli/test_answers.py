@@ -23,6 +23,7 @@ def eighty_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_fit_of_given_orders(name: str, tmp_path: Path, capsys: Capture) -> None:
     judged = ("--val", LOGS / f"{name}_val.csv", "--workspace", tmp_path)

@@ -16,6 +16,8 @@ from sysid.diagnosis.search.prepared import prepare
 from sysid.effects.catalogue import catalogue
 from sysid.structures.augmented.batch import Stepped
 
+pytestmark = pytest.mark.slow
+
 DT, FINE = 0.05, 20
 
 

@@ -59,6 +59,7 @@ def places(unit: Path) -> Mapping[str, int]:
     return {v.name: v.valueReference for v in read_model_description(str(unit)).modelVariables}
 
 
+@pytest.mark.slow
 def test_nothing_is_wrong_with_the_units_and_every_tool_gives_what_python_gave(
     package: Path,
 ) -> None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 import pytest
 import scripts
 
+pytestmark = pytest.mark.slow
+
 gate = scripts.load("benchmarks/gate_judging.py")
 
 LIMITS = gate.SpeedLimits(hand=1.5, ci=1.75, rounds=1, repeats=2)

@@ -189,6 +189,7 @@ def test_compiled_runs_are_the_steps(case: str) -> None:
     np.testing.assert_allclose(s.simulate(theta, log.u[:100], x0), clean, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", FITS)
 def test_derivatives_match_differences(case: str) -> None:
     _, _, log, model = FITS[case]()

@@ -6,6 +6,8 @@ import pytest
 from sysid.data.record import Channel, Record
 from sysid.diagnosis.diagnose import diagnose
 
+pytestmark = pytest.mark.slow
+
 DT, FINE = 2.0, 20
 
 
