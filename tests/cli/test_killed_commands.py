@@ -145,6 +145,7 @@ def test_whenever_it_is_killed_the_next_command_finds_the_old_or_the_new(
     assert len(seen) > 1
 
 
+@pytest.mark.slow
 def test_an_export_waits_for_the_workspace(here: Path) -> None:
     with Workspace(Path(".sysid")).locked():
         export = subprocess.Popen(

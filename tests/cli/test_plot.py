@@ -60,6 +60,7 @@ def test_numbers_are_those_of_the_library_with_their_bands(here: Path, capsys: C
     assert (here / "one.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_models_lie_over_what_was_measured(here: Path, capsys: Capture) -> None:
     line = ("plot", "bode", "oe", "arx", "val.csv", "-o", "b.pdf", "--save", "b.csv", "--json")
     answered = run(capsys, *line).document

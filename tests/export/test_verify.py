@@ -56,6 +56,7 @@ def test_every_runtime_that_is_here_gives_what_python_gave(package: Path) -> Non
         assert (steps["mean"] > 400) == (r.name == "cortex-m4")
 
 
+@pytest.mark.slow
 def test_the_command_prints_a_table_or_one_document(package: Path, capsys: Capture) -> None:
     document = json.loads(run(capsys, "verify", package, "--json").out)
     assert document["passed"] is True

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pytest
 from command_line import Capture, run
 from example_package import Installed
 
@@ -14,6 +15,7 @@ OLDER = Path(__file__).resolve().parents[1] / "data" / "0.1"
 ARX = "arx-eba84e"
 
 
+@pytest.mark.slow
 def test_the_example_exporter_writes_from_its_wheel(
     installed: Installed, tmp_path: Path, capsys: Capture
 ) -> None:

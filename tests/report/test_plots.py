@@ -94,6 +94,7 @@ def test_the_same_content_gives_the_same_bytes(name: str, suffix: str, tmp_path:
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"a.{suffix}", f"b.{suffix.upper()}"]
 
 
+@pytest.mark.slow
 def test_another_process_draws_the_same_bytes_and_obeys_no_matplotlibrc(tmp_path: Path) -> None:
     (tmp_path / "matplotlibrc").write_text("font.size: 20\naxes.facecolor: red\n")
     script = (
