@@ -30,7 +30,7 @@ EXPLAINED = 0.02
 
 SENTENCE = (
     "A controller was running and the direct fit's residuals are not white: the input was replaced "
-    "by its part that follows from {names} (two stages), which no disturbance biases."
+    "by its part that follows from {names} (two stages), which biases it less."
 )
 
 
