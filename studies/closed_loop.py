@@ -107,7 +107,8 @@ def main() -> None:
         "",
         f"{given.loops} loops a row, {given.samples} samples each (seed {given.seed}), a"
         " disturbance a quarter of the reference; `python -m studies.closed_loop`. Bias: size of"
-        " the mean of the relative errors of G(jω); error: their root mean square; both in %, over 0.1 to 3 rad/s.",
+        " the mean of the relative errors of G(jω); error: their root mean square;"
+        " both in %, over 0.1 to 3 rad/s.",
         "",
         "| disturbance | structure | bias, direct | bias, two stages | bias, chosen | error, "
         "direct | error, two stages | error, chosen | feedback seen | two stages chosen |",
