@@ -35,6 +35,21 @@ Route = tuple[Channel, Channel]
 ENDING = ".frd.csv"
 
 
+def python_control() -> Any:
+    """The package ``control``.
+
+    Raises:
+        ModelError: it is not installed.
+    """
+    try:
+        import control
+    except ImportError:
+        raise ModelError(
+            "python-control is not installed; install sysid-workbench[control]"
+        ) from None
+    return control
+
+
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
     """Responses of outputs to inputs at some frequencies.
@@ -95,12 +110,7 @@ class FrequencyResponse:
         Raises:
             ModelError: python-control is not installed.
         """
-        try:
-            import control
-        except ImportError:
-            raise ModelError(
-                "python-control is not installed; install sysid-workbench[control]"
-            ) from None
+        control = python_control()
         return control.FRD(
             np.moveaxis(self.value, 0, -1),
             self.w,

@@ -32,7 +32,7 @@ def in_state_space(
         ModelError: the outputs do not show the states evenly.
     """
     A, B, C, D = matrices
-    made = StateSpace((), len(A), 0 if np.any(D) else 1, B.shape[1], len(C), noise=False)
+    made = StateSpace((), B.shape[1], len(C), len(A), 0 if np.any(D) else 1, noise=False)
     numbers = made.theta_of((A, B, C, D, np.zeros((len(A), len(C)))))
     if numbers is None:
         raise ModelError("the outputs do not show that many states evenly; take another order")

@@ -89,7 +89,7 @@ def test_slopes_are_those_of_differences() -> None:
 
 
 def test_any_basis_gives_the_same_runs() -> None:
-    s = StateSpace((), 3, 1, 2, 2)
+    s = StateSpace((), 2, 2, 3, 1)
     theta = s.theta_of((A, B, C, np.zeros((2, 2)), K))
     assert theta is not None
     u = np.random.default_rng(2).standard_normal((100, 2))
@@ -130,7 +130,7 @@ def test_too_few_states_are_refused() -> None:
 
 
 def test_poles_outside_are_brought_in() -> None:
-    s = StateSpace((), 2, 1, 1, 1)
+    s = StateSpace((), 1, 1, 2, 1)
     theta = np.array([-1.1, 2.0, 1.0, 1.0, 0.0, 0.0])  # poles beyond 1
     assert not s.stable(theta)
     assert s.stable(s.stabilised(theta))

@@ -1,7 +1,7 @@
 """``process``: gain, time constants, damping, a zero, an integrator and a dead time."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -38,22 +38,20 @@ class Process(ContinuousStructure):
     ni: int
 
     name: ClassVar[str] = "process"
-    traits: ClassVar[Traits] = replace(
-        linear_traits(
-            title="Process model: gain, time constants, dead time",
-            equation="y = K (1 + Tz s)/(s^ni (1 + T1 s) (1 + T2 s) …) e^(−Td s) u + e",
-            when="step tests and slow plants; numbers for tuning a controller",
-            order_names=("np",),
-            order_words={
-                "np": "real time constants",
-                "nw": "1: a pair of poles given by Tw and ζ, besides these",
-                "nz": "1: a zero",
-                "ni": "1: an integrator",
-            },
-            options={**OPTIONS, "type": "P1D, P2DZ, P2DU, P3DIZ … instead of orders"},
-            tells="gain, time constants, damping and dead time with their errors",
-            search_cost=4.0,
-        ),
+    traits: ClassVar[Traits] = linear_traits(
+        title="Process model: gain, time constants, dead time",
+        equation="y = K (1 + Tz s)/(s^ni (1 + T1 s) (1 + T2 s) …) e^(−Td s) u + e",
+        when="step tests and slow plants; numbers for tuning a controller",
+        order_names=("np",),
+        order_words={
+            "np": "real time constants",
+            "nw": "1: a pair of poles given by Tw and ζ, besides these",
+            "nz": "1: a zero",
+            "ni": "1: an integrator",
+        },
+        options={**OPTIONS, "type": "P1D, P2DZ, P2DU, P3DIZ … instead of orders"},
+        tells="gain, time constants, damping and dead time with their errors",
+        search_cost=4.0,
         by_default=False,
     )
 

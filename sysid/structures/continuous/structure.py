@@ -31,14 +31,11 @@ class ContinuousStructure(RealizedStructure):
     """y_i = Σ_j G_ij(s) u_j, each path with its own numbers, one after the other in θ.
 
     Attributes:
-        inputs, outputs: how many.
         dt: sample time of the records it was fitted to [s].
         delayed: whether paths have a dead time.
         lags: whole samples of every path's dead time, where they are held (``held_near``).
     """
 
-    inputs: int
-    outputs: int
     dt: float
     delayed: bool
     lags: tuple[int, ...] = field(default=(), kw_only=True)
@@ -64,14 +61,6 @@ class ContinuousStructure(RealizedStructure):
     @abstractmethod
     def path_numbers(self, found: Found) -> Array:
         """A path's numbers near a transfer function that was found."""
-
-    @property
-    def own_inputs(self) -> int:
-        return self.inputs
-
-    @property
-    def ny(self) -> int:
-        return self.outputs
 
     @property
     def core_states(self) -> int:

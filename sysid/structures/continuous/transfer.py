@@ -1,7 +1,7 @@
 """``tf``: transfer functions in s with dead time."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -34,16 +34,14 @@ class ContinuousTransfer(ContinuousStructure):
     nz: int
 
     name: ClassVar[str] = "tf"
-    traits: ClassVar[Traits] = replace(
-        linear_traits(
-            title="Transfer function in s with dead time",
-            equation="y = (b_nz s^nz + … + b0)/(s^np + … + a0) e^(−Td s) u + e",
-            when="a plant in seconds, whatever the sample time; fast-sampled logs",
-            order_names=("np", "nz"),
-            order_words={"np": "poles of each path", "nz": "zeros of each path, fewer than np"},
-            options=OPTIONS,
-            search_cost=4.0,
-        ),
+    traits: ClassVar[Traits] = linear_traits(
+        title="Transfer function in s with dead time",
+        equation="y = (b_nz s^nz + … + b0)/(s^np + … + a0) e^(−Td s) u + e",
+        when="a plant in seconds, whatever the sample time; fast-sampled logs",
+        order_names=("np", "nz"),
+        order_words={"np": "poles of each path", "nz": "zeros of each path, fewer than np"},
+        options=OPTIONS,
+        search_cost=4.0,
         by_default=False,
     )
 

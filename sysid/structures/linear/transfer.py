@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.filtering import lfilter
+from sysid.data.frequency_response import python_control
 from sysid.data.record import Array
-from sysid.errors import ModelError
 from sysid.fitting.normal_equations import scaled_lstsq
 from sysid.structures.linear.polynomials import Matrix
 
@@ -186,13 +186,7 @@ def control_model(
     Raises:
         ModelError: python-control is not installed.
     """
-    try:
-        from control import StateSpace
-    except ImportError:
-        raise ModelError(
-            "python-control is not installed; install sysid-workbench[control]"
-        ) from None
-    return StateSpace(*matrices, dt, inputs=list(inputs), outputs=list(outputs))
+    return python_control().StateSpace(*matrices, dt, inputs=list(inputs), outputs=list(outputs))
 
 
 def _respond(g: Group, u: Array, state: Array | None) -> Array:

@@ -42,22 +42,18 @@ class StateSpace(RealizedStructure):
 
     n: int
     nk: int
-    inputs: int
-    outputs: int
     noise: bool = True
 
     name: ClassVar[str] = "ss"
-    traits: ClassVar[Traits] = replace(
-        linear_traits(
-            title="State space in innovations form",
-            equation="x(t+1) = A x(t) + B u(t) + K e(t), y(t) = C x(t) + D u(t) + e(t)",
-            when="several outputs that share dynamics; logs from under a controller",
-            order_names=("n",),
-            order_words={"n": "states", "nk": "delay of the inputs in samples, 0 or 1"},
-            options={"noise": "none: no Kalman gain K, errors are those of the free run"},
-            has_noise_model=True,
-            search_cost=4.0,
-        ),
+    traits: ClassVar[Traits] = linear_traits(
+        title="State space in innovations form",
+        equation="x(t+1) = A x(t) + B u(t) + K e(t), y(t) = C x(t) + D u(t) + e(t)",
+        when="several outputs that share dynamics; logs from under a controller",
+        order_names=("n",),
+        order_words={"n": "states", "nk": "delay of the inputs in samples, 0 or 1"},
+        options={"noise": "none: no Kalman gain K, errors are those of the free run"},
+        has_noise_model=True,
+        search_cost=4.0,
         by_default=False,
     )
 
@@ -81,7 +77,7 @@ class StateSpace(RealizedStructure):
         noise = (options or {}).get("noise", "kalman")
         if noise not in ("kalman", "none"):
             raise UsageError(f"`structure_options`: noise={noise!r} is neither kalman nor none")
-        return cls((), n, nk, nu, ny, noise == "kalman")
+        return cls((), nu, ny, n, nk, noise == "kalman")
 
     @classmethod
     def candidate_orders(
@@ -101,14 +97,6 @@ class StateSpace(RealizedStructure):
 
     def settings(self) -> dict[str, Any]:
         return {"noise": self.noise}
-
-    @property
-    def own_inputs(self) -> int:
-        return self.inputs
-
-    @property
-    def ny(self) -> int:
-        return self.outputs
 
     @property
     def core_states(self) -> int:

@@ -33,22 +33,24 @@ class RealizedStructure(LinearStructure, Searchable):
 
     Attributes:
         levels: by output, whether the last input is the constant, whose coefficients end θ.
+        inputs, outputs: how many, the constant not counted.
     """
 
     levels: tuple[bool, ...]
+    inputs: int
+    outputs: int
 
     @abstractmethod
     def plain(self, theta: Any) -> Realization:
         """The matrices without the constant; θ (without its coefficients) may be complex."""
 
     @property
-    @abstractmethod
-    def own_inputs(self) -> int:
-        """Inputs besides the constant."""
+    def nu(self) -> int:
+        return self.inputs + bool(self.levels)
 
     @property
-    def nu(self) -> int:
-        return self.own_inputs + bool(self.levels)
+    def ny(self) -> int:
+        return self.outputs
 
     @abstractmethod
     def plain_parameters(
@@ -64,7 +66,7 @@ class RealizedStructure(LinearStructure, Searchable):
             for c, has in zip(outputs, self.levels, strict=False)
             if has
         ]
-        return (*self.plain_parameters(inputs[: self.own_inputs], outputs), *levels)
+        return (*self.plain_parameters(inputs[: self.inputs], outputs), *levels)
 
     def realization(self, theta: Any) -> Realization:
         """The matrices of θ."""

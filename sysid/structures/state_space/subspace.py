@@ -75,7 +75,7 @@ def subspace(data: Data, feedthrough: bool, most: int, cva: bool = True) -> Subs
 
     Args:
         data: (u, y) of each record, without offsets.
-        most: states that must be told apart.
+        most: states that must be distinguished.
         cva: whether innovations are whitened.
     """
     nu, ny = data[0][0].shape[1], data[0][1].shape[1]
