@@ -272,7 +272,7 @@ def chosen(
         speed_of=tuple(map(whole, options.speed_of)),
     )
     choice = choose_columns(
-        table.names,
+        table.brackets,
         options.inputs,
         options.outputs or options.speed_of,
         options.time,
