@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.bags.opening import is_bag
+from sysid.data.checks.integral import counts_that_integrate
 from sysid.data.column_words import is_set_point
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import companion, joined
@@ -248,6 +249,7 @@ def _read(
     number = raw[:, 0] if stamps else raw[:0, 0:0].ravel()
     said = decisions(table, choice, number, clock.t, len(rows.t), records, findings, pose_units)
     records = [replace(r, read_as=said) for r in records]
+    findings = counts_that_integrate(findings, records)
     return LogFile(path, tuple(records), findings, given, clock.origin)
 
 
