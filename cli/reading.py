@@ -190,6 +190,11 @@ class Reading:
         "Number that stands for a missing measurement, e.g. -999; none keeps all [detected].",
         parse=_names,
     )
+    enable: str | None = _reading_more(
+        "NAME",
+        "Column that is 0 where the drive is released: those rows are left out; none keeps all "
+        "[found by name].",
+    )
 
     def made(self) -> "ReadOptions":
         """As the library takes them.

@@ -86,6 +86,17 @@ SET_POINTS = word_set(
 )
 """Words of what a controller is to reach."""
 
+ENABLES = word_set("enable enabled enabling armed freigabe freigegeben activé habilitado")
+"""Words of a switch that is on where the drive is on."""
+
+OF_DRIVES = word_set("torque motor motors drive drives driver power output servo")
+"""With ``on`` they say the same: ``torque_on``."""
+
+BRAKES = word_set(
+    "brake bremse frein freno released disabled estop notaus coasting freewheeling freilauf"
+)
+"""Words of a switch that is on where the drive is held or let go."""
+
 REFERENCES = SET_POINTS | {"hat", "sim", "stddev", "error", "err"}
 SUPPLIES = frozenset(("battery", "bat", "batt", "vbat", "supply", "akku", "batterie", "versorgung"))
 
@@ -130,6 +141,14 @@ def is_set_point(name: str) -> bool:
     parts = words(name)
     pairs = {a + b for a, b in pairwise(parts)}  # Set Point
     return bool(SET_POINTS & {*parts, *pairs}) or any(w.startswith("soll") for w in parts)
+
+
+def releases(name: str) -> Literal["enable", "brake", ""]:
+    """What a switch of this name says of the drive: that it is on, that it is off, or nothing."""
+    parts = set(words(without_unit(name)))
+    if parts & BRAKES:
+        return "brake"
+    return "enable" if parts & ENABLES or ("on" in parts and parts & OF_DRIVES) else ""
 
 
 def meaning(name: str, unit: str = "") -> Meaning:

@@ -7,7 +7,7 @@ one grid with the others as the topics of a bag are (``bags.grid``).
 
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,9 @@ from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import without_turns
 from sysid.data.reading.bad_lines import Skipped, few
 from sysid.data.reading.clock import doubled_rows
-from sysid.data.reading.columns import Choice
+from sysid.data.reading.columns import Choice, whole_name
 from sysid.data.reading.read_options import ReadOptions
+from sysid.data.reading.released import NONE, may_release, released_rows
 from sysid.data.reading.row_times import ColumnReader, numbered_clock
 from sysid.data.reading.table import Rows, Table
 from sysid.data.reading.time_column import TimeColumn
@@ -49,6 +50,7 @@ class UsableRows:
         references: set points by column name, (N,) each.
         place: row → where it stands in the file.
         findings: what was left out, and what was brought together.
+        released: rows that were left out as the drive was off.
     """
 
     t: Array
@@ -56,6 +58,7 @@ class UsableRows:
     references: Mapping[str, Array]
     place: Place
     findings: tuple[Finding, ...]
+    released: int = 0
 
 
 def with_times(
@@ -95,8 +98,9 @@ def usable_rows(
     if not options.strict:
         disorder[~twice] = _out_of_order(t[~twice])
     others = np.asarray(empty.all(axis=1) & ~empty.all())
-    keep = ~(twice | disorder | others)
-    findings = (*_doubled(table, twice), *_skipped(table, disorder))
+    off, released = _released(table, choice, options.enable)
+    keep = ~(twice | disorder | others | off)
+    findings = (*_doubled(table, twice), *_skipped(table, disorder), *released)
     shares = empty[keep].mean(axis=0) if keep.any() else np.zeros(len(names))
     references = _references(table, choice)
     if shares.max() > OWN_RATE and options.resample != "refuse":
@@ -104,7 +108,8 @@ def usable_rows(
         held = frozenset((*choice.inputs, *references))
         columns = dict(zip(names, values[keep].T, strict=True))
         columns |= {n: r[keep] for n, r in references.items()}
-        return _at_own_rates(table, t[keep], columns, names, held, findings)
+        found = _at_own_rates(table, t[keep], columns, names, held, findings)
+        return replace(found, released=int(off.sum()))
     outputs = slice(len(choice.inputs), len(choice.inputs) + len(choice.outputs))
     lone: Mask = _lone(empty, outputs) & keep
     lost: Mask = empty.any(axis=1) & keep & ~lone
@@ -122,7 +127,14 @@ def usable_rows(
         )
     led = {n: r[rows] for n, r in references.items() if np.isfinite(r[rows]).all()}
     moving = {n: r for n, r in led.items() if np.ptp(r) > 0.0}
-    return UsableRows(t[rows], values[rows], moving, lambda i: table.place(int(rows[i])), findings)
+    return UsableRows(
+        t[rows],
+        values[rows],
+        moving,
+        lambda i: table.place(int(rows[i])),
+        findings,
+        int(off.sum()),
+    )
 
 
 def _at_own_rates(
@@ -172,6 +184,16 @@ def _is_written_at_changes(stream: Timed) -> bool:
 
 def _rate(stream: Timed) -> str:
     return f"{1.0 / stream.step:.3g} Hz" if stream.regular else "at events"
+
+
+def _released(table: Table, choice: Choice, given: str | None) -> tuple[Mask, tuple[Finding, ...]]:
+    """Rows in which the drive is off."""
+    read = ColumnReader(table)
+    if given is not None and given != NONE:
+        given = whole_name(given, table.names, "`enable`", table.where)
+    names = may_release(choice.ignored, given)
+    columns = {n: c for n in names if (c := read(n)) is not None}
+    return released_rows(columns, given, len(table), table.where)
 
 
 def _references(table: Table, choice: Choice) -> dict[str, Array]:

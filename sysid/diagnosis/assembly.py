@@ -30,7 +30,7 @@ from sysid.diagnosis.search.detectable import detectable
 from sysid.diagnosis.search.selection import CandidateModel, SelectedEffect, Selection
 from sysid.diagnosis.session import DiagnosisSession, SelectionResult
 from sysid.diagnosis.several.constancy import several_logs
-from sysid.diagnosis.shapes.grading import FoundShape, curves_of, proven
+from sysid.diagnosis.shapes.grading import FoundShape, curves_of
 from sysid.diagnosis.validation.excess_error import ExcessError, excess_error
 from sysid.diagnosis.validation.explain import described, explain
 from sysid.diagnosis.validation.jitter import detect_jitter
@@ -179,9 +179,10 @@ class _Assembly:
     @cached_property
     def shapes(self) -> tuple[FoundShape, ...]:
         """Proven shapes of what the augmented model leaves."""
-        if self.remaining.structure is None:  # too few samples to test what remains
+        left = self.remaining.structure
+        if left is None:  # too few samples to test what remains
             return ()
-        return proven(self.session.shapes(self.selection.final))
+        return self.session.proven_shapes(self.selection.final, left)
 
     def curves(self) -> tuple[FoundShape, ...]:
         """The curve at the place of each named effect, without its law."""

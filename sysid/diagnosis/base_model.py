@@ -308,9 +308,9 @@ def given_base(
 def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
     """Effects, and laws of them, that what is read can have.
 
-    A heater has no friction, no gear and no armature; the sum of positions is no wheel's angle. Of
-    a servo, whose command is the position to be reached, nothing in the log is a torque or speed,
-    and its loop has lags of its own.
+    A heater has no friction, no gear and no armature; the sum of positions is no wheel's angle; the
+    position of a rudder comes from no battery. Of a servo, whose command is the position to be
+    reached, nothing in the log is a torque or speed, and its loop has lags of its own.
     """
     servo = _is_servo(first)
     if first.nu > first.ny:
@@ -324,6 +324,8 @@ def _possible(effects: Sequence[Effect], first: Record) -> tuple[Effect, ...]:
             for e in effects
             if is_of_servo(e) or e.hints.level or not (e.of_motion or e.hints.exchanges)
         ]
+    if any(c.unit in POSITIONS for c in first.inputs):
+        effects = [e for e in effects if not e.hints.electric]
     if any(c.unit in POSITIONS for c in first.outputs):
         effects = [e for e in effects if not e.waves]
     if any(may_move(c.name, c.unit) for c in first.outputs):

@@ -6,6 +6,7 @@ from dataclasses import replace
 from sysid.data.column_words import may_move
 from sysid.data.facts import LogFacts
 from sysid.diagnosis.base_model import fit_baseline
+from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import SelectionResult
 from sysid.effects.base import Effect
@@ -28,18 +29,19 @@ def or_on_first_order(
     """What a search on the plain base has found, or on one of first order where that explains more.
 
     Play and friction look like further poles, and a base with these poles leaves of them what no
-    law explains.
+    law explains. Those effects are compared that no rule speaks against.
     """
     session, selection = result.session, result.selection
     moves = any(may_move(c.name, c.unit) for c in session.base.parts.estimation[0].outputs)
     if session.base.search.model.order == 1 or not moves or not session.needs_explanation:
         return result
-    if selection.selected and not session.unexplained(selection):
+    kept, _ = confirmed(session, selection)
+    if kept.selected and not session.far_above_noise(kept):
         return result
     try:
         base = fit_baseline(facts, holdout, possible(chain_effects(), facts), highest=1)
     except SysidError:
         return result
     first_order = replace(session, base=base).searched(base.search.model.effects, say)
-    more = first_order.session.explains_more(first_order.selection, selection.final)
-    return first_order if more else result
+    found, _ = confirmed(first_order.session, first_order.selection)
+    return first_order if first_order.session.explains_more(found, kept.final) else result

@@ -110,10 +110,13 @@ class ShapeRule:
             than this share of its held-out error: as much as a first effect must bring.
         numbers_of_law: at the place of a name a shape of so many numbers is as plain as a law: a
             size and a width, a size and a time.
+        of_signals: a free curve of time follows anything slow, and another log needs another one:
+            what depends on commands and outputs comes first while it explains this share of it.
     """
 
     near: float = 10.0
     numbers_of_law: int = 2
+    of_signals: float = 0.5
     clearly_more: float = 0.90
 
 

@@ -19,7 +19,7 @@ from sysid.diagnosis.search.selection import (
     moved_to_base,
 )
 from sysid.diagnosis.shapes.fitted import FittedShape
-from sysid.diagnosis.shapes.grading import shapes_around
+from sysid.diagnosis.shapes.grading import FoundShape, proven, shapes_around
 from sysid.diagnosis.validation.jitter import Jitter, detect_jitter, rows_without_jitter
 from sysid.diagnosis.validation.model_error import (
     MIN_SAMPLES,
@@ -219,6 +219,14 @@ class DiagnosisSession:
             found = shapes_around(self.base.search, candidate, self.floor, self.moves)
             self._shapes[candidate] = found
         return self._shapes[candidate]
+
+    def proven_shapes(
+        self, candidate: CandidateModel, left: ResidualStructure
+    ) -> tuple[FoundShape, ...]:
+        """The proven shape of each output around a candidate model, beside what its errors show."""
+        by_name = {o.output: o.share for o in left.outputs}
+        names = self.base.parts.holdout[0].output_names
+        return proven(self.shapes(candidate), [by_name.get(name, 0.0) for name in names])
 
     @cached_property
     def linear_rival(self) -> LinearRival:

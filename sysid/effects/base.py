@@ -318,6 +318,8 @@ class Hints:
             places.
         reverses: whether only commands of both signs can show it, so that an actuator without a
             negative side is not asked to.
+        electric: whether it is of a supply, a bridge or a winding, which a command that is a
+            position (of a rudder, a valve) does not drive.
     """
 
     ties: tuple[str, ...] = ()
@@ -330,6 +332,7 @@ class Hints:
     beyond_sampling: bool = False
     exchanges: str = ""
     reverses: bool = False
+    electric: bool = False
 
 
 @dataclass(frozen=True)

@@ -119,6 +119,7 @@ EFFECTS = (
             ),
         ),
         hints=Hints(
+            electric=True,
             programmes=(HOT, REPEAT),
             gathers=True,
         ),
@@ -136,6 +137,7 @@ EFFECTS = (
         (EffectParameter("ratio", "", 1.0, 0.2, 6.0, (0.6, 1.8)),),
         _coast,
         hints=Hints(
+            electric=True,
             ties=("freewheel",),
             programmes=(COASTING, LEVELS),
         ),
@@ -214,6 +216,7 @@ EFFECTS = (
             ),
         ),
         hints=Hints(
+            electric=True,
             ties=("coast-asymmetry",),
             programmes=(COASTING, LEVELS),
         ),

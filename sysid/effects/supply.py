@@ -179,6 +179,7 @@ EFFECTS = (
         ),
         shared=True,
         hints=Hints(
+            electric=True,
             ties=("concave-gain",),
             programmes=(ONE_AND_OTHER, LEVELS),
         ),
@@ -204,6 +205,7 @@ EFFECTS = (
         part=TorquePart.DRIVE,
         inverse=_through_dead_time,
         hints=Hints(
+            electric=True,
             ties=("dead-zone", "coulomb-friction", "stiction"),
             programmes=(STAIRCASE, REVERSALS, COASTING),
             weakens=True,
@@ -231,6 +233,7 @@ EFFECTS = (
         _amid,
         part=TorquePart.DRIVE,
         hints=Hints(
+            electric=True,
             ties=("input-saturation",),
             programmes=(TOP, REVERSALS),
         ),
@@ -278,6 +281,7 @@ EFFECTS = (
             ),
         ),
         hints=Hints(
+            electric=True,
             programmes=(REPEAT, HOT),
             gathers=True,
         ),

@@ -141,6 +141,7 @@ ADVICE: dict[str, tuple[Logs, dict[str, Any], dict[str, Any]]] = {
     "If it was measured, keep it with": (
         log("t,u,y", T, U, np.where(np.arange(N) % 199 == 7, -999.0, Y)), {}, {},
     ),
+    "keeps every row": (log("t,u,y,torque_on", T, U, Y, 1.0 * (T < 8.0)), {}, {}),
     "Model its speed with": (log("t,u,y", T, U, np.cumsum(U)), {}, {}),
     "Leave it out with": (log("t,u1,u2,y", T, U, 0 * U, Y), {}, {}),
     "Decimate it with": (log("t,u,y", 0.02 * np.arange(SLOW), SLOW_U, SLOW_Y), {}, {}),
@@ -158,7 +159,14 @@ TO_AN_OPTION = (
         "is not a text in",
     ),
     *("`ts` must be", "`held` is auto", "`pwm_max` must be", "which is not a channel of"),
-    *("converts PWM inputs", "cannot be joined to a log", "`inputs`", "`outputs`", "`time`"),
+    *(
+        "converts PWM inputs",
+        "cannot be joined to a log",
+        "`inputs`",
+        "`outputs`",
+        "`time`",
+        "`enable`",
+    ),
 )
 """Parts of messages that refuse what an option gave, whose remedy is another value of it."""
 

@@ -472,6 +472,12 @@ def test_an_output_that_integrates_is_not_read_as_slow(seed: int) -> None:
     assert "end stop" in said["saturation"] or "No signal" in said["saturation"]
 
 
+def test_a_speed_without_drag_is_no_position() -> None:
+    log = stroke(0, np.inf)
+    assert integrals([log])
+    assert integrals([replace(log, outputs=(Channel("w", "rad/s"),))]) == ()
+
+
 def test_an_output_that_is_pulled_back_does_not_integrate() -> None:
     """No alarm in 60 logs with time constants up to a tenth of their length."""
     taus = np.random.default_rng(1).uniform(3.0, 150.0, 60)

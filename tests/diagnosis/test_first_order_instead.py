@@ -34,7 +34,7 @@ def outcome(
     study = SimpleNamespace(
         base=base,
         needs_explanation=doubtful,
-        unexplained=lambda naming: unexplained,
+        far_above_noise=lambda naming: unexplained,
     )
     return SimpleNamespace(session=study, selection=SimpleNamespace(selected=named, final=None))
 
@@ -73,6 +73,7 @@ def test_first_order_is_taken_where_it_explains_more(
         return other.session.base
 
     monkeypatch.setattr(first_order, "fit_baseline", fitted)
+    monkeypatch.setattr(first_order, "confirmed", lambda session, selection: (selection, ()))
     monkeypatch.setattr(first_order, "replace", lambda session, base: other.session)
     result: Any = or_on_first_order(found, LogFacts((LOG,)), None, lambda text, share: None)
     assert (result is other) is taken

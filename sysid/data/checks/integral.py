@@ -42,6 +42,9 @@ POSITIONS = ("rad", "m")
 
 MIN_SAMPLES = 200
 
+SPEEDS = ("rad/s", "m/s")
+"""Units of speeds: a body without drag is a first-order model with a pole near one, no position."""
+
 STOPS = 0.02
 """Share of rows at an end under push from which on it is a stop."""
 
@@ -61,11 +64,11 @@ class Integral:
 
 
 def integrals(records: Sequence[Record]) -> tuple[Integral, ...]:
-    """The outputs that integrate; none of a robot's, whose structures know their positions."""
+    """The outputs that integrate, speeds apart; none of a robot's, whose structures know it."""
     first = records[0]
     if first.is_robot_log or not first.nu:
         return ()
-    seen = [_integral(records, j) for j in range(first.ny)]
+    seen = [_integral(records, j) for j, c in enumerate(first.outputs) if c.unit not in SPEEDS]
     return tuple(s for s in seen if s is not None)
 
 

@@ -85,8 +85,8 @@ def choose_columns(
     units = dict(names) if isinstance(names, Mapping) else dict.fromkeys(names, "")
     names = tuple(names)
     has_inputs = tuple(inputs) != (NO_INPUT,) or NO_INPUT in names
-    given_u = tuple(_find(n, names, "`inputs`", where) for n in inputs) if has_inputs else ()
-    given_y = tuple(_find(n, names, "`outputs`", where) for n in outputs)
+    given_u = tuple(whole_name(n, names, "`inputs`", where) for n in inputs) if has_inputs else ()
+    given_y = tuple(whole_name(n, names, "`outputs`", where) for n in outputs)
     _no_repeats(given_u, given_y, where)
     clock = _clock(units, given_u, given_y, time, where, read, timed)
     taken = () if clock is None else clock.columns
@@ -144,7 +144,7 @@ def _clock(
     names = tuple(units)
     given = (*given_u, *given_y)
     if time is not None:
-        name = _find(time, names, "`time`", where)
+        name = whole_name(time, names, "`time`", where)
         if name in given:
             raise UsageError(f"column {name} of {where} is the time; it cannot be a signal too")
         return TimeColumn(name, counts=is_counter(name))
@@ -183,7 +183,12 @@ def _clock(
     return find_time(names, read, given, not timed)
 
 
-def _find(name: str, names: Sequence[str], which: str, where: str) -> str:
+def whole_name(name: str, names: Sequence[str], which: str, where: str) -> str:
+    """The column that a name or a part of it means.
+
+    Raises:
+        UsageError: none or several.
+    """
     near = matching(name, names)
     if len(near) == 1:
         return near[0]

@@ -57,6 +57,8 @@ def decisions(
     parts = _rows(len(table) - rows, records, codes)
     if parts:
         found.append(Decision("rows", parts, ("resample",)))
+    if (off := codes.get("released")) is not None:
+        found.append(Decision("driven", f"where {off.channel} says so", ("enable",)))
     if "held-telemetry" in codes:
         found.append(Decision("rate", "that of the slowest sensor", ("held",)))
     coded = [f for f in findings if f.code == "missing-code"]

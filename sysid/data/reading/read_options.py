@@ -51,6 +51,8 @@ class ReadOptions:
         speed_of: outputs that are positions and are read as the speed between their measurements.
         missing: numbers that stand for a missing measurement, ``none`` for none; empty to detect
             them (see ``missing_codes``).
+        enable: the column that is 0 where the drive is released; those rows are left out. ``none``
+            keeps every row, None goes by name (see ``released``).
 
     Raises:
         UsageError: an option cannot be.
@@ -78,6 +80,7 @@ class ReadOptions:
     latency: tuple[str, ...] = ()
     strict: bool = False
     missing: tuple[str, ...] = ()
+    enable: str | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__

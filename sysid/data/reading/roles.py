@@ -20,7 +20,9 @@ from sysid.data.column_words import (
     is_set_point,
     may_drive,
     meaning,
+    releases,
 )
+from sysid.data.reading.released import is_switch
 from sysid.data.reading.time_column import Numbers
 from sysid.data.record import Array
 from sysid.errors import Columns
@@ -66,6 +68,14 @@ def roles(
             choice where there are others.
     """
     names = [n for n in free if n not in pose and n not in (*given_u, *given_y)]
+    switches = {
+        n
+        for n in names
+        if read is not None and releases(n) and (c := read(n)) is not None and is_switch(c)
+    }
+    if any(meaning(n).quantity == "command" for n in (*names, *given_u) if n not in switches):
+        names = [n for n in names if n not in switches]
+        free = {n: unit for n, unit in free.items() if n not in switches}
     found = _of(names, free, names, given_u, given_y)
     if found.clear or read is None:
         return found

@@ -54,6 +54,17 @@ class FittedShape:
         """Whether it passes the rule that effects pass."""
         return self.evidence.accepted
 
+    @property
+    def drifts(self) -> bool:
+        """Whether it is a free curve of time, which follows anything slow."""
+        return self.shape.in_time and self._terms.penalty is not None
+
+    @property
+    def explained(self) -> float:
+        """Held-out squared error that it takes away, mean over the samples."""
+        old, new = (float(e.mean_squares()[1][0]) for e in (self.before, self.after))
+        return old - new
+
     def says(self) -> tuple[str, Curve | None]:
         """The sentence and the curve, with its band."""
         v = float(self.after.mean_squares()[0][0])

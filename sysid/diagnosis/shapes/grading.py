@@ -3,7 +3,8 @@
 A name is withheld where a shape of another place of the chain, or of time, explains clearly more of
 the data: by the rule of acceptance, with the numbers of both counted. At the same place a curve
 that explains more is what the law misses: the name stands, and the curve shows the rest; only a
-shape with as few numbers as a law takes its place.
+shape with as few numbers as a law takes its place. A drift, a free curve of time, follows anything
+slow: it counts only where nothing that depends on commands and outputs explains half as much.
 """
 
 from collections.abc import Sequence
@@ -75,11 +76,26 @@ def shapes_around(
     return fitted_shapes(tracks_of(search, candidate), floor, moves)
 
 
-def proven(fitted: Sequence[FittedShape]) -> tuple[FoundShape, ...]:
-    """The best proven shape of each track; of equals the one with fewest numbers."""
+def proven(fitted: Sequence[FittedShape], of_signals: Sequence[float]) -> tuple[FoundShape, ...]:
+    """The best proven shape of each track; of equals the one with fewest numbers.
+
+    Args:
+        of_signals: share of each track's excess error that commands and outputs predict, (tracks,).
+            What these predict as well is none of time.
+    """
     found = []
     for i in sorted({s.index for s in fitted}):
         passed = [s for s in fitted if s.index == i and s.proven]
+        if not passed:
+            continue
+        shown = max((s.share for s in passed if not s.shape.in_time), default=0.0)
+        passed = [
+            s
+            for s in passed
+            if not s.shape.in_time
+            or (s.drifts and max(shown, of_signals[i]) < SHAPES.of_signals * s.share)
+            or (not s.drifts and of_signals[i] < s.share)
+        ]
         if not passed:
             continue
         near = [s for s in passed if s.score > passed[0].score - SHAPES.near]
@@ -154,6 +170,7 @@ def better_shape(
             if s.index == i
             and s.proven
             and (s.shape.in_time or s.shape.place not in places or s.numbers <= few)
+            and not (s.drifts and _of_signals(s, selection.final.errors))
         ]
         if not rivals:
             return None
@@ -168,6 +185,13 @@ def better_shape(
     every = np.ones(len(pairs), dtype=bool)
     evidence = compare_errors(named, shaped, numbers, 1, every, samples)
     return best if evidence.significant and evidence.ratio < SHAPES.clearly_more else None
+
+
+def _of_signals(drift: FittedShape, errors: Errors) -> bool:
+    """Whether a model with names explains so much of what a drift does that it is none."""
+    named = float(_as_judged(drift, errors).mean_squares()[1][0])
+    before = float(drift.before.mean_squares()[1][0])
+    return before - named >= SHAPES.of_signals * drift.explained
 
 
 def _ratio(shape: FittedShape, errors: Errors) -> float:

@@ -23,6 +23,9 @@ PIECES = 10
 STANDS = 0.02
 """Speeds below this share of the fast ones are standstill: there friction holds any torque."""
 
+SLIGHT = 0.05
+"""A slope below this share of the other end's is none."""
+
 LEAKS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0)
 """Seconds over which a spring's angle is forgotten, tried in turn; the last stands for never."""
 
@@ -88,6 +91,16 @@ def _resistance(track: Track, odd: bool) -> Terms:
     return Terms(columns[None], says, np.zeros(1), S)
 
 
+def _bend(bottom: float, top: float) -> str:
+    """How a curve bends whose slopes in the lowest and the highest quarter are these."""
+    more, less, where = max(bottom, top), min(bottom, top), "top" if top > bottom else "bottom"
+    if less < SLIGHT * more:
+        return f"hardly but at the {where} of its range"
+    if top < bottom:
+        return f"its slope in the upper quarter is {100.0 * top / bottom:.0f} % of the lower one's"
+    return f"its slope in the upper quarter is {top / bottom:.2g} times the lower one's"
+
+
 def loss(track: Track) -> Terms | None:
     """−f(y), a smooth curve without friction's jump: outflow, radiation, drag."""
     low, high = float(np.min(track.measured)), float(np.max(track.measured))
@@ -103,8 +116,8 @@ def loss(track: Track) -> Terms | None:
         slope = np.gradient(y, x)
         factor, _ = track.output.to_file
         words = (
-            f"what is lost grows with {track.output.name} in a curve: its slope at the top is "
-            f"{100.0 * slope[-5] / slope[5] if slope[5] else 0.0:.0f} % of that at the bottom"
+            f"what is lost grows with {track.output.name} in a curve: "
+            f"{_bend(*(float(np.mean(part)) for part in np.array_split(slope, 4)[::3]))}"
         )
         x, y, half = factor * x, factor * y, factor * half
         label = axis(track.output, "loss, as lost")

@@ -35,6 +35,11 @@ SHORTEST, LONGEST = 3, 12
 MOST = 0.5
 """Share of the errors behind changes that uneven delays must explain: else it is something else."""
 
+MOST_BEFORE = 0.5
+"""Squared error just before changes, as a share of that behind them, that is a disturbance's or a
+missing effect's: what was there before a change is not made by its delay. Delays that differ leave
+.2 where changes follow each other, disturbances and weights 1."""
+
 MAX_PREDICTED_SHARE = 0.3
 """Share of the delays that command and change may predict: else they are no jitter but an effect
 that depends on them."""
@@ -64,6 +69,8 @@ class Behind:
         costs: squared error of each change for each of ``SHIFTS``, (changes, shifts).
         power: Σ (∂y/∂δ)² of each, δ in samples.
         errors: squared errors as they are; ``samples`` they are of.
+        before, after: the drive before and after each.
+        already: squared errors just before each, for as many samples.
     """
 
     costs: Array
@@ -72,6 +79,7 @@ class Behind:
     samples: Array
     before: Array
     after: Array
+    already: Array
 
 
 @dataclass(frozen=True)
@@ -166,10 +174,14 @@ def _behind(drive: Array, errors: Array, run: Array) -> Behind | None:
         slope = moved(0.5) - moved(-0.5)
         if not np.any(slope):
             continue
+        earlier = errors[max(a - SHORTEST, 0) : a]
+        earlier = earlier[np.isfinite(earlier)]
+        already = float(earlier @ earlier) / max(len(earlier), 1)
         y = errors[good] + run[good]
         costs.append([float(np.sum((y - moved(d)) ** 2)) for d in SHIFTS])
         e = errors[good]
-        rows.append([slope @ slope, e @ e, len(e), drive[a - 1], drive[a]])
+        of = [slope @ slope, e @ e, len(e), drive[a - 1], drive[a]]
+        rows.append([*of, already * len(e)])
     if not rows:
         return None
     return Behind(np.array(costs), *np.array(rows).T)
@@ -189,9 +201,9 @@ def _spread(parts: Sequence[Behind], floor: float) -> tuple[float, float, float]
     costs = np.concatenate([p.costs for p in parts])
     if len(costs) < MIN_CHANGES:
         return None
-    power, errors, samples, before, after = (
+    power, errors, samples, before, after, already = (
         np.concatenate([getattr(p, n) for p in parts])
-        for n in ("power", "errors", "samples", "before", "after")
+        for n in ("power", "errors", "samples", "before", "after", "already")
     )
     about, _ = _least(np.sum(costs, axis=0))
     least = [_least(c) for c in costs]
@@ -201,6 +213,9 @@ def _spread(parts: Sequence[Behind], floor: float) -> tuple[float, float, float]
         return None
     excess = float(np.sum(errors - samples * floor**2))
     share = float(np.sum(gain - floor**2)) / excess if excess > 0.0 else 0.0
+    was_there = float(np.sum(already - samples * floor**2))
+    if was_there > MOST_BEFORE * excess:
+        return None
     step = after - before
     sizes = (np.ones(len(step)), step, after)
     known = np.column_stack([*sizes, *(f(x) for x in sizes[1:] for f in (np.abs, np.sign))])

@@ -19,6 +19,10 @@ WARM = (20.0, 60.0)
 """Thermal times of the heat terms [s]."""
 
 
+CLOCK = "·t"
+"""How the name of a term ends that depends on the time since the log's start."""
+
+
 @dataclass(frozen=True)
 class Drives:
     """What all terms of one output are made of.
@@ -141,7 +145,7 @@ def _terms(
         f"Δ{v} one sample before": np.concatenate([change[:1], change[:-1]]),
         f"Δ{v} two samples before": np.concatenate([change[:1], change[:1], change[:-2]]),
         f"Δ|{v}|": np.diff(size, prepend=size[:1]),
-        f"{v}·t": w * t,
+        f"{v}{CLOCK}": w * t,
     }
     for warm in WARM:
         share = 1.0 - np.exp(-dt / warm)

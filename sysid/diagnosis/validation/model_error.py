@@ -28,7 +28,7 @@ from sysid.diagnosis.validation.error_tests import (
     orthonormal,
     ripple_chance,
 )
-from sysid.diagnosis.validation.known_terms import Terms, angles, drives_of, known_terms
+from sysid.diagnosis.validation.known_terms import CLOCK, Terms, angles, drives_of, known_terms
 from sysid.errors import DataError
 
 MIN_SAMPLES = 100
@@ -67,8 +67,8 @@ class OutputStructure:
     Attributes:
         p_value: of errors that depend on nothing known.
         share: share of the squared error above the floor (without what the model's own parameters
-            could follow) that the known terms predict on blocks not used for their coefficients,
-            0 … 1.
+            could follow) that the known terms, the clock apart, predict on blocks not used for
+            their coefficients, 0 … 1.
         strongest: the term that alone explains most, as a formula.
     """
 
@@ -157,7 +157,9 @@ def error_structure(
         y = np.concatenate(e)
         rest = y - basis @ (basis.T @ y)
         above = float(rest @ rest) - total * float(floor[i]) ** 2
-        gain = _predicted(e, gradients, columns) if p < PROVEN else 0.0
+        of_signals = [k for k, term in enumerate(terms.names) if not term.endswith(CLOCK)]
+        signals = [x[:, of_signals] for x in columns]
+        gain = _predicted(e, gradients, signals) if p < PROVEN else 0.0
         share = float(np.clip(gain / above, 0.0, 1.0)) if above > 0.0 else 0.0
         outputs.append(OutputStructure(name, p, share, strongest))
         unit = max(float(np.mean(np.concatenate(e) ** 2)), 1e-300)

@@ -38,6 +38,11 @@ def test_outflow_of_a_tank_is_a_curve_that_bends_and_has_no_name(seed: int) -> N
     assert slope[-8] < 0.75 * slope[8]  # √h: less and less
 
 
-def test_the_lower_of_two_tanks_gets_no_name() -> None:
-    """The upper level is not in the log; its command always moves and leaves no quiet sample."""
-    assert diagnose([tanks(1, 1)], [tanks(2, 1)]).effects == ()
+def test_the_lower_of_two_tanks_gets_no_name_and_no_shape_of_time() -> None:
+    """The upper level is not in the log; its command always moves and leaves no quiet sample.
+
+    A free curve of time follows the slow errors of any log; what goes with the level comes first.
+    """
+    found = diagnose([tanks(1, 1)], [tanks(2, 1)])
+    assert found.effects == ()
+    assert {s.place for s in found.shapes} <= {"torque", "speed", "reading", "command"}

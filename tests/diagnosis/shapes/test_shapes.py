@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sysid.data.record import Array, Channel, Record
-from sysid.diagnosis.base_model import fit_baseline
-from sysid.diagnosis.session import noise_of
-from sysid.diagnosis.shapes.grading import proven, shapes_around
+from sysid.diagnosis.base_model import fit_baseline, full_drive
+from sysid.diagnosis.session import DiagnosisSession, noise_of
+from sysid.diagnosis.shapes.grading import FoundShape
 from sysid.effects.catalogue import chain_effects
 
 DT, SUBSTEPS, SECONDS, NOISE, AT = 0.05, 10, 70.0, 0.08, 41.0
@@ -76,6 +76,9 @@ def test_a_linear_track_has_no_shape(seed: int) -> None:
     assert not _found(log(lambda t, d, a, m: (d, 1.0, 0.0), seed=seed))
 
 
-def _found(record: Record) -> tuple:  # type: ignore[type-arg]
+def _found(record: Record) -> tuple[FoundShape, ...]:
     base = fit_baseline([record], None, chain_effects())
-    return proven(shapes_around(base.search, base.model, noise_of(base).value, moves=True))
+    session = DiagnosisSession(base, noise_of(base), full_drive([record]), 0)
+    left = session.residual_structure(session.nothing, after=False)
+    assert left is not None
+    return session.proven_shapes(base.model, left)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from sysid.data.record import Array
 from sysid.diagnosis.validation.jitter import _behind, _spread
@@ -58,3 +59,12 @@ def test_a_command_that_always_moves_shows_no_instant() -> None:
     drive, errors, run = steps("drawn")
     moving = drive + 0.01 * np.sin(np.arange(len(drive)))
     assert _behind(moving, errors, run) is None
+
+
+@pytest.mark.parametrize("tau", [4.0, 10.0])
+def test_a_disturbance_that_was_there_before_a_change_is_no_jitter(tau: float) -> None:
+    """One shift a change follows half of any slow errors behind it."""
+    drive, _, run = steps("none", tau)
+    shocks = 0.05 * np.random.default_rng(3).standard_normal(len(run))
+    slow = lfilter([np.sqrt(1.0 - 0.98**2)], [1.0, -0.98], shocks)
+    assert told(drive, slow, run) is None
