@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
-from sysid.data.unit_words import ending, without_unit, word_groups, word_set
+from sysid.data.unit_words import ending, synonym, without_unit, word_groups, word_set
 
 Quantity = Literal["command", "speed", "measurement", "reference", "supply", "other"]
 """What a column holds: a command to the plant, a speed, another measurement, a set point, the
@@ -23,8 +23,8 @@ SIDES = {
 COMMANDS = word_groups(
     "pwm",
     "duty dutycycle throttle gas gaspedal fahrpedal pedal",
-    "cmd command befehl kommando commande stellgröße stellgroesse stellsignal stellwert pid "
-    "controller regler reglerausgang brake bremse frein",
+    "cmd command rcout rcou befehl kommando commande stellgröße stellgroesse stellsignal stellwert "
+    "pid controller regler reglerausgang brake bremse frein",
     "volt volts voltage spannung",
     "control ctrl effort drive power leistung",
     "rudder ruder ruderwinkel gouvernail steer steering lenkung lenkwinkel heater heizung heat "
@@ -53,7 +53,7 @@ MEASUREMENTS = word_groups(
     "pressure druck pression flow durchfluss débit debit force kraft thrust schub torque "
     "drehmoment",
     "position pos angle winkel displacement weg theta phi abstand",
-    "yawrate gyro gierrate drehrate",
+    "yawrate gyro gyr gierrate drehrate",
     "current strom courant accel acceleration beschleunigung",
     "enc encoder ticks counts",
 )
@@ -64,6 +64,13 @@ PROCESS_MEASUREMENTS = MEASUREMENTS[1:3]
 
 PROCESS_UNITS = frozenset(("degC", "°C", "K", "Pa", "N"))
 """Units of such measurements in a record, where no word states what is measured."""
+
+RESULT_UNITS = PROCESS_UNITS | word_set(
+    "rad deg rev m cm mm um kPa hPa MPa mbar bar psi kg g kN m/s^2 m/s2 degF °F pH ppm lux lx"
+)
+"""Units of what a sensor reads; those of commands and drives (V, A, Hz, Nm, %) are none."""
+
+_FLOW = re.compile(r"(t|kg|g|l|ml|gal|m\^?3|cm\^?3|m³)/(s|sec|min|h|hr)", re.I)
 
 DRIVES = word_set(
     "torque drehmoment moment couple force kraft current strom courant freq frequency frequenz "
@@ -144,14 +151,14 @@ def releases(name: str) -> Literal["enable", "brake", ""]:
     return "enable" if parts & ENABLES or ("on" in parts and parts & OF_DRIVES) else ""
 
 
-def meaning(name: str) -> Meaning:
-    """What a column holds, by the words of its name alone.
+def meaning(name: str, unit: str = "") -> Meaning:
+    """What a column holds, by the words of its name and by the unit that stands behind it.
 
     A reference stays one whatever else is in its name (``speed_ref``); a word of a command goes
     before one of a speed (``cmd_speed`` is a command), save for the two letters that only stand
-    for a command where nothing else is said (``motor_speed`` is a speed).
+    for a command where nothing else is said (``motor_speed`` and ``Motor [rpm]`` are speeds).
     """
-    base, unit = ending(name)
+    base, unit = _base_and_unit(name, unit)
     parts = words(base)
     side = next((SIDES[w] for w in parts if w in SIDES), "")
     if REFERENCES & set(parts) or is_set_point(base):
@@ -169,7 +176,7 @@ def meaning(name: str) -> Meaning:
         measured = _rank(parts, MEASUREMENTS)
         if command == weak - 1 and _rank(parts[-1:], MEASUREMENTS) in (1, 2):
             return Meaning("measurement", measured or 0, side)  # heater_temp, pump_pressure
-        if command == weak - 1 and unit in SPEED_UNITS:
+        if command >= weak - 1 and unit in SPEED_UNITS:
             return Meaning("speed", speed or 1, side)  # fan_rpm
         if command < weak or measured is None:
             return Meaning("command", command, side)
@@ -231,17 +238,30 @@ def is_actuator(meant: Meaning) -> bool:
     return meant.quantity == "command" and meant.rank not in MEASURED_TOO
 
 
-def may_drive(name: str) -> bool:
+def may_drive(name: str, unit: str = "") -> bool:
     """Whether a column that names no command may be the input beside measurements of its effect."""
-    meant = meaning(name)
-    base, unit = ending(name)
+    meant = meaning(name, unit)
+    base, unit = _base_and_unit(name, unit)
     named = bool(DRIVES & {*words(base), unit.lower()})
     return named and meant.quantity in ("measurement", "other")
 
 
-def is_effect(name: str) -> bool:
-    """Whether a column is a speed or another measurement that does not drive a plant itself."""
-    return meaning(name).quantity in ("speed", "measurement") and not may_drive(name)
+def ends_in_speed(name: str, meant: Meaning) -> bool:
+    """Whether a command by its name is an actuator's speed: ``Fan speed``."""
+    of_part = meant.quantity == "command" and meant.rank == len(COMMANDS) - 2
+    return of_part and _rank(words(without_unit(name))[-1:], SPEEDS) is not None
+
+
+def has_result_unit(name: str, unit: str = "") -> bool:
+    """Whether the unit is of what a sensor reads, whatever the name says: ``Sway (deg)``."""
+    unit = _base_and_unit(name, unit)[1]
+    return unit in RESULT_UNITS or unit in SPEED_UNITS or bool(_FLOW.fullmatch(unit))
+
+
+def _base_and_unit(name: str, unit: str) -> tuple[str, str]:
+    """A name without its unit, and the unit: that behind it in the file, else its ending."""
+    base, ended = ending(name)
+    return base, synonym(unit) if unit else ended
 
 
 def _rank(parts: tuple[str, ...], groups: tuple[tuple[str, ...], ...]) -> int | None:

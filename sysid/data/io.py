@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.bags.opening import is_bag
+from sysid.data.checks.integral import counts_that_integrate
 from sysid.data.column_words import is_set_point
 from sysid.data.finding import Finding, Severity
 from sysid.data.joining.files import companion, joined
@@ -16,7 +17,7 @@ from sysid.data.reading.blocks import STRETCH_ROWS, STRETCHES, Blocks, large_log
 from sysid.data.reading.columns import Choice, choose_columns, matching
 from sysid.data.reading.counters import as_speeds, without_jumps
 from sysid.data.reading.dates import ORDERS
-from sysid.data.reading.decisions import decisions
+from sysid.data.reading.decisions import decisions, led_elsewhere
 from sysid.data.reading.missing_codes import without_codes
 from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
@@ -227,7 +228,7 @@ def _read(
         tuple(c.channel(n, grid.dt) for n, c in outputs.items()),
     )
     findings = (
-        *_reading_notes(table, choice, tuple(rows.references)),
+        *_reading_notes(table, choice, tuple(rows.references), channels),
         *together,
         *of_pose,
         *without_time,
@@ -249,6 +250,7 @@ def _read(
     count = len(rows.t) + rows.released
     said = decisions(table, choice, number, clock.t, count, records, findings, pose_units)
     records = [replace(r, read_as=said) for r in records]
+    findings = counts_that_integrate(findings, records)
     return LogFile(path, tuple(records), findings, given, clock.origin)
 
 
@@ -273,7 +275,7 @@ def chosen(
         speed_of=tuple(map(whole, options.speed_of)),
     )
     choice = choose_columns(
-        table.names,
+        table.brackets,
         options.inputs,
         options.outputs or options.speed_of,
         options.time,
@@ -337,6 +339,7 @@ def _reading_notes(
     table: Table,
     choice: Choice,
     references: Sequence[str],
+    channels: tuple[tuple[Channel, ...], tuple[Channel, ...]],
 ) -> tuple[Finding, ...]:
     notes = list(table.notes)
     signals = (*choice.inputs, *choice.outputs)
@@ -348,12 +351,17 @@ def _reading_notes(
         side = "input" if choice.last == choice.inputs else "output"
         was = f"was taken as the {side}" if len(choice.last) == 1 else f"were taken as the {side}s"
         notes.append(f"{table.where}: {', '.join(choice.last)} {was}: no other column is left.")
-    loops = [n for n in choice.inputs if is_set_point(n)]
-    if loops:
-        notes.append(
-            f"{table.where}: {', '.join(loops)} is a set point: the model is of the closed loop "
-            "that follows it, not of the plant alone."
+    elsewhere = led_elsewhere(*channels)
+    loops = [n for n in choice.inputs if is_set_point(n) and n not in elsewhere]
+    notes += [
+        f"{table.where}: {', '.join(names)} is a set point: the model is of {what}, not of the "
+        "plant alone."
+        for names, what in (
+            (loops, "the closed loop that follows it"),
+            (elsewhere, "the plant with the drive that follows it"),
         )
+        if names
+    ]
     clock = () if choice.clock is None else table.date_and_clock(choice.clock.name)
     set_points = [n for n in choice.ignored if is_set_point(n)]
     unused = [n for n in choice.ignored if n not in (*set_points, *clock)]

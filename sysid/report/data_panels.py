@@ -178,16 +178,22 @@ def worst_windows(error: Array) -> list[int]:
     return sorted(starts)
 
 
+def _fits_by_horizon(
+    model: Model, records: Sequence[Record], ks: Sequence[int]
+) -> list[Mapping[str, float]]:
+    """Fit percent at each horizon, the free run's behind them; one run where all are that run."""
+    free = figures(model, records, "", None).fit_percent
+    if not model.structure.traits.has_noise_model:
+        return [free] * (len(ks) + 1)
+    return [*(figures(model, records, "", k).fit_percent for k in ks), free]
+
+
 def horizon(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
     """Fit against steps ahead; the free run is the line's end beyond them."""
     panels = []
     longest = max(map(len, records)) // 3
     ks = [k for k in HORIZONS if k <= max(longest, 1)]
-    made = {
-        id(s): [figures(s.model, records, "", k).fit_percent for k in ks]
-        + [figures(s.model, records, "", None).fit_percent]
-        for s in shown
-    }
+    made = {id(s): _fits_by_horizon(s.model, records, ks) for s in shown}
     x = np.array([*ks, 1.6 * ks[-1]], dtype=np.float64)
     for c in shown[0].model.outputs:
         lines = []

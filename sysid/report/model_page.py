@@ -292,6 +292,8 @@ def _overlaid(
     title: str, word: str, shown: Sequence[Shown], records: Sequence[Record]
 ) -> Section | None:
     """Those of the models that have something of the kind, over each other."""
+    if (together := _section(title, word, shown, records)) is not None:
+        return together
     able = []
     for s in shown:
         try:
@@ -299,7 +301,7 @@ def _overlaid(
         except SysidError:
             continue
         able.append(s)
-    return _section(title, word, able[:6], records) if able else None
+    return _section(title, word, able, records) if able else None
 
 
 BLOCKS = 24

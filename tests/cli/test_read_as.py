@@ -112,6 +112,21 @@ def test_a_set_point_as_the_input_is_said_to_be_the_loop_s(tmp_path: Path, capsy
     assert "the model is of the closed loop that follows it, not of the plant alone" in shown
 
 
+@pytest.mark.parametrize(
+    "names", [["Torque ref [Nm]", "Load speed [rad/s]"], ["freq_setpoint", "shaft speed"]]
+)
+def test_a_set_point_of_another_quantity_is_a_drive_s(
+    names: list[str], tmp_path: Path, capsys: Capture
+) -> None:
+    """No controller of the speed writes the torque here: a drive makes it."""
+    u = np.repeat(np.random.default_rng(2).uniform(-40.0, 40.0, 30), 10)
+    log = write_log(tmp_path / "belt.csv", names, [u, lfilter([0.0, 0.3], [1.0, -0.7], u)])
+    shown = " ".join(run(capsys, "inspect", log).out.split())
+    assert "a set point: the model includes the drive" in shown
+    assert "the plant with the drive that follows it, not of the plant alone" in shown
+    assert "closed loop" not in shown
+
+
 def test_part_of_a_name_selects_a_column(tmp_path: Path, capsys: Capture) -> None:
     log = stand(tmp_path)
     for name in ("esc", "ESC signal (µs)"):

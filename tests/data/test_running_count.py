@@ -51,6 +51,12 @@ def test_a_register_that_wraps_needs_no_telling_name(tmp_path: Path, capsys: Cap
     )
 
 
+def test_ticks_of_one_sample_are_no_running_count(tmp_path: Path, capsys: Capture) -> None:
+    u, y = counts()
+    log = drive(tmp_path / "run.csv", "enc", np.diff(y, prepend=0.0), u)
+    assert "counts=N/rev" not in run(capsys, "inspect", log).out
+
+
 @pytest.mark.parametrize("name", ["level", "rpm_raw"])
 def test_a_slow_reading_in_whole_numbers_is_no_count(
     name: str, tmp_path: Path, capsys: Capture

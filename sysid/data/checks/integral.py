@@ -40,6 +40,8 @@ END = 0.01
 POSITIONS = ("rad", "m")
 """Units of positions; what is written in degrees, turns, counts or millimetres is read in these."""
 
+MIN_SAMPLES = 200
+
 SPEEDS = ("rad/s", "m/s")
 """Units of speeds: a body without drag is a first-order model with a pole near one, no position."""
 
@@ -128,6 +130,22 @@ def _integral(records: Sequence[Record], j: int) -> Integral | None:
     pushed = free * end > 0.5 * float(np.std(free))
     stopped = pushed & (every_d * end < 0.5 * np.abs(free))
     return Integral(records[0].output_names[j], records[0].input_names[i], float(np.mean(stopped)))
+
+
+def counts_that_integrate(
+    findings: Sequence[Finding], records: Sequence[Record]
+) -> tuple[Finding, ...]:
+    """The findings without those of running counts that are none: ticks of one sample each.
+
+    A count that its input does not move on, but to a level, is a speed; of a robot's and of what is
+    too short to say, the finding stays.
+    """
+    said = [f for f in findings if f.code == "running-count"]
+    unclear = records[0].is_robot_log or not records[0].nu or sum(map(len, records)) < MIN_SAMPLES
+    if not said or unclear:
+        return tuple(findings)
+    moving = {s.output for s in integrals(records)}
+    return tuple(f for f in findings if f not in said or f.channel in moving)
 
 
 def _left(X: Array, y: Array) -> float:

@@ -1,7 +1,7 @@
 """Roles of a log's columns: time, inputs, outputs and pose, by option or by name."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from sysid.data.column_words import meaning, words
@@ -53,7 +53,7 @@ class Choice:
 
 
 def choose_columns(
-    names: Sequence[str],
+    names: Mapping[str, str] | Sequence[str],
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
     time: str | None = None,
@@ -68,6 +68,7 @@ def choose_columns(
     columns are taken that alone can be the input and the output by their names (``roles``).
 
     Args:
+        names: the columns, with the units that stand behind them in the file where these are known.
         inputs, outputs: names asked for; empty to go by convention.
         time: the time column asked for; None to go by name.
         read: reads a column as numbers, to see which one rises as a time does; None to go by
@@ -81,19 +82,20 @@ def choose_columns(
             or is the time.
         UnclearColumnsError: several columns can be an input or output by their names, or none can.
     """
+    units = dict(names) if isinstance(names, Mapping) else dict.fromkeys(names, "")
+    names = tuple(names)
     has_inputs = tuple(inputs) != (NO_INPUT,) or NO_INPUT in names
     given_u = tuple(whole_name(n, names, "`inputs`", where) for n in inputs) if has_inputs else ()
     given_y = tuple(whole_name(n, names, "`outputs`", where) for n in outputs)
     _no_repeats(given_u, given_y, where)
-    clock = _clock(names, given_u, given_y, time, where, read, timed)
+    clock = _clock(units, given_u, given_y, time, where, read, timed)
     taken = () if clock is None else clock.columns
     free = [n for n in names if n not in (*given_u, *given_y, *taken)]
     free = [n for n in free if not counts_rows(n, read)]
     pose_columns = find_pose(free)
     signals = [n for n in free if not is_clock(read, n)]
-    both = roles(
-        signals, given_u, given_y, (*pose_columns.names, *pose_columns.alike), signal or read
-    )
+    in_pose = (*pose_columns.names, *pose_columns.alike)
+    both = roles({n: units[n] for n in signals}, given_u, given_y, in_pose, signal or read)
     if not (both.outputs or inputs) and len(signals) == 1:
         both = Roles((), (tuple(signals),))
     by_itself = len(both.outputs) == 1 and {*signals} <= {*both.outputs[0]} and not inputs
@@ -110,7 +112,7 @@ def choose_columns(
     silent = [
         side
         for side, given in ((input_names, given_u), (output_names, given_y))
-        if side and not given and all(meaning(n).quantity == "other" for n in side)
+        if side and not given and all(meaning(n, units[n]).quantity == "other" for n in side)
     ]
     used = {*input_names, *output_names, *taken}
     pose = pose_columns.names
@@ -130,7 +132,7 @@ def choose_columns(
 
 
 def _clock(
-    names: Sequence[str],
+    units: Mapping[str, str],
     given_u: tuple[str, ...],
     given_y: tuple[str, ...],
     time: str | None,
@@ -139,6 +141,7 @@ def _clock(
     timed: bool,
 ) -> TimeColumn | None:
     """The time column; a signal asked for that is the time is refused."""
+    names = tuple(units)
     given = (*given_u, *given_y)
     if time is not None:
         name = whole_name(time, names, "`time`", where)
@@ -156,7 +159,7 @@ def _clock(
             side = "input" if name in given_u else "output"
             others = [n for n in names if n not in given and not is_clock(read, n)]
             others = [n for n in others if not (is_time(n) or is_counter(n))]
-            able = roles(others, (), (), (), read)
+            able = roles({n: units[n] for n in others}, (), (), (), read)
             likely = able.inputs if side == "input" else able.outputs
             others = [n for f in likely for n in f] or others
             what = (

@@ -257,7 +257,7 @@ def _running_count(y: Array, wraps: int, name: str, where: str) -> list[Finding]
         f"Fit its speed with {argument(speed_of=name, units=unit)}, N the counts of one "
         f"turn (or {argument(outputs=name, units=unit)} for the position)."
     )
-    return [Finding("counter", Severity.WARNING, text, advice, name, where)]
+    return [Finding("running-count", Severity.WARNING, text, advice, name, where)]
 
 
 def _doubted(period: float, name: str, where: str) -> list[Finding]:

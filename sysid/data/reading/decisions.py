@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.data.column_words import is_set_point
+from sysid.data.column_words import DRIVES, is_set_point, words
 from sysid.data.decision import Decision, listed
 from sysid.data.finding import Finding
 from sysid.data.reading.clock import UNIT_NAMES
@@ -36,8 +36,11 @@ def decisions(
     """
     first = records[0]
     codes = {f.code: f for f in findings}
-    loop = any(is_set_point(c.name) for c in first.inputs)
-    inputs = _channels(first.inputs) + ", a set point: the model is the closed loop's" * loop
+    inputs = _channels(first.inputs)
+    if any(is_set_point(c.name) for c in first.inputs):
+        drive = led_elsewhere(first.inputs, first.outputs)
+        of = "includes the drive" if drive else "is the closed loop's"
+        inputs += f", a set point: the model {of}"
     scaled = any(c.file_unit.startswith("±") for c in first.inputs)
     found = [
         Decision("time", time_words(table, choice, stamps, t), ("time", "units")),
@@ -69,6 +72,23 @@ def decisions(
     if speeds:
         found.append(Decision("speed of", listed(speeds), ("speed_of",)))
     return tuple(found)
+
+
+def led_elsewhere(inputs: Sequence[Channel], outputs: Sequence[Channel]) -> tuple[str, ...]:
+    """The set points among the inputs that are of no output: a torque that a drive makes.
+
+    Of other units than all outputs, or by their names of what drives the outputs.
+    """
+    units, named = {c.unit for c in outputs}, {w for c in outputs for w in words(c.name)}
+    return tuple(
+        c.name
+        for c in inputs
+        if is_set_point(c.name)
+        and (
+            (c.unit and "" not in units and c.unit not in units)
+            or DRIVES & {*words(c.name)} - named
+        )
+    )
 
 
 def time_words(table: Table, choice: Choice, stamps: Array, t: Array) -> str:

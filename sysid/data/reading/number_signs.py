@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from sysid.data.reading.dates import date_format
 from sysid.data.reading.header import cells_of
@@ -13,6 +14,13 @@ _GROUPED = {
     ".": re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d+)?"),
     "'": re.compile(r"[+-]?[1-9]\d{0,2}(['\u2019\u00a0\u202f]\d{3})+([.,]\d+)?"),
 }
+_BELOW = re.compile(r"[+-]?[1-9]\d\d")
+SPREAD = 2000
+"""Rows that are asked whether it is, over the whole log."""
+
+MIN_VALUES = 5
+"""Different numbers beyond and below a thousand that show a column to be of whole numbers."""
+
 _SPACES = "'\u2019\u00a0\u202f"
 SHOWN = 200
 """Rows looked at, and as many further ones that hold a comma: a log that starts at rest may have no
@@ -53,10 +61,11 @@ def number_signs(rows: Sequence[str], sep: str, given: str | None) -> NumberSign
     """Decimal sign and thousands separator; ``given`` is the decimal sign by option.
 
     A comma is the decimal sign where a cell reads ``1,5`` and none ``1.5``. It separates thousands
-    where all commas stand before three digits and a point is seen beside them, or two in a number.
+    where all commas stand before three digits and a point is seen beside them, two in a number, or
+    a column of whole numbers goes on from them below a thousand.
     """
     shown = list(rows[:SHOWN]) + [r for r in rows[SHOWN:] if "," in r][:SHOWN]
-    cells = [c.strip().strip('"') for row in shown for c in cells_of(row, sep)]
+    cells = [c for row in _cells(shown, sep) for c in row]
     commas = [c for c in cells if "," in c and c[-1:].isdigit() and not date_format(c)]
     points = [c for c in cells if "." in c and not date_format(c)]
     spaced = [c for c in cells if _GROUPED["'"].fullmatch(c)]
@@ -66,7 +75,7 @@ def number_signs(rows: Sequence[str], sep: str, given: str | None) -> NumberSign
     if decimal is None and not commas:
         decimal = "."
     elif decimal is None and len(grouped_commas) == len(commas):
-        certain = any(c.count(",") > 1 or "." in c for c in commas)
+        certain = any(c.count(",") > 1 or "." in c for c in commas) or _goes_on_below(rows, sep)
         decimal = "." if certain or points else ","
         doubtful = decimal == ","
     elif decimal is None:
@@ -78,6 +87,20 @@ def number_signs(rows: Sequence[str], sep: str, given: str | None) -> NumberSign
     if spaced:
         return NumberSigns(decimal, "'", spaced[0])
     return NumberSigns(decimal, "", commas[0] if doubtful else "", doubtful)
+
+
+def _goes_on_below(rows: Sequence[str], sep: str) -> bool:
+    """Whether a column holds ``1,591`` and ``955``: no writer of decimals drops three of them."""
+    for column in zip_longest(*_cells(rows[:: 1 + len(rows) // SPREAD], sep), fillvalue=""):
+        beyond = {c for c in column if "," in c}
+        below = {c for c in column if _BELOW.fullmatch(c)}
+        if min(len(beyond), len(below)) >= MIN_VALUES:
+            return all(_GROUPED[","].fullmatch(c) for c in beyond)
+    return False
+
+
+def _cells(rows: Sequence[str], sep: str) -> list[list[str]]:
+    return [[c.strip().strip('"') for c in cells_of(row, sep)] for row in rows]
 
 
 def without_groups(rows: Sequence[str], sep: str, group: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""Which columns of a log can be its inputs and outputs, by the words of their names.
+"""Which columns of a log can be its inputs and outputs, by the words of their names and by units.
 
 A name allows a column a role or not; no role is picked by a score. Columns of one family
 (``pump_1``, ``pump_2``) go together. Where exactly one family can be the input and one the output
@@ -6,16 +6,17 @@ these are taken, else a person is asked.
 """
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data.column_words import (
     Meaning,
+    ends_in_speed,
     family,
+    has_result_unit,
     is_actuator,
-    is_effect,
     is_set_point,
     may_drive,
     meaning,
@@ -44,7 +45,7 @@ class Roles:
 
 
 def roles(
-    free: Sequence[str],
+    free: Mapping[str, str],
     given_u: Columns,
     given_y: Columns,
     pose: Collection[str],
@@ -56,10 +57,11 @@ def roles(
     actuator; voltages and other words that are measured as often as commanded, and columns whose
     name says nothing; torques, currents and frequencies beside what they move, and set points;
     measurements. Outputs: columns called so (``y…``, ``out…``); measurements that drive nothing;
-    the columns that are left.
+    columns in a unit that a sensor reads; the columns that are left.
 
     Args:
-        free: the columns that can be a signal, in the order of the file.
+        free: the columns that can be a signal, in the order of the file, with the units that
+            stand behind their names.
         given_u, given_y: what a person named; empty for nothing.
         pose: columns that are part of a pose, outputs only where nothing else is one.
         read: reads a column, None for what is no signal: text. A column that never changes is no
@@ -73,7 +75,7 @@ def roles(
     }
     if any(meaning(n).quantity == "command" for n in (*names, *given_u) if n not in switches):
         names = [n for n in names if n not in switches]
-        free = [n for n in free if n not in switches]
+        free = {n: unit for n, unit in free.items() if n not in switches}
     found = _of(names, free, names, given_u, given_y)
     if found.clear or read is None:
         return found
@@ -85,16 +87,17 @@ def roles(
 
 
 def _of(
-    kept: Sequence[str], free: Sequence[str], names: Sequence[str], u: Columns, y: Columns
+    kept: Sequence[str], free: Mapping[str, str], names: Sequence[str], u: Columns, y: Columns
 ) -> Roles:
     """The families among the kept ``names``, with a pose where nothing else is an output."""
-    found = _roles({n: meaning(n) for n in kept}, u, y)
+    found = _roles({n: free[n] for n in kept}, u, y)
     if found.outputs:
         return found
-    return _roles({n: meaning(n) for n in free if n in kept or n not in names}, u, y)
+    return _roles({n: unit for n, unit in free.items() if n in kept or n not in names}, u, y)
 
 
-def _roles(meant: dict[str, Meaning], given_u: Columns, given_y: Columns) -> Roles:
+def _roles(units: dict[str, str], given_u: Columns, given_y: Columns) -> Roles:
+    meant = _meanings(units)
     pairs = [_pairs(meant, quantity) for quantity in ("command", "speed")]
     if not (given_u or given_y) and all(len(p) == 1 for p in pairs):
         return Roles(tuple(pairs[0]), tuple(pairs[1]))  # a robot, whatever else it logs
@@ -106,24 +109,27 @@ def _roles(meant: dict[str, Meaning], given_u: Columns, given_y: Columns) -> Rol
     if actuators:  # input_voltage is the supply of what a duty cycle drives
         aside = {n for n in commands if n not in actuators and n.lower().startswith("input")}
         called_u = [n for n in called_u if n not in aside]
-    effects = [n for n in meant if is_effect(n) and n not in called_u]
-    drives = [n for n in meant if may_drive(n)]
+    drives = [n for n in meant if may_drive(n, units[n])]
+    measured = [n for n, m in meant.items() if m.quantity in ("speed", "measurement")]
+    effects = [n for n in measured if n not in (*drives, *called_u)]
     unknown = [n for n, m in meant.items() if m.quantity == "other" and n not in drives]
+    read = [n for n in unknown if has_result_unit(n, units[n])]
+    unread = [n for n in unknown if n not in read]
     set_points = [n for n in meant if is_set_point(n)]
     if given_y:
         outputs = [given_y]
     elif called_y:
         outputs = [tuple(called_y)]
     else:
-        outputs = _families(effects) or _families([*unknown, *drives])
-    driving = [*(drives if effects or given_y or called_y else ()), *set_points]
+        outputs = _families(effects) or _families(read) or _families([*unknown, *drives])
+    driving = [*(drives if effects or read or given_y or called_y else ()), *set_points]
     ways = [
         [given_u] if given_u else [],
         [tuple(called_u)] if called_u else [],
         _families(actuators),
-        _families([*commands, *unknown]) if commands else [],
-        _families([*driving, *unknown]) if driving else [],
-        _families([*unknown, *(effects if len(outputs) > 1 else ())]),
+        _families([*commands, *unread]) if commands else [],
+        _families([*driving, *unread]) if driving else [],
+        _families([*(unread or unknown), *(effects if len(outputs) > 1 else ())]),
         _families(effects),
     ]
     for inputs in ways:
@@ -146,6 +152,16 @@ def _roles(meant: dict[str, Meaning], given_u: Columns, given_y: Columns) -> Rol
     able = sided if len(sided) == 1 and len({u for u, _ in able}) == 1 else able
     us, ys = zip(*able, strict=True)
     return Roles(tuple(f for f in inputs if f in us), tuple(f for f in outputs if f in ys))
+
+
+def _meanings(units: Mapping[str, str]) -> dict[str, Meaning]:
+    """What each column holds: of commands alone, an actuator's speed is what another one makes."""
+    meant = {n: meaning(n, unit) for n, unit in units.items()}
+    turned = {n for n, m in meant.items() if ends_in_speed(n, m)}
+    others = {m.quantity for n, m in meant.items() if n not in turned} - {"reference", "supply"}
+    if others == {"command"}:
+        meant |= {n: Meaning("speed", 1, meant[n].side) for n in turned}
+    return meant
 
 
 def _families(names: Sequence[str]) -> list[Columns]:

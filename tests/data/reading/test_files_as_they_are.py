@@ -179,6 +179,17 @@ def test_a_comma_is_read_by_its_company(
         assert advised.records[0].u[0, 0] == 1591.0
 
 
+@pytest.mark.parametrize("quote", ['"', ""])
+def test_whole_numbers_that_go_on_below_a_thousand_have_thousands(
+    quote: str, tmp_path: Path
+) -> None:
+    y = 600 + 37 * np.arange(40)
+    rows = [f"{k};{quote}{v:,}{quote};{k % 7}" for k, v in enumerate(y)]
+    log = read_file(put(tmp_path, text(rows, "t;y;u")))
+    assert np.array_equal(log.records[0].y[:, 0], y)
+    assert "its separators are of thousands" in " ".join(log.notes)
+
+
 @pytest.mark.parametrize("level", ["4", "5"])
 def test_a_damaged_matlab_file_is_read_or_refused(level: str, tmp_path: Path) -> None:
     """A compiled reader ended the process here."""

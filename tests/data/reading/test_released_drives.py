@@ -67,5 +67,5 @@ def test_a_switch_that_never_moves_says_nothing(tmp_path: Path) -> None:
 
 def test_a_switch_is_an_input_only_where_nothing_else_is_commanded() -> None:
     of = {"brake": np.arange(9) % 2.0, "u_V": np.arange(9) % 3.0, "speed": np.arange(9) % 4.0}
-    assert roles([*of], (), (), (), of.get).inputs == (("u_V",),)
-    assert roles(["brake", "speed"], (), (), (), of.get).inputs == (("brake",),)
+    assert roles(dict.fromkeys(of, ""), (), (), (), of.get).inputs == (("u_V",),)
+    assert roles({"brake": "", "speed": ""}, (), (), (), of.get).inputs == (("brake",),)

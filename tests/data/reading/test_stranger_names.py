@@ -92,6 +92,7 @@ from sysid.errors import SysidError, UsageError
         ("t pwm_l pwm_r omega_l omega_r gyro_z accel_x", "pwm_l pwm_r > omega_l omega_r"),
         ("t ESC_signal Thrust Voltage Current", "ESC_signal > Thrust"),
         ("t valve supply_temp", "valve > supply_temp"),
+        ("TimeUS RCOut.roll GyrX_dps Bat_V", "RCOut.roll > GyrX_dps"),
     ],
 )
 def test_names(names: str, chosen: str) -> None:
@@ -101,6 +102,26 @@ def test_names(names: str, chosen: str) -> None:
     assert choice.inputs == tuple(inputs.split())
     assert choice.outputs == tuple(outputs.split())
     assert choice.pose == tuple(pose.split())
+
+
+@pytest.mark.parametrize(
+    ("names", "chosen"),
+    [
+        ("Frequenz/Hz Bandwaage/t/h", "Frequenz > Bandwaage"),
+        ("U_Motor/V n_Motor/1/min", "U_Motor > n_Motor"),
+        ("Motor_voltage/V Sway/deg Trolley_speed/m/s", "Motor_voltage > Trolley_speed"),
+        ("Fan_speed/rpm Duty/%", "Duty > Fan_speed"),
+        ("Fan_speed Duty", "Duty > Fan_speed"),
+        ("knob lift/mm", "knob > lift"),
+        ("lift/mm temperature/°C", "lift > temperature"),
+        ("Bohrung/mm u", "u > Bohrung"),
+    ],
+)
+def test_units_behind_names(names: str, chosen: str) -> None:
+    """What a name does not say its unit does; a unit moves no column whose name says what it is."""
+    units = dict(n.partition("/")[::2] for n in names.split())
+    choice = choose_columns({"t": "", **units})
+    assert chosen == f"{' '.join(choice.inputs)} > {' '.join(choice.outputs)}"
 
 
 @pytest.mark.parametrize(
