@@ -17,7 +17,8 @@ from sysid.diagnosis.validation.localise import localise, regimes
 from sysid.diagnosis.validation.model_error import ResidualStructure
 from sysid.diagnosis.verdict import Remaining, not_followed, story
 from sysid.effects.catalogue import catalogue, chain_effects
-from sysid.report.diagnosis_words import headline, story
+from sysid.report import diagnosis_words
+from sysid.report.diagnosis_words import headline
 
 ROBOTS_OWN = ("track", "robot", "speed", "stands", "runs")
 
@@ -176,7 +177,7 @@ def test_names_that_a_log_cannot_tell_apart_stand_beside_each_other() -> None:
         story="Missing: coulomb-friction, rate-limit. Less than 1 % remains.",
     )
     assert headline(found) == "Missing: coulomb-friction (or dead-zone), rate-limit"
-    assert story(found) == "Less than 1 % remains."
+    assert diagnosis_words.story(found) == "Less than 1 % remains."
 
 
 @pytest.fixture
