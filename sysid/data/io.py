@@ -247,8 +247,7 @@ def _read(
         part = slice(segment.start, segment.stop)
         records.append(at_sensor_rate(record, slow, rows.t, part))
     number = raw[:, 0] if stamps else raw[:0, 0:0].ravel()
-    count = len(rows.t) + rows.released
-    said = decisions(table, choice, number, clock.t, count, records, findings, pose_units)
+    said = decisions(table, choice, number, clock.t, rows.counted, records, findings, pose_units)
     records = [replace(r, read_as=said) for r in records]
     findings = counts_that_integrate(findings, records)
     return LogFile(path, tuple(records), findings, given, clock.origin)

@@ -60,6 +60,11 @@ class UsableRows:
     findings: tuple[Finding, ...]
     released: int = 0
 
+    @property
+    def counted(self) -> int:
+        """Rows that were not lost."""
+        return len(self.t) + self.released
+
 
 def with_times(
     table: Table, column: TimeColumn | None, strict: bool

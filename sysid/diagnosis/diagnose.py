@@ -16,6 +16,7 @@ from sysid.diagnosis.base_model import fit_baseline, full_drive, given_base
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.first_order import or_on_first_order, possible
 from sysid.diagnosis.long_logs import searched_on
+from sysid.diagnosis.neutral import as_logged, counted_from, neutral_commands
 from sysid.diagnosis.pose.correct_sensor import correct_sensor, resolve_ties_by_pose
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import DiagnosisSession, noise_of
@@ -72,12 +73,43 @@ def diagnose(
     started = time.perf_counter()
     _require_enough(estimation, holdout)
     require_apart(estimation, holdout or ())
-    require_same_kind((*estimation[1:], *(holdout or ())), estimation[0])
+    logs = (*estimation, *(holdout or ()))
+    require_same_kind(logs[1:], logs[0])
     say = progress or (lambda text, share: None)
+    if geometry is None and mission is not None:
+        geometry = load_mission(mission).vehicle.given_geometry
+    neutral = np.zeros(logs[0].nu) if model is not None else neutral_commands(estimation)
+    if neutral.any():
+        estimation = counted_from(neutral, estimation)
+        holdout = counted_from(neutral, holdout) if holdout else None
+    diagnosis = _searched(estimation, holdout, model, geometry, measured or {}, say, seed)
+    if neutral.any():
+        diagnosis = as_logged(diagnosis, neutral)
+    if geometry is not None and diagnosis.geometry is None and mission is None:
+        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, NO_POSE))
+    if mission is not None:
+        say("driving the mission with both models", 0.9)
+        if diagnosis.geometry is not None:
+            geometry = diagnosis.geometry.geometry
+        diagnosis = replace(diagnosis, path=_path(mission, logs, diagnosis, geometry))
+    say("done", 1.0)
+    return replace(diagnosis, seconds=time.perf_counter() - started)
+
+
+def _searched(
+    estimation: Sequence[Record],
+    holdout: Sequence[Record] | None,
+    model: Model | None,
+    geometry: Geometry | None,
+    measured: Mapping[str, Measured],
+    say: Progress,
+    seed: int,
+) -> Diagnosis:
+    """Everything but the mission."""
     say("original model", 0.02)
     searched = searched_on(estimation, holdout, model is not None)
     facts, holdout_facts = searched.facts, searched.holdout_facts
-    effects = possible(within(chain_effects(), measured or {}), facts)
+    effects = possible(within(chain_effects(), measured), facts)
     if model is None:
         base = fit_baseline(facts, holdout_facts, effects)
     else:
@@ -90,8 +122,6 @@ def diagnose(
     if model is None:
         result = or_on_first_order(result, facts, holdout_facts, say)
     say("validation", 0.52)
-    if geometry is None and mission is not None:
-        geometry = load_mission(mission).vehicle.given_geometry
     result, pose_diagnosis = resolve_ties_by_pose(result, geometry)
     diagnosis = assemble(result, model, pose_diagnosis, searched.judged)
     if pose_diagnosis is not None and diagnosis.several.logs:
@@ -103,20 +133,8 @@ def diagnose(
         )
         several = with_ground(diagnosis.several, every, base.search.logs, pose_diagnosis, geometry)
         diagnosis = replace(diagnosis, several=several)
-    if geometry is not None and pose_diagnosis is None and mission is None:
-        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, NO_POSE))
-    if mission is not None:
-        say("driving the mission with both models", 0.9)
-        whole = (*estimation, *(holdout or ()))
-        if diagnosis.geometry is not None:
-            geometry = diagnosis.geometry.geometry
-        diagnosis = replace(diagnosis, path=_path(mission, whole, diagnosis, geometry))
-    say("done", 1.0)
-    return replace(
-        diagnosis,
-        changes=tuple(change_sentence(c, estimation[0]) for c in facts.changes),
-        seconds=time.perf_counter() - started,
-    )
+    changes = tuple(change_sentence(c, estimation[0]) for c in facts.changes)
+    return replace(diagnosis, changes=changes)
 
 
 MIN_SAMPLES = 60

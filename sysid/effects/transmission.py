@@ -154,6 +154,8 @@ EFFECTS = (
             at_rest=_touching,
         ),
         hints=Hints(
+            ties=("coulomb-friction",),  # its wheel rubs: a gap of nothing is friction
+            rare=True,
             programmes=(REVERSALS, RAMPS),
             reverses=True,
         ),

@@ -55,11 +55,12 @@ class Moved:
     steps: float
 
 
-def headline(result: Diagnosis) -> str:
-    """The verdict in a few words."""
+def headline(result: Diagnosis, ties: bool = True) -> str:
+    """The verdict in a few words, each name with those that the log cannot tell from it."""
     if result.unfollowed:
         return result.unfollowed.partition(":")[0]
-    missing = ", ".join(e.id for e in result.effects if e.id not in OF_THE_LOG)
+    names = [e for e in result.effects if e.id not in OF_THE_LOG]
+    missing = ", ".join(_with_ties(e) if ties else e.id for e in names)
     seen = "".join(f"; {OF_THE_LOG[e.id]}" for e in result.effects if e.id in OF_THE_LOG)
     if result.verdict == "effects-found" and missing:
         return f"Missing: {missing}{seen}"
@@ -73,6 +74,12 @@ def headline(result: Diagnosis) -> str:
     if missing:
         return f"Missing: {missing}, and more that has no name here"
     return "Something is missing, but no effect of the catalogue explains it"
+
+
+def _with_ties(named: NamedEffect) -> str:
+    """A name, with those that the log cannot tell from it."""
+    ties = ", ".join(named.indistinguishable)
+    return f"{named.id} (or {ties})" if ties else named.id
 
 
 def held_out(result: Diagnosis) -> tuple[Trace, ...]:
@@ -119,12 +126,16 @@ def counted(traces: Sequence[Trace], *, after: bool) -> tuple[Array, Array]:
 
 
 def _fit(traces: Sequence[Trace], i: int, *, after: bool) -> float:
-    """100 (1 − ‖y − ŷ‖ / ‖y − ȳ‖) over the counted samples; NaN where undefined."""
+    """100 (1 − RMS(y − ŷ) / σ) over the counted samples; NaN where undefined.
+
+    σ is the standard deviation of the whole records: behind one step a held-out block stands still.
+    """
     if i < 0 or not traces:
         return math.nan
     y, run = (part[:, i] for part in counted(traces, after=after))
-    spread = float(np.linalg.norm(y - y.mean())) if len(y) else 0.0
-    return 100.0 * (1.0 - float(np.linalg.norm(y - run)) / spread) if spread > 0 else math.nan
+    spread = float(np.nanstd(np.concatenate([t.record.y[:, i] for t in traces])))
+    size = float(np.sqrt(np.mean((y - run) ** 2))) if len(y) else math.nan
+    return 100.0 * (1.0 - size / spread) if spread > 0.0 else math.nan
 
 
 _SIZES = {QUANTISATION.id: "speed", DROPOUTS.id: "of the readings"}
@@ -354,7 +365,7 @@ def evidence_sentence(effect: NamedEffect) -> str:
 
 def story(result: Diagnosis) -> str:
     """The sentence below the headline, unless it says the same."""
-    said = headline(result).partition(";")[0]
+    said = headline(result, ties=False).partition(";")[0]
     text = result.story.removeprefix(said).lstrip(".:").strip()
     return f"{text[:1].upper()}{text[1:]}"
 

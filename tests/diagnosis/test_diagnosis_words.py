@@ -17,6 +17,7 @@ from sysid.diagnosis.validation.localise import localise, regimes
 from sysid.diagnosis.validation.model_error import ResidualStructure
 from sysid.diagnosis.verdict import Remaining, not_followed, story
 from sysid.effects.catalogue import catalogue, chain_effects
+from sysid.report import diagnosis_words
 from sysid.report.diagnosis_words import headline
 
 ROBOTS_OWN = ("track", "robot", "speed", "stands", "runs")
@@ -158,10 +159,25 @@ def test_what_is_left_is_said_in_words(closed: float) -> None:
 def test_held_telemetry_is_no_missing_effect(
     verdict: str, ids: tuple[str, ...], words: str
 ) -> None:
-    effects = tuple(SimpleNamespace(id=id) for id in ids)
+    effects = tuple(SimpleNamespace(id=id, indistinguishable=()) for id in ids)
     found: Any = SimpleNamespace(verdict=verdict, effects=effects, unfollowed="", undecided="")
     assert headline(found).startswith(words)
     assert "held-telemetry" not in headline(found)
+
+
+def test_names_that_a_log_cannot_tell_apart_stand_beside_each_other() -> None:
+    effects = (
+        SimpleNamespace(id="coulomb-friction", indistinguishable=("dead-zone",)),
+        SimpleNamespace(id="rate-limit", indistinguishable=()),
+    )
+    found: Any = SimpleNamespace(
+        verdict="effects-found",
+        effects=effects,
+        unfollowed="",
+        story="Missing: coulomb-friction, rate-limit. Less than 1 % remains.",
+    )
+    assert headline(found) == "Missing: coulomb-friction (or dead-zone), rate-limit"
+    assert diagnosis_words.story(found) == "Less than 1 % remains."
 
 
 @pytest.fixture

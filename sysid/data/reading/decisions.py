@@ -43,15 +43,12 @@ def decisions(
         inputs += f", a set point: the model {of}"
     scaled = any(c.file_unit.startswith("±") for c in first.inputs)
     found = [
+        *_of_text(table),
         Decision("time", time_words(table, choice, stamps, t), ("time", "units")),
         Decision("dt", f"{first.dt:.6g} s", ("ts",)),
         Decision("in", inputs, ("inputs", "pwm_max" if scaled else "units")),
         Decision("out", _channels(first.outputs), ("outputs", "units")),
     ]
-    if isinstance(table.source, Layout) and table.source.decimal == ",":
-        found.insert(0, Decision("numbers", "with a decimal comma", ("decimal",)))
-    if isinstance(table.source, Layout) and table.source.encoding:
-        found.insert(0, Decision("text", f"in {table.source.encoding}", ("encoding",)))
     if first.pose is not None:
         found.append(Decision("pose", _pose(choice.pose, pose_units, findings), ("units",)))
     parts = _rows(len(table) - rows, records, codes)
@@ -89,6 +86,16 @@ def led_elsewhere(inputs: Sequence[Channel], outputs: Sequence[Channel]) -> tupl
             or DRIVES & {*words(c.name)} - named
         )
     )
+
+
+def _of_text(table: Table) -> list[Decision]:
+    """How a text was read where that is not the usual way."""
+    text, said = table.source, []
+    if isinstance(text, Layout) and text.encoding:
+        said.append(Decision("text", f"in {text.encoding}", ("encoding",)))
+    if isinstance(text, Layout) and text.decimal == ",":
+        said.append(Decision("numbers", "with a decimal comma", ("decimal",)))
+    return said
 
 
 def time_words(table: Table, choice: Choice, stamps: Array, t: Array) -> str:
