@@ -85,14 +85,16 @@ def draw_measured(path: Path, name: str, mission: Mission, comparison: Compariso
     fan, reach = comparison.fan, comparison.fan.limit * comparison.fan.scale
     turns = 2.0 * np.pi * np.round((comparison.values[:, 2] - fan.middle[:, 2]) / (2.0 * np.pi))
     measured = comparison.values - np.array([0.0, 0.0, 1.0, 0.0]) * turns[:, None]
+    # a fan is narrow beside the way itself: poses are drawn from its middle
+    zero = fan.middle * np.array([1.0, 1.0, 1.0, 0.0])
     panels = tuple(
         FanPanel(
-            f"{words} [{UNITS[k]}]",
-            fan.low[:, k],
-            fan.high[:, k],
-            (fan.middle - reach)[:, k],
-            (fan.middle + reach)[:, k],
-            measured[:, k],
+            f"{words}{' − median' * (k < 3)} [{UNITS[k]}]",
+            (fan.low - zero)[:, k],
+            (fan.high - zero)[:, k],
+            (fan.middle - zero - reach)[:, k],
+            (fan.middle - zero + reach)[:, k],
+            (measured - zero)[:, k],
         )
         for k, words in enumerate(("x", "y", "heading", "speed"))
     )

@@ -232,7 +232,7 @@ def _of_runs(runs: ShownRuns) -> list[Section]:
         ranked = [(d.name, d.share_of_variance) for d in shares.ranked]
         names, values = zip(*ranked, (rest, shares.remainder), strict=True)
         x, y = np.arange(float(len(names))), 100.0 * np.array(values)
-        bar = Curve("", x, y, 0.0 * y, y, kind="dots")
+        bar = Curve("", x, y, kind="stems")
         matters.append(Panel(title.replace(" ", "-"), title, "share [%]", "", (bar,), names=names))
     worst = tuple(
         (str(w.seed), w.outcome, "–" if w.time_s is None else f"{w.time_s:.1f}")
