@@ -104,6 +104,7 @@ def controlled(
 # ------------------------------------------------------------------ feedback
 
 
+@pytest.mark.slow
 def test_open_loop_is_seldom_accused() -> None:
     """Nominal 1 % over 180 logs: six or more have a chance below 1 %.
 
