@@ -104,7 +104,13 @@ def _page(
     records = judged_on[0] if judged_on else own
     if not records:
         return None
-    shown = [Shown(x.contender.id, x.contender.model) for x in ranking.lines[:PAGE]]
+    order = records[0].input_names, records[0].output_names  # a picture has one order of channels
+    alike = [
+        Shown(c.id, c.model)
+        for c in (line.contender for line in ranking.lines)
+        if (tuple(u.name for u in c.model.inputs), tuple(y.name for y in c.model.outputs)) == order
+    ]
+    shown = alike[:PAGE]
     page = comparison_page(shown, records, ranking.best.contender.id, ranking.notes)
     path = store.root / "compare.html"
     write_atomic(path, page.html())
@@ -162,6 +168,7 @@ def _show(
     reading_notes: Sequence[str],
 ) -> None:
     from sysid.criteria.table import criterion
+    from sysid.estimation.selection.comparison import reasons
 
     first = ranking.best
     names = list(first.figures["fit_percent"])
@@ -177,7 +184,8 @@ def _show(
     answer.say(decisions_in_words(read_as), "dim", 2)
     for note in reading_notes[:2]:
         answer.say(note, "dim", 1)
-    answer.say(f"Ranked by {ranking.criterion}, validated on {ranking.data}", "bold", 1)
+    judged = "validated on" if first.figures["held_out"] else "on the estimation data"
+    answer.say(f"Ranked by {ranking.criterion}, {judged} {ranking.data}", "bold", 1)
     rows = [_row(line, line is first, names, folds, shown, bool(kinds)) for line in ranking.lines]
     value = [shown.upper()] if shown else []
     columns = ["  model", "orders", "par.", *cost, *heads, *value, "residuals"]
@@ -188,7 +196,7 @@ def _show(
     if kinds:
         parts = (f"{', '.join(structures)}: {tells}" for tells, structures in kinds.items())
         answer.say(f"What the models reveal: {'; '.join(parts)}.", "", 2)
-    answer.cautions([*ranking.notes, *ranking.excluded.values()], "--json")
+    answer.cautions([*ranking.notes, *reasons(ranking.excluded)], "--json")
     for word, path in paths.items():
         answer.say(f"{word}: {path}", "", 1)
     answer.say(f"Best: {first.contender.id}. Next: sysid show | sysid export", "bold", 1)

@@ -162,8 +162,10 @@ def feedback_test(
     return _feedback(given, level, output_name)
 
 
-def _independence(given: "OnInputs", level: float, output: str, lags: int = LAGS) -> ResidualTest:
-    past = range(given.affordable(lags) + 1)
+def _independence(
+    given: "OnInputs", level: float, output: str, lags: int = LAGS, first: int = 0
+) -> ResidualTest:
+    past = range(first, given.affordable(lags) + 1)
     trial = given.trial(given.inputs, past, noise=given.noise)
     result = ScoredTest(score(trial), level, given.names, past)
     return result.test("independence", output, _INDEPENDENCE)
@@ -189,6 +191,10 @@ def residual_report(
     uncertain: Sequence[Signals] | None = None,
 ) -> ResidualReport:
     """All residual tests of a model with ny outputs and nu inputs.
+
+    Where the inputs respond to an output they do so in the same sample, too: its residuals are then
+    tested against past inputs only, lags 1…25 (Ljung 1999, §16.6: correlation with inputs that
+    are not past shows feedback, and no wrong model).
 
     Args:
         errors: one-step residuals, (N, ny), or one such array a record.
@@ -218,9 +224,11 @@ def residual_report(
             uncertain=unsure,
         )  # fmt: skip
         given = OnInputs.of([e[:, i] for e in es], inputs, jacobian, unsure, input_names)
-        tests.append((white, _independence(given, each, name), _feedback(given, each, name)))
-    whiteness, independence, feedback = zip(*tests, strict=True)
-    return ResidualReport(whiteness, independence, feedback, level)
+        feedback = _feedback(given, each, name)
+        first = 0 if feedback.passed else 1
+        tests.append((white, _independence(given, each, name, first=first), feedback))
+    whiteness, independence, answers = zip(*tests, strict=True)
+    return ResidualReport(whiteness, independence, answers, level)
 
 
 @dataclass(frozen=True, eq=False)

@@ -249,6 +249,23 @@ def test_report_is_json_and_tells_what_counts() -> None:
     assert not residual_report(data.errors, data.inputs, [data.jacobian]).passed
 
 
+@pytest.mark.parametrize("controlled", [True, False])
+def test_what_a_controller_does_at_once_is_no_missing_dynamics(controlled: bool) -> None:
+    """u(t) from y(t): a right model's white residuals are in u(t), as a feedthrough's are."""
+    rng = np.random.default_rng(4)
+    e, r, u, x, integral = rng.standard_normal(3000), 0.0, np.zeros(3000), 0.0, 0.0
+    for k in range(3000):
+        r = rng.uniform(-20.0, 20.0) if k % 60 == 0 else r
+        error = r - x - e[k] * controlled
+        integral += 0.05 * error
+        u[k] = 1.2 * error + integral
+        x = 0.95 * x + 0.05 * 0.7 * u[k]
+    residual = e if controlled else e + 0.05 * u
+    report = residual_report(residual, u[:, None], noise_model=False)
+    assert report.feedback[0].passed != controlled
+    assert report.independence[0].passed == controlled
+
+
 def test_level_is_shared_among_the_outputs() -> None:
     e, u, _ = _draw(8)
     errors = np.random.default_rng(8).standard_normal((400, 4))

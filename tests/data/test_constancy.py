@@ -83,6 +83,22 @@ def test_nothing_changes_in_constant_logs(kind: str) -> None:
         assert not facts.drifts.any()
 
 
+def ramped(seed: int) -> Record:
+    """A drive that changes its frequency slowly, and a lag behind it: 40 steps of all sizes."""
+    rng = np.random.default_rng([7, seed])
+    u = steps(rng, 4000, 100, 0.0, 50.0)
+    slow = u.copy()
+    for k in range(1, 4000):
+        slow[k] = slow[k - 1] + np.clip(u[k] - slow[k - 1], -1.1, 1.1)
+    return Record(u, 29.0 * lag(slow, 5.6) + 2.0 * rng.standard_normal(4000), 0.05)
+
+
+def test_a_limit_of_a_rate_is_no_change() -> None:
+    """Without ramps beside it these three had a time constant that changed at one time."""
+    for seed in (3, 7, 11):
+        assert not LogFacts((ramped(seed),)).changes
+
+
 def test_a_step_of_gain_and_time_constant_is_dated(tmp_path: Path, capsys: Capture) -> None:
     rng = np.random.default_rng(6)
     u, later = steps(rng, 3000, 60, 2.0, 12.0), np.arange(3000) >= 1700

@@ -5,8 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+<<<<<<< HEAD
 from command_line import Capture, robot_log, run
 from sysid_cli.app import main
+=======
+from command_line import Capture, robot_log, run, write_log
+>>>>>>> main
 
 from sysid.criteria.table import BUILT_IN
 from sysid.data.record import Record
@@ -29,6 +33,7 @@ def _workspace(folder: Path, *options: object) -> None:
         assert main(["fit", *map(str, (log, *asked, "--workspace", folder / "ws"))]) == 0
 
 
+<<<<<<< HEAD
 HELD = {"val": ["--val"], "split": ["--split", "0.7"], "none": []}
 
 
@@ -41,6 +46,19 @@ def judged(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 def test_every_option_counts_without_naming_a_log(judged: Judged, capsys: Capture) -> None:
+=======
+HELD = [
+    pytest.param(["--val"], id="val"),
+    pytest.param(["--split", "0.7"], id="split", marks=pytest.mark.slow),
+    pytest.param([], id="none", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("held", HELD)
+def test_every_option_counts_without_naming_a_log(
+    held: list[str], tmp_path: Path, capsys: Capture
+) -> None:
+>>>>>>> main
     """--skip, --horizon and --initial change the figures on whatever judged the models."""
     folder, held = judged
     place = ["--workspace", folder / "ws", "--json"]
@@ -54,6 +72,10 @@ def test_every_option_counts_without_naming_a_log(judged: Judged, capsys: Captur
     assert asked["held_out"] == plain["held_out"] == bool(held)
 
 
+<<<<<<< HEAD
+=======
+@pytest.mark.parametrize("held", HELD)
+>>>>>>> main
 def test_the_figures_are_those_of_a_fit_that_was_asked_the_same(
     judged: Judged, tmp_path: Path, capsys: Capture
 ) -> None:
@@ -96,6 +118,43 @@ def test_models_of_logs_of_unequal_length_are_ranked_by_error_alone(
     by_aic = run(capsys, "compare", "--criterion", "aic", *place, "--json").document
     assert len(by_aic["ranking"]) == 1
     assert "other data" in by_aic["excluded"][0]["reason"]
+
+
+def _two_sides(folder: Path) -> Path:
+    """Two motors, as the fits of them name their channels in one order and another."""
+    rng = np.random.default_rng(3)
+    u, y = np.repeat(rng.uniform(-1.0, 1.0, (60, 2)), 10, axis=0), np.zeros((600, 2))
+    for k in range(1, 600):
+        y[k] = 0.8 * y[k - 1] + [0.2, 0.3] * u[k - 1]
+    y += 0.01 * rng.standard_normal(y.shape)
+    return write_log(folder / "two.csv", ["u1", "u2", "y1", "y2"], [*u.T, *y.T])
+
+
+def test_models_of_the_same_channels_in_another_order_are_ranked_together(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    log, place = _two_sides(tmp_path), ["--workspace", tmp_path / "ws"]
+    for k, u in enumerate(("u1,u2", "u2,u1")):
+        of = ["--structure", "arx", "--orders", f"na=1 nb={1 + k} nk=1", "--split", "0.7"]
+        assert run(capsys, "fit", log, "-u", u, *of, *place).code == 0
+    for criterion in ("fit", "aic"):
+        ranked = run(capsys, "compare", "--criterion", criterion, *place, "--json").document
+        assert len(ranked["ranking"]) == 2
+        assert not ranked["excluded"]
+    assert run(capsys, "compare", *place).code == 0
+
+
+def test_models_of_other_channels_are_left_out_in_one_sentence(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    log, place = _two_sides(tmp_path), ["--workspace", tmp_path / "ws"]
+    for na, y in ((1, "y2"), (2, "y2"), (1, "y1")):
+        of = ["--structure", "arx", "--orders", f"na={na} nb=1 nk=1"]
+        assert run(capsys, "fit", log, "-u", "u1", "-y", y, *of, *place).code == 0
+    done = run(capsys, "compare", "--val", log, *place)
+    shown = " ".join((done.out + done.err).split())
+    assert shown.count("left out") == 1
+    assert "left out: a model of u1 → y2 is not ranked among models of u1 → y1." in shown
 
 
 # ------------------------------------------------------------------------ who may lead

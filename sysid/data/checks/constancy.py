@@ -8,11 +8,12 @@ would add; the largest of these statistics over τ has the law of the supremum o
 
 (DeLong 1981; Estrella 2003). The sums of scores over blocks of time estimate their covariance
 whatever correlates them (HAC), and the smaller of this statistic and of the classical one counts.
-Like is compared with like: static curves of the inputs and of the response, and lags that depend on
-it, stand beside the process, so that another operating region is no change.
+Like is compared with like: static curves of the inputs and of the response, lags that depend on it,
+and limits of a rate stand beside the process, so that another operating region is no
+change.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -35,6 +36,9 @@ ALARM = 1e-4
 
 KNOTS = (0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97)
 """Quantiles at which static curves may bend."""
+
+RAMPS = (0.5, 1.0, 2.0, 4.0)
+"""Times, in lags, in which a signal whose rate is limited goes over its whole range."""
 
 WIDER, ASIDE = 1.35, 0.5
 """Ratio of an input's spreads, and distance of its means in spreads, from which on two parts of a
@@ -129,10 +133,7 @@ def change_within(records: Sequence[Record], j: int, fit: ProcessFit) -> Change 
     if n < MIN_SAMPLES or 2 * first >= BLOCKS:
         return None
     white = fit.white.filtered
-    X = white(np.hstack([fit.white.base, fit.responses, fit.slopes, _curves(records, fit)]))
-    X, _ = orthonormal(X, 1e-9)
     target = white(np.concatenate([r.y[:, j] for r in records])[:, None])[:, 0]
-    e = target - X @ (X.T @ target)
     Z = white(np.column_stack([fit.responses, fit.slopes.sum(axis=1), np.ones(n)]))
     size = np.sqrt(np.mean(Z**2, axis=0)) + 1e-300
     edges = np.linspace(0, n, BLOCKS + 1).astype(int)
@@ -140,10 +141,14 @@ def change_within(records: Sequence[Record], j: int, fit: ProcessFit) -> Change 
     profiles = np.vstack(
         [np.arange(BLOCKS) >= inner[:, None], (np.arange(BLOCKS) + 0.5) / BLOCKS - 0.5]
     )
-    stats, effects, errors = _statistics(X, Z / size, e, profiles, edges)
-    p = _chance(float(stats.min(axis=1).max()), Z.shape[1] - 1)
-    if p > ALARM:
-        return None
+    beside = np.hstack([fit.white.base, fit.responses, fit.slopes, _curves(records, fit)])
+    for more in (lambda: beside, lambda: np.hstack([beside, _ramps(records, fit)])):
+        X, _ = orthonormal(white(more()), 1e-9)
+        e = target - X @ (X.T @ target)
+        stats, effects, errors = _statistics(X, Z / size, e, profiles, edges)
+        p = _chance(float(stats.min(axis=1).max()), Z.shape[1] - 1)
+        if p > ALARM:
+            return None
     best = int(np.argmax(stats[:, 0]))  # where the errors are least
     if stats[-1, 0] >= stats[best, 0] - WITHIN:
         return _trend(records, j, fit, effects[-1] / size, errors[-1] / size, p)
@@ -249,6 +254,42 @@ def _curves(records: Sequence[Record], fit: ProcessFit) -> Array:
     hinges = [np.maximum(x - k, 0.0) for k in np.quantile(x, KNOTS)]
     columns += [*hinges, np.sign(x), *(d * h for h in hinges), d * x, d * np.sign(x)]
     return np.column_stack(columns)
+
+
+def _ramps(records: Sequence[Record], fit: ProcessFit) -> Array:
+    """What a limit of each input's rate, and one of the output's, would change, (N, n).
+
+    A ramp makes the lag of a large step longer than that of a small one: two parts of a log with
+    few large steps differ by it. Looked at only where a change would be said.
+    """
+    lag = float(fit.lag[_main(fit)])
+    rates = 1.0 / (np.array(RAMPS) * lag)
+    x, starts = fit.responses.sum(axis=1), np.cumsum([len(r) for r in records])[:-1]
+    wanted = np.split(x + lag * np.diff(x, append=x[-1:]), starts)
+    columns = [np.concatenate(c) - x for c in _slower(wanted, rates, lag)]
+    for i in range(records[0].nu):
+        us = [r.u[:, i] for r in records]
+        columns += [
+            fit.through(i, [c - u for c, u in zip(limited, us, strict=True)])
+            for limited in _slower(us, rates, 1.0)
+        ]
+    return np.column_stack(columns)
+
+
+def _slower(xs: Sequence[Array], rates: Array, lag: float) -> Iterator[list[Array]]:
+    """What follows each signal by a lag [samples], at each rate (as a share of the range a sample)
+    at most."""
+    widest = float(max(map(np.max, xs)) - min(map(np.min, xs)))
+    for rate in (rates * widest).tolist():
+        yield [_limited(x, rate, lag) for x in xs]
+
+
+def _limited(x: Array, rate: float, lag: float) -> Array:
+    out, y = np.empty(len(x)), float(x[0])
+    for k, wanted in enumerate(x.tolist()):
+        y += min(max((wanted - y) / lag, -rate), rate)
+        out[k] = y
+    return out
 
 
 def _main(fit: ProcessFit) -> int:

@@ -122,8 +122,10 @@ def compare(
     if not ranks.of_free_run or validation is None:
         usable = _same_data(usable, excluded)
     if not usable:
-        raise ModelError("no model can be compared: " + "; ".join(excluded.values()))
-    if validation is None and len({figures[c.id]["data"] for c in usable}) > 1:
+        raise ModelError("no model can be compared: " + "; ".join(reasons(excluded)))
+    judged_on = {(figures[c.id]["data"], figures[c.id]["held_out"]) for c in usable}
+    unlike = validation is None and len(judged_on) > 1
+    if unlike:
         notes.append(
             "Not all of these models were judged on the same held-out data, so the figures are "
             "those on the data they were fitted to: give `validation=LOG`."
@@ -135,8 +137,7 @@ def compare(
     for c in usable:
         if not ranks.of_free_run and criterion not in criteria[c.id]:
             excluded[c.id] = (
-                f"{c.id} was stored without {criterion}, and its data are gone or have changed: "
-                "fit it again"
+                f"stored without {criterion}, and the data are gone or have changed; fit it again"
             )
             continue
         value = _value(criterion, criteria[c.id], figures[c.id])
@@ -144,7 +145,7 @@ def compare(
             Ranked(c, value, criteria[c.id], figures[c.id], _residuals(c), step_time(c.model))
         )
     if not lines:
-        raise ModelError("no model can be compared: " + "; ".join(excluded.values()))
+        raise ModelError("no model can be compared: " + "; ".join(reasons(excluded)))
     lines.sort(
         key=lambda x: (
             not np.isfinite(x.value),
@@ -153,7 +154,8 @@ def compare(
             x.contender.id,
         )
     )
-    if validation is None and ranks.of_free_run and not lines[0].figures["held_out"]:
+    fitted_to = validation is None and not lines[0].figures["held_out"]
+    if fitted_to and ranks.of_free_run and not unlike:
         notes.append(
             "Judged on the data the models were fitted to, which favours large models: give "
             "`validation=LOG`, or fit with `split`."
@@ -161,6 +163,14 @@ def compare(
     data = validation[1] if validation else str(lines[0].figures["data"])
     best = _leading(lines, criterion, notes)
     return Ranking(criterion, tuple(lines), excluded, tuple(notes), data, best)
+
+
+def reasons(excluded: Mapping[str, str]) -> list[str]:
+    """A sentence for each reason, with the models that it leaves out before it."""
+    by_reason: dict[str, list[str]] = {}
+    for id, reason in excluded.items():
+        by_reason.setdefault(reason.removesuffix("."), []).append(id)
+    return [f"{', '.join(ids)} left out: {reason}." for reason, ids in by_reason.items()]
 
 
 def common_validation(
@@ -267,13 +277,29 @@ def _all_figures(
                 role = "validation" if c.report.get("validation") else "estimation"
                 figures[c.id] = _figures_made(c, role, policy)
                 continue
-            for r in validation[0]:
-                c.model.check(r)
-            made = figures_on(c.model, validation[0], validation[1], policy)
+            judged = _of_model(c.model, validation[0])
+            made = figures_on(c.model, judged, validation[1], policy)
             figures[c.id] = {**made.to_json(), "held_out": True}
         except ModelError as error:
             excluded[c.id] = str(error)
     return figures
+
+
+def _of_model(model: Model, records: Sequence[Record]) -> list[Record]:
+    """The records with their channels in the order that the model has them in.
+
+    Raises:
+        ModelError: they have other channels, units or sample times.
+    """
+    wanted = [c.name for c in model.inputs], [c.name for c in model.outputs]
+    there = records[0].input_names, records[0].output_names
+    if [*map(sorted, wanted)] != [*map(sorted, there)]:
+        ours, theirs = (f"{', '.join(u)} → {', '.join(y)}" for u, y in (wanted, there))
+        raise ModelError(f"a model of {ours} is not ranked among models of {theirs}")
+    ordered = [r.select(*wanted) for r in records]
+    for r in ordered:
+        model.check(r)
+    return ordered
 
 
 def _figures_made(c: Contender, role: str, policy: Policy) -> dict[str, Any]:
@@ -283,7 +309,7 @@ def _figures_made(c: Contender, role: str, policy: Policy) -> dict[str, Any]:
     """
     part, held_out = c.report.get(role), role == "validation"
     if not isinstance(part, Mapping):
-        raise ModelError(f"{c.id} holds no figures; fit it again")
+        raise ModelError("it holds no figures; fit it again")
     if c.report.get("policy") == plain(policy):
         return {**part, "held_out": held_out}
     records = c.validation if held_out else c.records
@@ -293,24 +319,23 @@ def _figures_made(c: Contender, role: str, policy: Policy) -> dict[str, Any]:
     if "policy" not in c.report and policy == Policy():
         return {**part, "held_out": held_out}  # reports of other commands and versions
     raise ModelError(
-        f"{c.id} was validated in another way, and its validation log is missing or has changed; "
-        "give `validation=LOG`"
+        "validated in another way, and the validation log is missing or has changed; give "
+        "`validation=LOG`"
     )
 
 
 def _identity(c: Contender) -> tuple[object, ...]:
     m = c.model
     data = tuple((s.sha256, s.first, s.samples) for s in m.provenance.data)
-    return data, tuple(x.name for x in m.inputs), tuple(x.name for x in m.outputs)
+    return data, *(tuple(sorted(x.name for x in side)) for side in (m.inputs, m.outputs))
 
 
 def _same_data(contenders: Sequence[Contender], excluded: dict[str, str]) -> list[Contender]:
     """Those fitted to the same data as the newest model; the others are excluded."""
     kept = [c for c in contenders if _identity(c) == _identity(contenders[-1])]
     excluded |= {
-        c.id: f"{c.id} was fitted to other data or channels than {contenders[-1].id}: such models "
-        "must not be ranked against each other by this criterion (use `validation=LOG` with "
-        "`criterion='fit'`)"
+        c.id: f"fitted to other data or channels than {contenders[-1].id}; rank them by "
+        "`criterion='fit'` on `validation=LOG`"
         for c in contenders
         if c not in kept
     }
@@ -328,7 +353,8 @@ def _criteria(contenders: Sequence[Contender], notes: list[str]) -> dict[str, di
         )
     if not same or first.records is None:
         return {c.id: dict(c.model.criteria) for c in contenders}
-    common = common_criteria([c.model for c in contenders], first.records)
+    records = [_of_model(c.model, first.records) for c in contenders]
+    common = common_criteria([c.model for c in contenders], records)
     return {c.id: made for c, made in zip(contenders, common, strict=True)}
 
 

@@ -150,10 +150,16 @@ def _costs(entries: Sequence[Entry], records: Sequence[Record], name: str) -> li
 
 
 def common_criteria(
-    models: Sequence[Model], records: Sequence[Record]
+    models: Sequence[Model], records: Sequence[Sequence[Record]]
 ) -> tuple[dict[str, float], ...]:
-    """Information criteria of models over the samples that all of them predict."""
-    errors = on_common_samples([judged_errors(m, records) for m in models])
+    """Information criteria of models over the samples that all of them predict.
+
+    Args:
+        records: for each model the same experiments, with its channels.
+    """
+    errors = on_common_samples(
+        [judged_errors(m, own) for m, own in zip(models, records, strict=True)]
+    )
     return tuple(
         information_criteria(e, m.n_estimated) for m, e in zip(models, errors, strict=True)
     )

@@ -87,7 +87,7 @@ class StructureSelection:
 
     def with_criteria(self, records: Sequence[Record]) -> list[tuple[Entry, dict[str, float]]]:
         """Every entry with its information criteria over the samples that all of them predict."""
-        criteria = common_criteria([e.model for e in self.entries], records)
+        criteria = common_criteria([e.model for e in self.entries], [records] * len(self.entries))
         return list(zip(self.entries, criteria, strict=True))
 
 
