@@ -93,7 +93,7 @@ def process_of(
 def _refined(d: Delay, fit: ProcessFit, i: int, dt: float, shortest: int) -> Delay:
     if d.delay is None:
         return d
-    dead, error = float(fit.dead[i]), float(fit.dead_error[i])
+    dead, error = float(fit.dead[i]) - fit.held(i) + PLAIN, float(fit.dead_error[i])
     low, high = (
         max(int(np.ceil(dead + side * WIDTH * error - 0.5)), shortest) for side in (-1.0, 1.0)
     )
