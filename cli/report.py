@@ -1,13 +1,16 @@
-"""``sysid report``: one self-contained page of a model, or of several."""
+"""``sysid report``: one self-contained page of a model, of several, or of a mission."""
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from sysid.errors import UsageError
 from sysid.workspace.logs import StoredData
 from sysid.workspace.store import StoredModel, Workspace
 
 from . import reading, render, targets
+from .missions.page import report_mission
+from .missions.simulate import load_plant
 from .options import argument, command
 
 if TYPE_CHECKING:
@@ -18,8 +21,8 @@ if TYPE_CHECKING:
 @command
 def report(
     models: list[str] | None = argument(
-        "[MODEL]...",
-        "Model ids; several are compared [the best model].",
+        "[MODEL|MISSION]...",
+        "Model ids; several are compared [the best model]. Or a mission (YAML).",
         default=None,
         autocompletion=reading.stored_models,
     ),
@@ -29,7 +32,10 @@ def report(
     workspace: Path = reading.WORKSPACE,
     json: bool = reading.JSON,
 ) -> None:
-    """Write a page on a model: can it be trusted, and for what?"""
+    """Write a page on a model: can it be trusted, and for what?
+
+    Or on a mission: driven with the exported plant once, and 200 times with what varies.
+    """
     from sysid.data.files import write_atomic
     from sysid.data.inspection import inspect_records
     from sysid.estimation.assessment.figures import residual_tests
@@ -37,6 +43,13 @@ def report(
     from sysid.report.panels import Shown
 
     store = Workspace(workspace)
+    path = output or store.root / "report.html"
+    if models and any(Path(m).suffix.lower() in targets.YAML for m in models):
+        if len(models) > 1:
+            raise UsageError(f"{' '.join(models)}: name one mission alone, or models")
+        write_atomic(path, report_mission(Path(models[0]), store, load_plant(store, None, False)))
+        _show(path, {"mission": models[0]}, json)
+        return
     stored = [store.load(i) for i in dict.fromkeys(models or ())] or [store.chosen(None)]
     records = judged_records(stored)
     if len(stored) == 1:
@@ -48,10 +61,13 @@ def report(
         page = model_page(one.id, one.model, one.report, records, findings, tests, command=line)
     else:
         page = comparison_page([Shown(s.id, s.model) for s in stored], records, stored[0].id)
-    path = output or store.root / "report.html"
     write_atomic(path, page.html())
+    _show(path, {"models": [s.id for s in stored]}, json)
+
+
+def _show(path: Path, of: dict[str, Any], json: bool) -> None:
     if json:
-        render.document({"page": path, "models": [s.id for s in stored]})
+        render.document({"page": path, **of})
     else:
         render.files({"page": path}, page="Page")
 

@@ -12,7 +12,10 @@ from ..options import changed, option
 
 if TYPE_CHECKING:
     from sysid.plant.package import Package
+    from sysid.report.missions.drives import ShownRuns
+    from sysid.robot.mission.batch.setup import Setup
     from sysid.robot.mission.contracts import SteppablePlant
+    from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
     from sysid.robot.mission.spec import Mission
     from sysid.structures.model import Model
     from sysid.workspace.store import Workspace
@@ -139,17 +142,11 @@ def ride(mission: "Mission", package: "Package", models: "Sequence[Model]", how:
     return Ride(varied, robot, setup.known(seed), (note, *setup.notes(0, 0, 1)), seed, noise)
 
 
-def drive_many(
-    path: Path,
-    mission: "Mission",
-    models: "Sequence[Model]",
-    table: Path,
-    plot: Path | None,
-    how: Repeats,
-) -> dict[str, Any]:
-    """Drive the mission many times; a row a run is written to ``table``."""
+def batch_of(
+    path: Path, mission: "Mission", models: "Sequence[Model]", how: Repeats
+) -> "tuple[Setup, MissionRuns]":
+    """The mission driven many times."""
     from sysid.robot.mission.batch.setup import Setup
-    from sysid.robot.mission.monte_carlo.mission_runs import write_runs
     from sysid.robot.mission.monte_carlo.runs import simulate_runs
 
     runs = how.runs or 0
@@ -157,18 +154,24 @@ def drive_many(
         batch = simulate_runs(
             mission, models, runs, how.seed or 0, how.vary, how.scheduler, advance
         )
+    return Setup.of(mission, models, how.vary), batch
+
+
+def drive_many(
+    path: Path, mission: "Mission", models: "Sequence[Model]", table: Path, how: Repeats
+) -> "tuple[dict[str, Any], ShownRuns]":
+    """Drive the mission many times; a row a run is written to ``table``; what a picture shows."""
+    from sysid.report.missions.drives import shown_runs
+    from sysid.robot.mission.monte_carlo.mission_runs import write_runs
+
+    setup, batch = batch_of(path, mission, models, how)
     targets.make_folder(table, "-o")
     facts = {
         "runs": batch.summary(),
         "log": write_runs(batch, table),
         "warnings": list(batch.notes),
     }
-    if plot is not None:
-        from sysid.report.missions.drives import draw_runs
-
-        draw_runs(plot, path.stem, Setup.of(mission, models, how.vary), batch)
-        facts["plot"] = plot
-    return facts
+    return facts, shown_runs(setup, batch)
 
 
 def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
@@ -202,7 +205,7 @@ def show_many(path: Path, facts: dict[str, Any], how: Repeats) -> None:
 def show_files(facts: dict[str, Any]) -> None:
     """Warnings, and what was written."""
     render.cautions(facts["warnings"])
-    render.files(facts, log="Log", bag="Bag", plot="Picture")
+    render.files(facts, log="Log", bag="Bag", plot="Picture", page="Page")
 
 
 def _show_drivers(shares: dict[str, Any]) -> None:

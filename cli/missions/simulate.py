@@ -14,11 +14,13 @@ from .guided import facts_of, guide_over_ros
 from .law_options import LawChoice
 from .many_runs import Repeats, Ride, candidates, drive_many, ride, show_files, show_many
 from .measured import lay_over, show_measured
+from .page import page_text
 from .ros_options import OverRos
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
     from sysid.plant.package import Package
+    from sysid.robot.mission.result import MissionResult
     from sysid.structures.plant import Plant
 
 _MISSION_FILES = (".yaml", ".yml")
@@ -112,46 +114,64 @@ def _driven(
     read: "ReadOptions",
 ) -> dict[str, Any]:
     """Once, or many times, and beside a measured drive; log, picture and bag to write are given."""
+    from sysid.data.files import write_atomic
     from sysid.robot.mission.spec import load_mission
 
     mission = laws.applied(load_mission(path))
     models = candidates(place, package, mission, how)
-    if how.measured is None:
-        if how.runs is not None:
-            return drive_many(path, mission, models, *files[:2], how)
-        return _drive(path, package.plant(), *files, ride(mission, package, models, how))
-    comparison, measured, warnings = lay_over(how.measured, mission, models, how, read)
-    log, plot, bag = files
-    if how.runs is not None:
-        facts = drive_many(path, mission, models, log, None, how)
+    if how.measured is not None:
+        comparison, measured, warnings = lay_over(how.measured, mission, models, how, read)
+        single = Repeats()
     else:
-        single_run = ride(mission, package, models, Repeats())
-        facts = _drive(path, package.plant(), log, None, bag, single_run)
-    facts |= {"measured": measured, "warnings": [*facts["warnings"], *warnings]}
-    if plot is not None:
-        from sysid.report.missions.drives import draw_measured
+        single = how if how.runs is None else Repeats()
+    log, plot, bag = files
+    drawn = plot if how.measured is None else None
+    given = ride(mission, package, models, single)
+    runs = None
+    result = _drive(path, given)
+    if how.runs is None:
+        facts = facts_of(path, given.mission, result, (log, drawn, bag), given.seed)
+        facts["warnings"] = [*given.warnings, *_outside(package.plant(), result)]
+    else:
+        facts, runs = drive_many(path, mission, models, log, how)
+        if drawn is not None:
+            from sysid.report.missions.drives import draw_runs
 
-        draw_measured(plot, path.stem, mission, comparison)
-        facts["plot"] = plot
+            draw_runs(drawn, path.stem, mission, runs)
+            facts["plot"] = drawn
+    facts["page"] = place.missions_dir / f"{path.stem}{'' if runs is None else '_runs'}.html"
+    vary = None if how.vary is None else ",".join(how.vary)
+    options = {"runs": how.runs, "seed": how.seed, "vary": vary}
+    said = [*package.notes, *facts["warnings"]]
+    text = page_text(path, given.mission, package, result, runs, said, options)
+    write_atomic(facts["page"], text)
+    if how.measured is not None:
+        facts |= {"measured": measured, "warnings": [*facts["warnings"], *warnings]}
+        if plot is not None:
+            from sysid.report.missions.drives import draw_measured
+
+            draw_measured(plot, path.stem, mission, comparison)
+            facts["plot"] = plot
     return facts
 
 
-def _drive(
-    path: Path, plant: "Plant", log: Path, plot: Path | None, bag: Path | None, given: Ride
-) -> dict[str, Any]:
+def _drive(path: Path, given: Ride) -> "MissionResult":
+    from sysid.robot.mission.simulator import simulate
+
+    with render.progress(f"Driving {path.name}"):
+        return simulate(given.mission, given.robot, given.noise_seed, given.known)
+
+
+def _outside(plant: "Plant", result: "MissionResult") -> tuple[str, ...]:
+    """Sentences for commands beyond what the plant was identified on."""
     import numpy as np
 
     from sysid.plant.replay import outside_domain
-    from sysid.robot.mission.simulator import simulate
 
-    mission, warnings = given.mission, given.warnings
-    with render.progress(f"Driving {path.name}"):
-        result = simulate(mission, given.robot, given.noise_seed, given.known)
     named = [c.name for c in plant.inputs]
-    if set(named) <= result.log.keys():  # the plant's inputs are the robot's own PWM
-        warnings += outside_domain(plant, np.column_stack([result.log[n] for n in named]))
-    facts = facts_of(path, mission, result, (log, plot, bag), given.seed)
-    return facts | {"warnings": list(warnings)}
+    if not set(named) <= result.log.keys():  # the plant's inputs are not the robot's own PWM
+        return ()
+    return outside_domain(plant, np.column_stack([result.log[n] for n in named]))
 
 
 def _guided(

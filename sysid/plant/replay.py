@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.criteria.fit import fit_percent, rmse
 from sysid.data.files import write_atomic
@@ -142,17 +143,26 @@ def write_replay(result: Replay, path: str | Path) -> Path:
     return write_atomic(path, text.getvalue())
 
 
+def outside_range(plant: Plant, u: Array) -> NDArray[np.bool_]:
+    """Where u (N, nu) leaves the range that the plant was identified in by over 1 %, (N, nu)."""
+    low, high = np.array(plant.input_range).T
+    margin = 0.01 * (high - low)
+    return np.asarray((u < low - margin) | (u > high + margin))
+
+
 def outside_domain(plant: Plant, u: Array) -> tuple[str, ...]:
     """A sentence for each input of u (N, nu) that leaves the range the plant was identified in."""
-    sentences = []
-    for channel, (low, high), values in zip(plant.inputs, plant.input_range, u.T, strict=False):
-        margin = 0.01 * (high - low)
-        if values.min() < low - margin or values.max() > high + margin:
-            sentences.append(
-                f"{channel.name} runs from {values.min():.5g} to {values.max():.5g} but the plant "
-                f"was identified from {low:.5g} to {high:.5g}: outside it extrapolates."
-            )
-    return tuple(sentences)
+    if not plant.input_range:
+        return ()
+    leaves = [bool(outside.any()) for outside in outside_range(plant, u).T]
+    return tuple(
+        f"{channel.name} runs from {values.min():.5g} to {values.max():.5g} but the plant "
+        f"was identified from {low:.5g} to {high:.5g}: outside it extrapolates."
+        for channel, (low, high), values, leaving in zip(
+            plant.inputs, plant.input_range, u.T, leaves, strict=False
+        )
+        if leaving
+    )
 
 
 def _in_units(record: Record, plant: Plant) -> Record:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Kind = Literal["line", "steps", "dots", "stems", "marks"]
+Kind = Literal["line", "steps", "dots", "stems", "marks", "area"]
 
 BINS = 700
 """A line of more points is drawn by its envelope over so many stretches."""
@@ -63,9 +63,10 @@ class Panel:
         limits: of the vertical axis; None where the curves set them.
         rules: horizontal lines, such as 0 or a limit.
         names: of rows from 0: the curves then lie, x down and y across.
-        equal: whether both axes have one scale (a complex plane).
+        equal: whether both axes have one scale (a plane).
         circle: whether the unit circle is drawn.
         note: a sentence below the panel.
+        large: whether it has the room of four on a wide page.
     """
 
     name: str
@@ -81,6 +82,7 @@ class Panel:
     equal: bool = False
     circle: bool = False
     note: str = ""
+    large: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +191,9 @@ def _draw(axes: "Axes", c: Curve, lying: bool) -> None:
             return
         mark, size = ("x", 5.0) if c.kind == "marks" else ("o", 2.2)
         axes.plot(x, y, mark, color=colour, markersize=size, markeredgewidth=1.2)
+        return
+    if c.kind == "area":
+        axes.fill(c.x, c.y, color=colour, alpha=0.3, linewidth=0)
         return
     if c.kind == "stems":
         x = np.repeat(c.x, 3)

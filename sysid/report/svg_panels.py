@@ -71,7 +71,7 @@ def _round_step(wanted: float) -> float:
 
 def svg(panel: Panel) -> str:
     """The panel as an element that scales with its place."""
-    height = max(HEIGHT, TOP + BOTTOM + ROW * len(panel.names)) if panel.names else HEIGHT
+    height = _height(panel)
     left = LEFT
     if panel.names:
         left = min(LETTER * max(map(len, panel.names)) + 10.0, 0.45 * WIDTH)
@@ -90,6 +90,20 @@ def svg(panel: Panel) -> str:
         f'<svg class="panel" viewBox="0 0 {WIDTH:g} {height:g}" role="img" aria-label="{label}">'
         f"{''.join(parts)}{_names(panel)}</svg>"
     )
+
+
+def _height(panel: Panel) -> float:
+    """Room for every named row, and for a plane's own proportions."""
+    if panel.names:
+        return max(HEIGHT, TOP + BOTTOM + ROW * len(panel.names))
+    if not panel.equal or panel.circle:
+        return HEIGHT
+    wide, tall = (
+        float(np.ptp(np.concatenate([v[np.isfinite(v)] for v in values] or [np.zeros(1)])))
+        for values in ([c.x for c in panel.curves], [c.y for c in panel.curves])
+    )
+    wanted = TOP + BOTTOM + (WIDTH - LEFT - RIGHT) * tall / max(wide, 1e-9)
+    return min(max(HEIGHT, wanted), WIDTH)
 
 
 def _axes(panel: Panel, left: float, height: float) -> tuple[_Axis, _Axis]:
@@ -199,6 +213,8 @@ def _curve(c: Curve, across: _Axis, down: _Axis, lying: bool) -> str:
         zero = float(down(np.zeros(1))[0])
         d = "".join(f"M{a:.1f} {zero:.1f}V{b:.1f}" for a, b in zip(x, y, strict=True))
         return f'<path class="line {kind}" d="{d}"/>'
+    if c.kind == "area":
+        return f'<path class="band {kind}" d="{_line([*zip(x, y, strict=True)])}Z"/>'
     band = ""
     if low is not None and high is not None:
         known = np.isfinite(low) & np.isfinite(high) & np.isfinite(x)

@@ -147,6 +147,7 @@ def test_every_command_joins_and_a_model_can_read_its_data_again(
     assert compared.code == 0, compared.err
 
 
+@pytest.mark.slow
 def test_every_command_says_what_reading_did_to_the_numbers(
     files: tuple[Path, Path, Drive], capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

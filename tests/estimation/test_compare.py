@@ -29,10 +29,14 @@ def _workspace(folder: Path, capsys: Capture, *options: object) -> None:
         assert fitted.code == 0, fitted.err
 
 
-HELD = [["--val"], ["--split", "0.7"], []]
+HELD = [
+    pytest.param(["--val"], id="val"),
+    pytest.param(["--split", "0.7"], id="split", marks=pytest.mark.slow),
+    pytest.param([], id="none", marks=pytest.mark.slow),
+]
 
 
-@pytest.mark.parametrize("held", HELD, ids=["val", "split", "none"])
+@pytest.mark.parametrize("held", HELD)
 def test_every_option_counts_without_naming_a_log(
     held: list[str], tmp_path: Path, capsys: Capture
 ) -> None:
@@ -49,7 +53,7 @@ def test_every_option_counts_without_naming_a_log(
     assert asked["held_out"] == plain["held_out"] == bool(held)
 
 
-@pytest.mark.parametrize("held", HELD, ids=["val", "split", "none"])
+@pytest.mark.parametrize("held", HELD)
 def test_the_figures_are_those_of_a_fit_that_was_asked_the_same(
     held: list[str], tmp_path: Path, capsys: Capture
 ) -> None:

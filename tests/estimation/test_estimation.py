@@ -327,7 +327,9 @@ def test_more_data_mean_smaller_errors() -> None:
     assert ratio == pytest.approx(np.full(4, 4.0), rel=0.25)
 
 
-@pytest.mark.parametrize("name", ["oe", "armax", "bj"])
+@pytest.mark.parametrize(
+    "name", ["armax", *(pytest.param(n, marks=pytest.mark.slow) for n in ("oe", "bj"))]
+)
 def test_a_long_record_is_searched_from_pieces_of_it(name: str) -> None:
     """The minimum is that of a search over all samples, to what the solver's tolerance leaves."""
     system = SYSTEMS[name]

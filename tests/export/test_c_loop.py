@@ -180,6 +180,7 @@ def test_parameters_changed_at_run_time_act_as_another_mission_does(second: Path
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make here")
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no CMake here")
 @needs_compiler
+@pytest.mark.slow
 def test_makefile_and_cmake_build_both_self_tests(second: Path) -> None:
     ran(second, "make", "-s")
     assert errors(second)["later"] == 0

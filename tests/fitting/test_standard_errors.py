@@ -61,7 +61,13 @@ def says_what_it_is_worth(model: Model) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("log", ["multisine", "prbs", "forward_back", "multilevel"])
+@pytest.mark.parametrize(
+    "log",
+    [
+        "multisine",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("prbs", "forward_back", "multilevel")),
+    ],
+)
 @pytest.mark.parametrize(
     ("name", "orders"),
     [

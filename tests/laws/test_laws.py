@@ -91,7 +91,14 @@ def test_a_saved_model_is_the_same_model(name: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.predict(record, 5, 20), model.predict(record, 5, 20))
 
 
-@every
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=[pytest.mark.slow] * (n in ("augmented", "wiener-hammerstein")))
+        for n in REGISTERED
+        if n in CASES
+    ],
+)
 def test_units_of_the_channels_do_not_matter(name: str) -> None:
     """Powers of two, so that rounding is the same and only the searches' paths differ."""
     case, (record, other) = case_of(name), records_of(name)

@@ -11,6 +11,7 @@ from scipy.signal import StateSpace, lsim
 
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import DataError, SysidError, UsageError
+from sysid.estimation.assessment.advice import _information
 from sysid.estimation.pem import fit
 from sysid.structures.grey_box.file.definition import definition_of
 from sysid.structures.grey_box.file.expressions import evaluate, parse
@@ -220,6 +221,20 @@ def test_a_fit_recovers_the_truth_and_its_model_holds_the_equations(tmp_path: Pa
     assert np.array_equal(again.simulate(u), model.simulate(u))
     assert again.structure.physics.text == SPRING  # type: ignore[attr-defined]
     assert "dv/dt = (force - k*q - d*v)/m" in again.equations()
+
+
+def test_parameters_that_only_show_together_are_said_with_what_would_help() -> None:
+    text = SPRING.replace("fixed: true", "bounds: [0.1, 5]")  # all four as multiples of the mass
+    text = text.replace("(force - k*q", "(g*force - k*q").replace(
+        "  m:", "  g: {start: 1, bounds: [0.1, 10]}\n  m:"
+    )
+    truth, u = boxed(text), commands(400, 5)
+    y = truth.simulate(np.array([8.0, 1.0, 1.0, 0.5, 0.0, 0.0]), u)
+    noisy = y + 1e-3 * np.random.default_rng(1).standard_normal(y.shape)
+    log = Record(u, noisy, 0.1, (Channel("force", "N"),), (Channel("position", "m"),))
+    model = fit(truth, [log])
+    (said,) = (s for s in _information(model) if "combination" in s)
+    assert "No experiment that was tried separates k, d, g, m" in said
 
 
 def test_every_experiment_may_have_a_parameter_of_its_own() -> None:

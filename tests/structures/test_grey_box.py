@@ -211,7 +211,7 @@ def test_derivatives_match_differences(case: str) -> None:
 # ------------------------------------------------------------------------------- recovery
 
 
-@pytest.mark.parametrize("case", ["one track", "two tracks"])
+@pytest.mark.parametrize("case", ["one track", pytest.param("two tracks", marks=pytest.mark.slow)])
 def test_motors_recover_their_own_truth(case: str) -> None:
     _, theta, _, model = FITS[case]()
     free = np.array([p.fixed is None for p in model.parameters])

@@ -9,9 +9,12 @@ from sysid.data.finding import Finding, Severity
 from sysid.data.record import Record
 from sysid.errors import Termination
 from sysid.estimation.assessment.figures import Figures
+from sysid.estimation.information.experiments import mendings
+from sysid.estimation.information.subject import subject_of_model
 from sysid.estimation.soundness import INTEGRATING, largest_radius, motion_doubts
 from sysid.structures import motion
 from sysid.structures.base import Structure
+from sysid.structures.grey_box.structure import GreyBox
 from sysid.structures.linear.base import LinearStructure
 from sysid.structures.model import Model, unvisited
 
@@ -132,11 +135,11 @@ def _information(model: Model) -> list[str]:
             continue
         names = sorted(direction, key=lambda n: -round(abs(direction[n]), 6))  # ties by order
         shown = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
-        sentences.append(
-            f"The data hold no information about a combination of {shown}: {together}, or too "
-            "little is excited. The smallest such values were taken; a richer input (sysid excite) "
-            "distinguishes them."
-        )
+        why = f"{together}, or too little is excited. The smallest such values were taken; a "
+        why += "richer input (sysid excite) distinguishes them."
+        if isinstance(model.structure, GreyBox):
+            why = "they only show together. " + _told_apart(model, names)
+        sentences.append(f"The data hold no information about a combination of {shown}: {why}")
     table = [p for p in model.parameter_table() if not p.fixed]
     vague = [p.name for p in table if np.isfinite(p.std_error) and p.std_error > abs(p.value)]
     if len(vague) > len(table) // 2 and table:
@@ -146,6 +149,14 @@ def _information(model: Model) -> list[str]:
             f"({shown}): lower the orders or record more."
         )
     return sentences
+
+
+def _told_apart(model: Model, names: Sequence[str]) -> str:
+    """Which experiment would separate physical parameters; that none of those tried does."""
+    subject = subject_of_model(model)
+    asked = [n for n in subject.names if n in names]
+    found = mendings(subject, asked, [np.inf] * len(subject.names))
+    return " ".join(dict.fromkeys(m.sentence for m in found))
 
 
 def _simulation(free_run: Figures, one_step: Figures) -> list[str]:

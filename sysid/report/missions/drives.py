@@ -1,7 +1,7 @@
 """Pictures of missions from their results: one drive, many runs, a fan, a plan, a path."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -112,22 +112,40 @@ def draw_measured(path: Path, name: str, mission: Mission, comparison: Compariso
     write_picture(path, FanPicture(drive, fan.ways, fan.t, panels, comparison.leaves, title, facts))
 
 
+@dataclass(frozen=True, eq=False)
+class ShownRuns:
+    """Many runs of a mission, and the ways of some.
+
+    Attributes:
+        paths, worst: X, Y of the first runs and of the worst ones, (n, 2) each [m].
+    """
+
+    batch: MissionRuns
+    paths: Sequence[Array]
+    worst: Sequence[Array]
+
+
 SHOWN = 100
 """Paths in a picture: enough for a fan."""
 
 
-def draw_runs(plot: Path, name: str, setup: Setup, batch: MissionRuns) -> None:
-    """Draw the paths of the first runs and the worst ones, which are driven again for it."""
+def shown_runs(setup: Setup, batch: MissionRuns) -> ShownRuns:
+    """The first runs and the worst ones, which are driven again for their paths."""
     usual = batch.seeds[:SHOWN]
     paths = paths_of(setup, [*usual, *(w.seed for w in batch.worst)])
-    mission, shares = setup.mission, batch.time_drivers
+    return ShownRuns(batch, paths[: len(usual)], paths[len(usual) :])
+
+
+def draw_runs(plot: Path, name: str, mission: Mission, runs: ShownRuns) -> None:
+    """Draw the paths of some runs over the distributions of all."""
+    batch, shares = runs.batch, runs.batch.time_drivers
     write_picture(
         plot,
         RunsPicture(
             title=f"{name}: {batch.n} runs",
             subtitle=batch.sentence,
-            paths=tuple(paths[: len(usual)]),
-            worst=tuple(paths[len(usual) :]),
+            paths=tuple(runs.paths),
+            worst=tuple(runs.worst),
             scene=replace(scene_of(mission), influence=0.0),
             times=batch.time_s,
             clearances=batch.min_clearance_m,

@@ -72,18 +72,20 @@ def _clearances(axes: "Axes", picture: RunsPicture) -> None:
     _histogram(axes, picture.clearances, "smallest clearance [m]", (0.01, 0.5))
 
 
-def _histogram(axes: "Axes", values: Array, title: str, shares: tuple[float, ...]) -> None:
-    """Bars as wide as what the values are rounded to, or narrower than their spread."""
+def bar_edges(values: Array) -> Array:
+    """Edges of bars as wide as what the values are rounded to, or narrower than their spread."""
     known = np.unique(np.round(values, 9))
     step = float(np.min(np.diff(known), initial=np.inf))
     low, high = float(known[0]), float(known[-1])
     if len(known) == 1:
-        edges = np.array([low - 0.5, low + 0.5])
-    elif (high - low) / step <= _BARS:
-        edges = np.arange(low - 0.5 * step, high + step, step)
-    else:
-        edges = np.linspace(low, high, _BARS + 1)
-    axes.hist(values, bins=edges.tolist(), color=style.BLUE, alpha=0.55, linewidth=0)
+        return np.array([low - 0.5, low + 0.5])
+    if (high - low) / step <= _BARS:
+        return np.arange(low - 0.5 * step, high + step, step)
+    return np.linspace(low, high, _BARS + 1)
+
+
+def _histogram(axes: "Axes", values: Array, title: str, shares: tuple[float, ...]) -> None:
+    axes.hist(values, bins=bar_edges(values).tolist(), color=style.BLUE, alpha=0.55, linewidth=0)
     for share in shares:
         at = float(np.quantile(values, share))
         axes.axvline(at, color=style.INK, linewidth=0.8, linestyle=(0, (4, 3)))

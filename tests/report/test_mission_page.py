@@ -1,0 +1,84 @@
+"""The page of a mission: its verdict is what was driven, its tube holds what it says."""
+
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+from mission_cases import Robot, goal
+from test_model_page import Tags
+
+from sysid.report.missions.drives import ShownRuns, shown_runs
+from sysid.report.missions.page import mission_page, verdict
+from sysid.report.missions.tube import tube
+from sysid.robot.mission.batch.setup import Setup
+from sysid.robot.mission.monte_carlo.runs import simulate_runs
+from sysid.robot.mission.result import MissionResult
+from sysid.robot.mission.simulator import simulate
+from sysid.robot.mission.spec import Mission
+
+MISSION = goal(1.0, 0.3, obstacles=[(0.5, -0.3)], walls=[[(0.0, 1.0), (1.0, 1.0)]])
+NARROW = ((-5000.0, 5000.0), (-5000.0, 5000.0))
+
+
+@cache
+def drive(mission: Mission = MISSION) -> MissionResult:
+    return simulate(mission, Robot())
+
+
+def test_saturation_and_extrapolation_are_those_of_the_log() -> None:
+    result, plant = drive(), Robot(input_range=NARROW)
+    u = np.column_stack([result.log["pwm_l"], result.log["pwm_r"]])
+    outside = 100.0 * np.mean((np.abs(u) > 5100.0).any(axis=1))  # beyond by 1 % of the range
+    assert 0.0 < outside < 100.0
+    said = {sentence: mark for mark, sentence in verdict(result, plant)}
+    (mark,) = (m for s, m in said.items() if f"In {outside:.1f} % of the time" in s)
+    assert mark == "bad"
+    wide = verdict(result, Robot(input_range=((-2e4, 2e4),) * 2))
+    assert ("good", "All commands are within what the plant was identified on.") in wide
+    full = 100.0 * np.mean((np.abs(u) >= 19_990.0).any(axis=1))
+    assert any(f"full drive in {full:.1f} %" in s for s in said) is bool(full > 0.0)
+
+
+def test_the_page_of_many_runs_stands_alone() -> None:
+    batch = simulate_runs(MISSION, [Robot()], 60, 3)
+    runs = shown_runs(Setup.of(MISSION, [Robot()]), batch)
+    assert len(runs.paths) == 60
+    text = mission_page("m", MISSION, drive(), Robot(input_range=NARROW), runs).html()
+    tags = Tags()
+    tags.feed(text)
+    assert tags.open == []
+    assert tags.outside == []
+    assert not re.search(r"\bnan\b|\binf\b", re.sub(r"<style>.*?</style>", "", text, flags=re.S))
+    arrived = batch.outcomes["arrived"].count
+    for words in ("The way", "Over time", "60 runs", "What matters", "90 % of the runs",
+                  f"{arrived} of 60 runs arrive", "Clearance of the centre"):  # fmt: skip
+        assert words in text, words
+    assert mission_page("m", MISSION, drive(), None, None).html().count("What matters") == 0
+
+
+def test_a_tube_holds_its_share_of_shifted_paths() -> None:
+    """Straight ways aside by −1 … 1 m: the edges are their 5 % and 95 % quantiles."""
+    x = np.linspace(0.0, 4.0, 200)
+    aside = np.linspace(-1.0, 1.0, 81)
+    outline = tube([np.column_stack([x, np.full(200, a)]) for a in aside])
+    assert outline is not None
+    left, right = np.split(outline, 2)
+    np.testing.assert_allclose(left[:, 1], 0.9, atol=1e-9)
+    np.testing.assert_allclose(right[:, 1], -0.9, atol=1e-9)
+    assert left[-1, 0] == pytest.approx(4.0)
+
+
+def test_a_tube_ends_where_half_of_the_paths_have() -> None:
+    paths = [np.column_stack([[0.0, 1.0 + k], [0.0, 0.0]]) for k in range(21)]
+    outline = tube(paths)
+    assert outline is not None
+    assert outline[:, 0].max() == pytest.approx(11.0)
+    assert tube(paths[:10]) is None
+    assert tube([np.zeros((5, 2))] * 30) is None
+
+
+def test_runs_that_are_too_few_for_shares_say_so() -> None:
+    batch = simulate_runs(MISSION, [Robot()], 3)
+    runs = ShownRuns(batch, [], [])
+    assert "Too few runs to say it." in mission_page("m", MISSION, drive(), None, runs).html()
