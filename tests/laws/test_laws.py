@@ -32,12 +32,15 @@ every = pytest.mark.parametrize("name", [n for n in REGISTERED if n in CASES])
 every_quick = pytest.mark.parametrize(
     "name",
     [
-        pytest.param(n, marks=pytest.mark.slow if n in ("augmented", "tanks", "wiener-hammerstein") else ())
+        pytest.param(
+            n, marks=pytest.mark.slow if n in ("augmented", "tanks", "wiener-hammerstein") else ()
+        )
         for n in REGISTERED
         if n in CASES
     ],
 )
 """Every structure; those whose fit takes seconds among the slow tests."""
+LONG = ("augmented", "tanks", "wiener-hammerstein")
 moving = pytest.mark.parametrize(
     "name", [n for n in REGISTERED if n in CASES and case_of(n).structure.nu]
 )
