@@ -5,12 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-<<<<<<< HEAD
-from command_line import Capture, robot_log, run
-from sysid_cli.app import main
-=======
 from command_line import Capture, robot_log, run, write_log
->>>>>>> main
+from sysid_cli.app import main
 
 from sysid.criteria.table import BUILT_IN
 from sysid.data.record import Record
@@ -33,11 +29,13 @@ def _workspace(folder: Path, *options: object) -> None:
         assert main(["fit", *map(str, (log, *asked, "--workspace", folder / "ws"))]) == 0
 
 
-<<<<<<< HEAD
 HELD = {"val": ["--val"], "split": ["--split", "0.7"], "none": []}
 
 
-@pytest.fixture(scope="module", params=HELD)
+@pytest.fixture(
+    scope="module",
+    params=["val", *(pytest.param(h, marks=pytest.mark.slow) for h in ("split", "none"))],
+)
 def judged(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Judged:
     """A folder of two fits, and what was held out for them."""
     folder = tmp_path_factory.mktemp(request.param)
@@ -46,19 +44,6 @@ def judged(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 def test_every_option_counts_without_naming_a_log(judged: Judged, capsys: Capture) -> None:
-=======
-HELD = [
-    pytest.param(["--val"], id="val"),
-    pytest.param(["--split", "0.7"], id="split", marks=pytest.mark.slow),
-    pytest.param([], id="none", marks=pytest.mark.slow),
-]
-
-
-@pytest.mark.parametrize("held", HELD)
-def test_every_option_counts_without_naming_a_log(
-    held: list[str], tmp_path: Path, capsys: Capture
-) -> None:
->>>>>>> main
     """--skip, --horizon and --initial change the figures on whatever judged the models."""
     folder, held = judged
     place = ["--workspace", folder / "ws", "--json"]
@@ -72,10 +57,6 @@ def test_every_option_counts_without_naming_a_log(
     assert asked["held_out"] == plain["held_out"] == bool(held)
 
 
-<<<<<<< HEAD
-=======
-@pytest.mark.parametrize("held", HELD)
->>>>>>> main
 def test_the_figures_are_those_of_a_fit_that_was_asked_the_same(
     judged: Judged, tmp_path: Path, capsys: Capture
 ) -> None:

@@ -32,7 +32,9 @@ every = pytest.mark.parametrize("name", [n for n in REGISTERED if n in CASES])
 every_quick = pytest.mark.parametrize(
     "name",
     [
-        pytest.param(n, marks=pytest.mark.slow if n in ("augmented", "tanks", "wiener-hammerstein") else ())
+        pytest.param(
+            n, marks=pytest.mark.slow if n in ("augmented", "tanks", "wiener-hammerstein") else ()
+        )
         for n in REGISTERED
         if n in CASES
     ],
