@@ -32,7 +32,10 @@ def _workspace(folder: Path, *options: object) -> None:
 HELD = {"val": ["--val"], "split": ["--split", "0.7"], "none": []}
 
 
-@pytest.fixture(scope="module", params=HELD)
+@pytest.fixture(
+    scope="module",
+    params=["val", *(pytest.param(h, marks=pytest.mark.slow) for h in ("split", "none"))],
+)
 def judged(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Judged:
     """A folder of two fits, and what was held out for them."""
     folder = tmp_path_factory.mktemp(request.param)
