@@ -110,7 +110,7 @@ class Fitting:
     stable: bool = _fitting_more(None, "Restrict the search to stable models.", default=False)
     method: str = _fitting_more(
         "NAME",
-        "Search direction: levenberg-marquardt, gauss-newton or gradient.",
+        "Search direction: levenberg-marquardt, gauss-newton or gradient; iv4: arx by instruments.",
         default="levenberg-marquardt",
         parse=str.lower,
     )

@@ -51,14 +51,18 @@ def plot(
         raise UsageError(f"{missing[0]}: file not found")
     models: list[StoredModel] = [store.load(i) for i in dict.fromkeys(ids)]
     if not models and not (what in OF_LOG and logs):
-        models = store.readable()[0] if what == "ranking" else [_best(store, what)]
+        best = _best(store, what)
+        models = [best]
+        if what == "ranking":  # of the same channels
+            models = [m for m in store.readable()[0] if m.model.outputs == best.model.outputs]
     records: tuple[Record, ...] = ()
     if logs or what in NEEDS_LOG or what == "bode":
         records = _records(models, logs, read)
     panels = panels_of(what, [Shown(m.id, m.model) for m in models], records)
     path = output or store.root / f"{what}.svg"
     data = ", ".join(dict.fromkeys(r.name for r in records))
-    title = f"{what}: {', '.join(m.id for m in models) or data}"
+    called = ", ".join(m.id for m in models) if len(models) < 4 else f"{len(models)} models"
+    title = f"{what}: {called or data}"
     write_picture(path, PanelPicture(title, data and f"data: {data}; bands: 95 %", panels))
     if save is not None:
         write_atomic(save, table(panels))

@@ -6,9 +6,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import sysid_datasets
 from sysid_cli.demo import COMMANDS
@@ -16,18 +14,15 @@ from sysid_cli.demo import COMMANDS
 from sysid.data.io import read_logs
 from sysid.diagnosis.diagnose import diagnose
 from sysid.estimation.identify import Identification, Request, identify
-from sysid.report.diagnosis_drawing import draw_worst
-from sysid.report.diagnosis_picture import Window, worst_windows
+from sysid.report.diagnosis_panels import worst
+from sysid.report.diagnosis_picture import worst_windows
 from sysid.report.fits import draw_fit
 from sysid.report.missions.drives import draw_mission
-from sysid.report.panels import Shown
+from sysid.report.panels import PanelPicture, Shown
 from sysid.report.plots import write_picture
 from sysid.robot.mission.simulator import simulate
 from sysid.robot.mission.spec import load_mission
 from sysid.robot.mission.tracks.mapping import as_robot
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 STEPS = (
     ("Look at the log", "Every check of the data, with what to do about what it finds.", None),
@@ -115,18 +110,9 @@ def _draw(folder: Path) -> None:
     draw_mission(folder / "mission.svg", "obstacles_6_3", mission, simulate(mission, robot))
     logs = (read_logs([sysid_datasets.path(name)]) for name in ("multilevel", "multilevel_val"))
     missing = diagnose(*logs, model=found.assessments[0].model)
-    write_picture(folder / "diagnosis.svg", _Worst(worst_windows(missing, 1, 1)))
-
-
-@dataclass(frozen=True)
-class _Worst:
-    """Where the model errs most, before and after the diagnosis."""
-
-    windows: tuple[Window, ...]
-
-    def draw(self, figure: "Figure") -> None:
-        """Draw it."""
-        draw_worst(figure, self.windows, changed=True)
+    where = worst(worst_windows(missing, 1, 1), changed=True)
+    title = "Where the model errs most, before and after the diagnosis"
+    write_picture(folder / "diagnosis.svg", PanelPicture(title, "", where, columns=1))
 
 
 def identified() -> Identification:

@@ -140,7 +140,7 @@ def identify(
 
 def _require_search(names: Sequence[str], options: FitOptions) -> None:
     usual = replace(options, method=Method.LEVENBERG_MARQUARDT, extra={})
-    if options.method is usual.method or usual != FitOptions():
+    if options.method in (usual.method, Method.IV4) or usual != FitOptions():
         return
     if all(structure_class(n).traits.solved_at_once for n in names):
         raise UsageError(

@@ -25,6 +25,7 @@ from sysid.methods.outcome import FitOutcome
 from sysid.methods.table import method_of
 from sysid.structures.base import Structure
 from sysid.structures.linear.base import LinearStructure
+from sysid.structures.linear.families import ARX
 from sysid.structures.model import Model, Provenance, Source
 from sysid.structures.motion import initial_state_window
 from sysid.version import __version__
@@ -187,6 +188,10 @@ def _constrained(
         raise UsageError(
             f"{structure.name} has a search of its own, on which `method` does not act; omit "
             "`method`, or choose another structure"
+        )
+    if options.method is Method.IV4 and not isinstance(structure, ARX):
+        raise UsageError(
+            f"`method='iv4'` fits arx, not {structure.name}: omit `method`, or fit arx alone"
         )
     parameters = structure.parameters(record.inputs, record.outputs)
     names = [p.name for p in parameters]

@@ -59,11 +59,12 @@ NormalEquations = Callable[[Array, Array], tuple[Array, Array]]
 
 
 class Method(Enum):
-    """Which step an iteration takes."""
+    """Which step an iteration takes; ``iv4`` takes none: instrumental variables of ARX."""
 
     LEVENBERG_MARQUARDT = "levenberg-marquardt"
     GAUSS_NEWTON = "gauss-newton"
     GRADIENT = "gradient"
+    IV4 = "iv4"
 
 
 @dataclass(frozen=True, eq=False)

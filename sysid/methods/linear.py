@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array, Record
-from sysid.errors import Termination
+from sysid.errors import Termination, UsageError
+from sysid.fitting.marquardt import Method as SolverMethod
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Parameter
 from sysid.fitting.searchable import InitialGuesses, StartReport
@@ -14,6 +15,7 @@ from sysid.methods.outcome import FitOutcome
 from sysid.methods.search import by_search
 from sysid.structures.base import Structure
 from sysid.structures.linear.families import ARX
+from sysid.structures.linear.instrumental import iv4
 from sysid.structures.linear.least_squares import solve
 from sysid.structures.linear.polynomial import PolynomialStructure
 from sysid.structures.linear.searchable import LinearSearch
@@ -28,6 +30,14 @@ def fit(
 ) -> FitOutcome:
     """Least squares in one step for ARX without constraints or another loss; else a search."""
     assert isinstance(structure, PolynomialStructure)
+    if options.method is SolverMethod.IV4:
+        assert isinstance(structure, ARX)
+        if not is_linear(options, parameters):
+            raise UsageError(
+                "`method='iv4'` knows no bounds, no `fixed`, no `robust`, no `stable` and no "
+                "`focus`: omit them, or omit `method`"
+            )
+        return solved_outcome(structure, parameters, iv4(structure, records), "iv4")
     weighted = any(r.weights is not None for r in records)
     if weighted or not (isinstance(structure, ARX) and is_linear(options, parameters)):
         search = LinearSearch(structure)

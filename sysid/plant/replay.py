@@ -144,7 +144,12 @@ def write_replay(result: Replay, path: str | Path) -> Path:
 
 
 def outside_range(plant: Plant, u: Array) -> NDArray[np.bool_]:
-    """Where u (N, nu) leaves the range that the plant was identified in by over 1 %, (N, nu)."""
+    """Where u (N, nu) leaves the range that the plant was identified in by over 1 %, (N, nu).
+
+    Nowhere where the range is not known.
+    """
+    if not plant.input_range:
+        return np.zeros(u.shape, dtype=np.bool_)
     low, high = np.array(plant.input_range).T
     margin = 0.01 * (high - low)
     return np.asarray((u < low - margin) | (u > high + margin))
@@ -152,8 +157,6 @@ def outside_range(plant: Plant, u: Array) -> NDArray[np.bool_]:
 
 def outside_domain(plant: Plant, u: Array) -> tuple[str, ...]:
     """A sentence for each input of u (N, nu) that leaves the range the plant was identified in."""
-    if not plant.input_range:
-        return ()
     leaves = [bool(outside.any()) for outside in outside_range(plant, u).T]
     return tuple(
         f"{channel.name} runs from {values.min():.5g} to {values.max():.5g} but the plant "

@@ -1,6 +1,5 @@
 """What the pictures of a diagnosis show, computed from its traces."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -193,10 +192,3 @@ def _cut(trace: Trace, i: int, start: int, size: int) -> Window:
         if r.inputs[input_].unit
         else r.inputs[input_].name,
     )
-
-
-def reach(values: Sequence[Array]) -> tuple[float, float]:
-    """Smallest and largest finite value of several arrays; (−1, 1) without any."""
-    flat = np.concatenate([np.ravel(v) for v in values]) if values else np.zeros(0)
-    flat = flat[np.isfinite(flat)]
-    return (float(flat.min()), float(flat.max())) if flat.size else (-1.0, 1.0)

@@ -5,15 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.record import Array
-from sysid.diagnosis.diagnosis import Diagnosis, Experiment
+from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.several.results import sentences, table_of_logs
-from sysid.diagnosis.shapes.grading import FoundShape
-from sysid.report import diagnosis_bars, diagnosis_drawing, diagnosis_picture, style
+from sysid.report import diagnosis_panels as panels
+from sysid.report import diagnosis_picture as picture
 from sysid.report import diagnosis_words as words
-from sysid.report.isolability_drawing import draw_isolability
-from sysid.report.plots import inline_svg, share_letters
-from sysid.report.shape_drawing import draw_curve
+from sysid.report import style
+from sysid.report.svg_panels import svg
 
 _TEMPLATE = "diagnosis.html.j2"
 
@@ -38,7 +36,7 @@ def diagnosis_page(diagnosis: Diagnosis, before: str, after: str) -> str:
     text = place.get_template(_TEMPLATE).render(
         diagnosis=diagnosis,
         words=words,
-        look=style,
+        svg=svg,
         headline=words.headline(diagnosis),
         channels=words.channel_lines(diagnosis),
         moved=words.moved(diagnosis),
@@ -54,131 +52,42 @@ def diagnosis_page(diagnosis: Diagnosis, before: str, after: str) -> str:
         detectable=words.detectable(diagnosis),
         equations=diagnosis.after.equations(),
     )
-    text = re.sub(r"(?<=\d) %(?!\w)", "\N{NO-BREAK SPACE}%", text)
-    return share_letters(text)
+    return re.sub(r"(?<=\d) %(?!\w)", "\N{NO-BREAK SPACE}%", text)
 
 
 def _pictures(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Every picture by name; those whose data are missing are left out."""
+    """The panels by place; those whose data are missing are left out."""
     shown = words.leading_regions(diagnosis, 10)
-    drawn: dict[str, Any] = {
-        "channels": [],
-        "regions": "",
-        "candidates": "",
-        "gap": "",
-        "isolability": "",
+    outputs = [t.record.outputs for t in words.held_out(diagnosis)[:1]]
+    channels = [_channel(diagnosis, k) for k in range(len(outputs[0]))] if outputs else []
+    return {
+        "channels": channels,
+        "profiled": any(c["profiles"] for c in channels),
+        "regions": panels.regions(shown) if shown else (),
+        "candidates": panels.candidates(diagnosis) if diagnosis.candidates else (),
+        "gap": panels.gap(words.channel_lines(diagnosis)) if diagnosis.grown else (),
+        "isolability": panels.isolability(diagnosis.isolability) if diagnosis.isolability else (),
+        "shapes": [p for s in (*diagnosis.shapes, *diagnosis.curves) for p in panels.shape(s)],
+        "paths": [p for path in words.path_lines(diagnosis.path) for p in panels.path(*path)],
     }
-    if shown:
-        drawn["regions"] = inline_svg(
-            "regions", "Shares of the excess error by regime", diagnosis_drawing.draw_regions, shown
-        )
-    lines = words.channel_lines(diagnosis)
-    if diagnosis.grown:
-        drawn["gap"] = inline_svg(
-            "gap",
-            "Errors before and after by output, with the noise floor",
-            diagnosis_bars.draw_gap,
-            lines,
-        )
-    if diagnosis.candidates:
-        tied = tuple(i for e in diagnosis.effects for i in e.indistinguishable)
-        facts = (diagnosis.candidates, tuple(e.id for e in diagnosis.effects), tied)
-        drawn["candidates"] = inline_svg(
-            "candidates", "Candidates by score", diagnosis_bars.draw_candidates, *facts
-        )
-    if diagnosis.isolability is not None:
-        drawn["isolability"] = inline_svg(
-            "isolability",
-            "Angles between the signatures of effects",
-            draw_isolability,
-            diagnosis.isolability,
-        )
-    found = enumerate((*diagnosis.shapes, *diagnosis.curves))
-    drawn["shapes"] = [(s, _shape(k, s)) for k, s in found]
-    drawn["paths"] = [_path(k, *entry) for k, entry in enumerate(words.path_lines(diagnosis.path))]
-    if words.held_out(diagnosis):
-        outputs = words.held_out(diagnosis)[0].record.outputs
-        drawn["channels"] = [_channel(diagnosis, k) for k in range(len(outputs))]
-    return drawn
 
 
 def _channel(diagnosis: Diagnosis, i: int) -> dict[str, Any]:
-    """The pictures of one output."""
-    record = words.held_out(diagnosis)[0].record
-    channel = record.outputs[i]
+    """The panels of one output; a short log has no profiles."""
+    channel = words.held_out(diagnosis)[0].record.outputs[i]
     known = diagnosis.gap.channels.get(channel.name)  # a gap of the path knows no wheel speeds
-    floor = known.noise_floor if known is not None else 0.0
-    windows = diagnosis_picture.worst_windows(diagnosis, i)
-    profiles = diagnosis_picture.profiles(diagnosis, i)
-    regimes = diagnosis_picture.regime_lines(diagnosis, i)
-    unit, changed, draw = channel.unit, diagnosis.grown, diagnosis_drawing
+    facts = channel.unit, known.noise_floor if known is not None else 0.0
+    changed = diagnosis.grown
     return {
         "name": channel.name,
-        "worst": inline_svg(
-            f"worst{i}",
-            f"{channel.name} where the original model is worst",
-            draw.draw_worst,
-            windows,
-            changed=changed,
-        ),
-        "profiles": inline_svg(  # a short log has none
-            f"profiles{i}",
-            f"Residuals of {channel.name} against the regime variables",
-            draw.draw_profiles,
-            profiles,
-            unit,
-            floor,
-            changed=changed,
-        )
-        if profiles
-        else "",
-        "regimes": inline_svg(
-            f"regimes{i}",
-            f"Errors of {channel.name} by regime before and after",
-            draw.draw_regimes,
-            regimes,
-            unit,
-            floor,
-            changed=changed,
-        ),
+        "worst": panels.worst(picture.worst_windows(diagnosis, i), changed=changed),
+        "profiles": panels.profiles(picture.profiles(diagnosis, i), *facts, changed=changed),
+        "regimes": panels.regimes(picture.regime_lines(diagnosis, i), *facts, changed=changed),
     }
 
 
-def _shape(k: int, shape: FoundShape) -> str:
-    """The curve of a shape; empty where its sentence says all."""
-    if shape.curve is None:
-        return ""
-    return inline_svg(f"shape{k}", f"{shape.id} of {shape.output}", draw_curve, shape.curve)
-
-
-def _path(k: int, record: str, lines: tuple[tuple[str, Array], ...]) -> dict[str, Any]:
-    """The picture of one replayed path."""
-    picture = inline_svg(
-        f"path{k}",
-        f"Paths of {record}: measured, and by both models under its commands",
-        diagnosis_drawing.draw_path,
-        lines,
-    )
-    return {"record": record, "picture": picture}
-
-
 def _experiments(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    return [
-        {"it": e, "picture": _schedule(k, e) if len(e.schedule) > 1 else ""}
-        for k, e in enumerate(diagnosis.next_experiments)
-    ]
-
-
-def _schedule(k: int, e: Experiment) -> str:
-    """The picture of one experiment's commands."""
-    rows = np.array(e.schedule, dtype=np.float64)
-    return inline_svg(
-        f"next{k}",
-        f"Schedule of the experiment for {', '.join(e.effects)}",
-        diagnosis_drawing.draw_schedule,
-        e.columns,
-        rows,
-    )
+    return [{"it": e, "picture": panels.schedule(e)} for e in diagnosis.next_experiments]
 
 
 def _logs(diagnosis: Diagnosis) -> list[tuple[str, str]]:

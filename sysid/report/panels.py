@@ -195,6 +195,9 @@ def _draw(axes: "Axes", c: Curve, lying: bool) -> None:
     if c.kind == "area":
         axes.fill(c.x, c.y, color=colour, alpha=0.3, linewidth=0)
         return
+    if c.kind == "stems" and lying:
+        axes.barh(c.x, c.y, 0.4, color=colour)
+        return
     if c.kind == "stems":
         x = np.repeat(c.x, 3)
         y = np.column_stack([0.0 * c.y, c.y, np.full(len(c.y), np.nan)]).ravel()

@@ -12,7 +12,6 @@ longer than many a fit. What makes a picture reproducible:
   digit in which processors differ.
 """
 
-import html
 import io
 import re
 import warnings
@@ -79,63 +78,6 @@ def figure_of(picture: Picture) -> "Figure":
         FigureCanvasAgg(figure)
         picture.draw(figure)
     return figure
-
-
-def inline_svg(
-    name: str, label: str, draw: Callable[..., None], *shown: Any, **options: Any
-) -> str:
-    """A picture as an ``<svg>`` element that can stand in a page beside others.
-
-    Args:
-        name: letters that no other picture of the page has: they head its ids.
-        label: what it shows, for those who do not see it.
-        draw: gives a figure its size and draws what is shown on it.
-    """
-    svg = _render("svg", draw, *shown, **options).decode()
-    svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.S)
-    used = set(re.findall(r"url\(#([^)]+)\)|xlink:href=\"#([^\"]+)\"", svg))
-    kept = {a or b for a, b in used}
-
-    def own(match: re.Match[str]) -> str:
-        return f' id="{name}-{match[1]}"' if match[1] in kept else ""
-
-    svg = re.sub(r' id="([^"]*)"', own, svg)
-    svg = re.sub(r"url\(#", f"url(#{name}-", svg)
-    svg = re.sub(r'xlink:href="#', f'xlink:href="#{name}-', svg)
-    svg = re.sub(r"\n\s*\n+", "\n", svg)
-    described = f'<svg role="img" aria-label="{html.escape(label)}"'
-    return svg.replace("<svg", described, 1).strip()
-
-
-def share_letters(page: str) -> str:
-    """Keep the outline of each letter once in a page of :func:`inline_svg` pictures.
-
-    A dozen pictures have most letters in common: their outlines and the references to them were
-    half of the page.
-
-    Args:
-        page: an HTML page with a ``<body>``.
-
-    Returns:
-        the page, the outlines in a first picture that has no size.
-    """
-    short: dict[str, str] = {}  # outline -> id
-
-    def keep(match: re.Match[str]) -> str:
-        outline = match[2]
-        renamed[match[1]] = short.setdefault(outline, f"l{len(short)}")
-        return ""
-
-    renamed: dict[str, str] = {}
-    page = re.sub(r'<path id="([^"]+-DejaVuSans[^"]*)"([^>]*?)/>\n?', keep, page)
-    page = re.sub(
-        r'<use xlink:href="#([^"]+-DejaVuSans[^"]*)"',
-        lambda match: f'<use xlink:href="#{renamed[match[1]]}"',
-        page,
-    )
-    letters = "".join(f'<path id="{id}"{outline}/>\n' for outline, id in short.items())
-    shared = f'<svg width="0" height="0" aria-hidden="true" class="letters"><defs>\n{letters}'
-    return page.replace("<body>\n", f"<body>\n{shared}</defs></svg>\n", 1)
 
 
 def _render(kind: PictureFormat, draw: Callable[..., None], *shown: Any, **options: Any) -> bytes:

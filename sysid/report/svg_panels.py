@@ -18,11 +18,17 @@ from sysid.report.style import printable
 WIDTH, HEIGHT = 360.0, 216.0
 LEFT, RIGHT, TOP, BOTTOM = 52.0, 10.0, 34.0, 34.0
 ROW = 15.0
-"""Height of a named row."""
+"""Height of a named row; twice that where the name is long and stands above."""
+
+LONG_NAME = 0.45 * WIDTH
+"""Room of a name at the side [px]."""
 
 TICKS = 5
 MARGIN = 0.06
 """Room above and below the curves, as a share of their range."""
+
+MARK = 24.0
+"""Room of the mark that enlarges a panel [px]."""
 
 LETTER = 6.3
 """Mean width of a letter of 11 px [px]."""
@@ -74,7 +80,7 @@ def svg(panel: Panel) -> str:
     height = _height(panel)
     left = LEFT
     if panel.names:
-        left = min(LETTER * max(map(len, panel.names)) + 10.0, 0.45 * WIDTH)
+        left = 8.0 if _above(panel) else LETTER * max(map(len, panel.names)) + 10.0
     across, down = _axes(panel, left, height)
     curves = [_curve(c, across, down, bool(panel.names)) for c in panel.curves]
     if panel.circle:
@@ -88,14 +94,19 @@ def svg(panel: Panel) -> str:
     label = html.escape(printable(f"{panel.title}: {panel.y} over {panel.x}"))
     return (
         f'<svg class="panel" viewBox="0 0 {WIDTH:g} {height:g}" role="img" aria-label="{label}">'
-        f"{''.join(parts)}{_names(panel)}</svg>"
+        f"{''.join(parts)}{_names(panel, left)}</svg>"
     )
+
+
+def _above(panel: Panel) -> bool:
+    """Whether names of rows stand above their marks, because the side has no room."""
+    return LETTER * max(map(len, panel.names)) + 10.0 > LONG_NAME
 
 
 def _height(panel: Panel) -> float:
     """Room for every named row, and for a plane's own proportions."""
     if panel.names:
-        return max(HEIGHT, TOP + BOTTOM + ROW * len(panel.names))
+        return max(HEIGHT, TOP + BOTTOM + ROW * (1 + _above(panel)) * len(panel.names))
     if not panel.equal or panel.circle:
         return HEIGHT
     wide, tall = (
@@ -112,6 +123,7 @@ def _axes(panel: Panel, left: float, height: float) -> tuple[_Axis, _Axis]:
     x = np.concatenate([c.x for c in panel.curves] or [np.zeros(1)])
     y = [c.y for c in panel.curves]
     y += [np.array(panel.rules)] if panel.rules else []
+    y += [np.zeros(1) for c in panel.curves if c.kind == "stems" and lying]
     shown = np.concatenate([np.asarray(v)[np.isfinite(v)] for v in y] or [np.zeros(1)])
     bands = [e for c in panel.curves for e in (c.low, c.high) if e is not None]
     if bands and len(shown):  # a band may reach far: it widens the panel by half of it at most
@@ -125,7 +137,8 @@ def _axes(panel: Panel, left: float, height: float) -> tuple[_Axis, _Axis]:
         shown = np.array(panel.limits)
     margin = 0.0 if panel.limits is not None else MARGIN
     if lying:
-        places = np.array([len(panel.names) - 0.5, -0.5])
+        middle = 0.72 if _above(panel) else 0.5  # of a row, where its marks are
+        places = np.array([len(panel.names) - middle, -middle])
         rows = _Axis(places, (TOP, height - BOTTOM), False, 0.0)
         return _Axis(shown, ends[0], False, margin), rows
     dots = any(c.kind in ("dots", "marks") for c in panel.curves)
@@ -156,9 +169,15 @@ def _frame(panel: Panel, across: _Axis, down: _Axis, left: float, height: float)
         parts.append(f'<path class="grid" d="M{x:.1f} {TOP:g}V{bottom:g}"/>')
         parts.append(_text(x, bottom + 13.0, f"{_short(v)}", "middle", "tick"))
     if panel.names:
+        above = _above(panel)
+        row = (bottom - TOP) / len(panel.names)
         for k, name in enumerate(panel.names):
-            y = float(down(np.array([k]))[0])
-            parts.append(_text(left - 5.0, y + 4.0, name, "end", "tick"))
+            y = TOP + row * (k + 0.5)
+            if above:
+                words = _cut(name, right - left)
+                parts.append(_text(left + 3.0, y - 0.5 * row + 11.0, words, "start", "tick row"))
+            else:
+                parts.append(_text(left - 5.0, y + 4.0, name, "end", "tick"))
     else:
         for v in down.ticks():
             y = float(down(np.array([v]))[0])
@@ -173,21 +192,28 @@ def _frame(panel: Panel, across: _Axis, down: _Axis, left: float, height: float)
             parts.append(f'<path class="rule" d="M{left:g} {y:.1f}H{right:g}"/>')
     parts.append(f'<path class="axis" d="M{left:g} {TOP:g}V{bottom:g}H{right:g}"/>')
     below = panel.y if panel.names and not panel.x else panel.x
-    parts.append(_text(right, height - 6.0, below, "end", "tick"))
-    parts.append(_text(left, TOP - 7.0, "" if panel.names else panel.y, "start", "tick"))
+    parts.append(_text(right, height - 6.0, _cut(below, right), "end", "tick"))
     return "".join(parts)
 
 
-def _names(panel: Panel) -> str:
-    """The title, and the curves' names in their colours on the line of the axis' name."""
-    parts = [_text(2.0, 12.0, panel.title, "start", "title")]
+def _names(panel: Panel, left: float) -> str:
+    """The title; the curves' names in their colours on the line of the axis' name."""
+    parts = [_text(2.0, 12.0, _cut(panel.title, WIDTH - MARK), "start", "title")]
     named = {c.label: c for c in reversed(panel.curves) if c.label}
     right = WIDTH - RIGHT
     for label, c in named.items() if len(named) > 1 else ():
         words = label if len(label) < 22 else f"{label[:20]}…"
         parts.append(_text(right, TOP - 7.0, words, "end", f"name c{_series(c)}"))
         right -= LETTER * len(words) + 12.0
+    if not panel.names:
+        parts.append(_text(left, TOP - 7.0, _cut(panel.y, right - left), "start", "tick"))
     return "".join(parts)
+
+
+def _cut(words: str, room: float) -> str:
+    """Words as far as they have room [px]; the label of the panel has them whole."""
+    most = max(int(room / LETTER), 1)
+    return words if len(words) <= most else f"{words[: most - 1]}…"
 
 
 def _text(x: float, y: float, words: str, anchor: str, kind: str) -> str:
@@ -209,6 +235,10 @@ def _curve(c: Curve, across: _Axis, down: _Axis, lying: bool) -> str:
         low, high = (None if e is None else down(e) for e in (c.low, c.high))
     if c.kind in ("dots", "marks"):
         return _points(c.kind, kind, x, y, low, high, lying)
+    if c.kind == "stems" and lying:
+        zero = float(across(np.zeros(1))[0])
+        d = "".join(f"M{zero:.1f} {b:.1f}H{a:.1f}" for a, b in zip(x, y, strict=True))
+        return f'<path class="line bar {kind}" d="{d}"/>'
     if c.kind == "stems":
         zero = float(down(np.zeros(1))[0])
         d = "".join(f"M{a:.1f} {zero:.1f}V{b:.1f}" for a, b in zip(x, y, strict=True))

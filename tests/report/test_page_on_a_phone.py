@@ -1,168 +1,123 @@
-"""The page of a diagnosis on a phone: everything in 360 px, letters large enough, none hidden."""
+"""The page of a diagnosis on a phone: all in 360 px, letters apart and within their panel."""
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import pytest
 from browser import BROWSER, laid_out
 from quick_diagnosis import dead_zone_log, diagnose
+from test_model_page import Tags
 
 from sysid.data.io import read_log
+from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.validation.localise import Region
 from sysid.effects.catalogue import catalogue
-from sysid.report import diagnosis_bars, diagnosis_drawing
+from sysid.report import diagnosis_panels as panels
 from sysid.report.diagnosis_picture import RegimeLine, Window
 from sysid.report.diagnosis_words import ChannelLine
 from sysid.report.html import diagnosis_page
-from sysid.report.plots import inline_svg
+from sysid.report.panels import Panel, Panels
+from sysid.report.svg_panels import LETTER, svg
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-PHONE, MARGIN = 360.0, 16.0
-ROOM = PHONE - 2.0 * MARGIN
-LEGIBLE = 10.0
-"""Height of the smallest letters [px]."""
-LETTER = re.compile(
-    r'transform="translate\(([-\d.]+) ([-\d.]+)\)( rotate\(-90\))? scale\(([\d.]+) -[\d.]+\)">'
-    r"(.*?)</g>",
-    re.S,
+TEXT = re.compile(
+    r'<text x="([-\d.]+)" y="([-\d.]+)" text-anchor="(\w+)" class="([\w ]+)">(.*?)</text>'
 )
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A page with every picture it can have."""
+def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
+    """A diagnosis with every picture it can have."""
     log = read_log(dead_zone_log(tmp_path_factory.mktemp("logs") / "log.csv"))
     line = [[0.1 * k, 0.01 * k * k, 0.0] for k in range(40)]
     trace = {"record": "log.csv", "measured": line, "before": line[:20], "after": line[:30]}
-    diagnosis = replace(diagnose([log], None), path={"mission": "m.yaml", "traces": [trace]})
-    return diagnosis_page(diagnosis, "before", "after")
+    return replace(diagnose([log], None), path={"mission": "m.yaml", "traces": [trace]})
 
 
-def pictures_of(page: str) -> list[str]:
-    return re.findall(r'<svg role="img".*?</svg>', page, re.S)
+@pytest.fixture(scope="module")
+def page(found: Diagnosis) -> str:
+    return diagnosis_page(found, "before", "after")
 
 
-def viewbox(svg: str) -> tuple[float, float]:
-    """Width and height in the picture's own unit [pt]."""
-    result = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
-    assert result
-    return float(result[1]), float(result[2])
-
-
-def text_boxes(svg: str) -> list[tuple[float, float, float, float, float]]:
-    """(left, top, right, bottom, size) of every text [pt].
-
-    The last letter is taken as half its size wide, which few letters fall short of.
-    """
-    boxes = []
-    for x, y, turned, scale, inside in LETTER.findall(svg):
-        if "<use" not in inside:
-            continue
-        starts = [float(v) for v in re.findall(r"<use[^>]*translate\(([-\d.]+)", inside)]
-        size = 100.0 * float(scale)
-        long = max([0.0, *starts]) * float(scale) + 0.5 * size
-        left, low = float(x), float(y)
-        if turned:
-            boxes.append((left - 0.7 * size, low - long, left, low, size))
-        else:
-            boxes.append((left, low - 0.7 * size, left + long, low, size))
-    return boxes
-
-
-def check_picture(svg: str) -> None:
-    """All text inside the picture, none below the legible size, no text over another."""
-    width, height = viewbox(svg)
-    assert width * 96.0 / 72.0 <= ROOM  # at the size it asks for: a pixel is 1/96 in
-    pixels = ROOM / width  # it fills its column
-    boxes = text_boxes(svg)
-    assert boxes
-    for left, top, right, bottom, size in boxes:
-        assert size * pixels >= LEGIBLE
-        assert min(left, top) >= -0.5, (left, top)
-        assert right <= width + 0.5, (right, width)
-        assert bottom <= height + 0.5, (bottom, height)
-    for a, b in combinations(boxes, 2):
-        apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
-        assert apart, (a, b)
-
-
-def test_every_picture_is_legible_on_a_phone(page: str) -> None:
-    pictures = pictures_of(page)
-    assert len(pictures) == 11
-    for svg in pictures:
-        check_picture(svg)
+def test_a_page_is_whole_and_stands_alone(page: str) -> None:
+    tags = Tags()
+    tags.feed(page)
+    assert tags.open == []
+    assert all(re.fullmatch(r"next_\w+\.csv", a.replace("-", "_")) for a in tags.outside)
+    assert "<script" not in page
+    assert page.count('<svg class="panel"') >= 15
+    for words in ("Excess error by regime", "RMS error by regime", "Residual over", "Path of",
+                  "RMSE on held-out data", "Schedule for", "Effects tried"):  # fmt: skip
+        assert words in page, words
 
 
 def test_nothing_moves_sideways(page: str) -> None:
     look = "".join(re.findall(r"<style>(.*?)</style>", page[: page.index("<body>")], re.S))
-    assert "overflow-x" not in look
-    assert not re.search(r"min-width: *\d", look)
-    for width in re.findall(r"[^-]width: *(\d+)px", look):
-        assert float(width) <= ROOM
+    assert not re.search(r"[{;\s]min-width: *\d", look)
     heads = len(re.findall(r"<th\b[^>]*>[^<]", page))
     assert heads > 10
     assert set(re.findall(r'data-is="([^"]+)"', page)) >= {"parameter", "RMSE before", "unit"}
 
 
-def test_letters_stand_once_in_a_page(page: str) -> None:
-    outlines = re.findall(r'<path id="l\d+"([^>]*)/>', page)
-    assert len(outlines) == len(set(outlines)) > 20
-    assert "DejaVuSans" not in page
-    used = set(re.findall(r'<use xlink:href="#(l\d+)"', page))
-    assert used == {f"l{k}" for k in range(len(outlines))}
+def texts(panel: Panel) -> list[tuple[float, float, float, float]]:
+    """(left, top, right, bottom) of every text [px], by the mean width of a letter."""
+    boxes = []
+    for x, y, anchor, kind, words in TEXT.findall(svg(panel)):
+        wide = LETTER * len(re.sub(r"&\w+;", "&", words)) * (0.9 if "tick" in kind else 1.0)
+        left = float(x) - {"start": 0.0, "middle": 0.5 * wide, "end": wide}[anchor]
+        if words:
+            boxes.append((left, float(y) - 9.0, left + wide, float(y) + 1.0))
+    return boxes
 
 
 LONG = "w_measured_by_the_encoder_of_the_left_drive_wheel_WWWWWWWWWWWWWWWW"
 T = np.arange(200.0)
 WINDOW = Window(LONG, "rad/s", "log of a long day.csv", T, T, T, T, T, f"{LONG} [µs]")
-LINES = (ChannelLine(LONG, "rad/s", 1.2345e6, 0.02, 0.01, 10.0, 90.0, 99.9),)
 REGION = Region(f"{LONG}: the command is above 75 % of full drive", 0.5, 0.1, (0.4, 0.6))
 REGIMES = tuple(
     RegimeLine("its command is zero while it runs ".strip() * k, 0.1, 2.0, 1.0) for k in (1, 2, 3)
 )
-PATHS = tuple((name, np.column_stack([T, T])) for name in ("measured", "before", "after", LONG))
-COLUMNS = ("t", *(f"pwm_of_motor_{k}" for k in range(9)))
-STEPS = np.ones((3, 10)) * [[0.0], [1.0], [2.0]]
-ODD: dict[str, Callable[["Figure"], None]] = {
-    "regions": lambda figure: diagnosis_drawing.draw_regions(figure, [REGION] * 2),
-    "regimes": lambda figure: diagnosis_drawing.draw_regimes(
-        figure, REGIMES, "rad/s", 0.1, changed=True
-    ),
-    "worst": lambda figure: diagnosis_drawing.draw_worst(figure, [WINDOW], changed=True),
-    "gap": lambda figure: diagnosis_bars.draw_gap(figure, LINES),
-    "path": lambda figure: diagnosis_drawing.draw_path(figure, PATHS),
-    "schedule": lambda figure: diagnosis_drawing.draw_schedule(figure, COLUMNS, STEPS),
+ODD: dict[str, Panels] = {
+    "regions": panels.regions([REGION] * 2),
+    "regimes": panels.regimes(REGIMES, "rad/s", 0.1, changed=True),
+    "worst": panels.worst([WINDOW], changed=True),
+    "gap": panels.gap([ChannelLine(LONG, "rad/s", 1.2345e6, 0.02, 0.01, 10.0, 90.0, 99.9)]),
+    "path": panels.path(LONG, [(n, np.column_stack([T, T])) for n in ("measured", "after", LONG)]),
 }
 
 
 @pytest.mark.parametrize("case", ODD)
-def test_long_names_and_many_of_them_keep_their_room(case: str) -> None:
-    check_picture(inline_svg(case, "odd names", ODD[case]))
+def test_long_names_keep_their_room(case: str) -> None:
+    for panel in ODD[case]:
+        boxes = texts(panel)
+        assert boxes
+        for left, _, right, _ in boxes:
+            assert left >= -1.0, panel.name
+            assert right <= 361.0, panel.name
+        for a, b in combinations(boxes, 2):
+            apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+            assert apart, (panel.name, a, b)
 
 
-def test_no_effect_of_the_catalogue_is_cut() -> None:
-    """The widest case: every effect accepted, thus in bold."""
-    ids = sorted(catalogue(), key=len)[-diagnosis_bars.MOST :]
-    candidates = tuple((id, 12345.6) for id in ids)
-    shown: list[str] = []
-
-    def draw(figure: "Figure") -> None:
-        diagnosis_bars.draw_candidates(figure, candidates, ids, ())
-        shown.extend(text.get_text() for text in figure.axes[0].texts)
-
-    check_picture(inline_svg("candidates", "candidates", draw))
-    assert set(ids) <= set(shown)
+def test_every_accepted_effect_is_among_the_candidates(found: Diagnosis) -> None:
+    """One that was tried late, or only beside others, too; scores have a unit."""
+    ids = sorted(catalogue(), key=len)[-20:]
+    (effect,) = found.effects
+    effects = tuple(replace(effect, id=i) for i in (*ids[-2:], "late-effect"))
+    candidates = tuple((id, 1e3 - k) for k, id in enumerate(ids))
+    (panel,) = panels.candidates(replace(found, effects=effects, candidates=candidates))
+    assert len(panel.names) == panels.MOST
+    for e in effects:
+        assert any(n.startswith(e.id) for n in panel.names), e.id
+    assert "late-effect (not alone)" in panel.names
+    assert panel.x.endswith("[1]")
 
 
 @pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
 def test_a_browser_needs_no_more_than_the_phone(page: str, tmp_path: Path) -> None:
     """Chromium lays the page out in a frame of 360 px and names what sticks out of it."""
-    pictures = len(pictures_of(page))
-    assert laid_out(page, tmp_path) == {"inner": 360, "full": 360, "wide": [], "pictures": pictures}
+    wanted: dict[str, Any] = {"inner": 360, "full": 360, "wide": []}
+    assert laid_out(page, tmp_path) == {**wanted, "pictures": page.count('<svg class="panel"')}

@@ -16,6 +16,7 @@ from sysid.estimation.assessment.findings import Policy, figures_on
 from sysid.estimation.selection.ranking import common_criteria, free_parameters
 from sysid.estimation.soundness import doubts_about, leader, relative_gap
 from sysid.fitting.holdout import CLOSE
+from sysid.outside_text import html_lines, html_table
 from sysid.structures.model import Model
 
 
@@ -92,6 +93,20 @@ class Ranking:
     notes: tuple[str, ...]
     data: str
     best: Ranked
+
+    def _repr_html_(self) -> str:
+        names = list(self.best.figures["fit_percent"])
+        heads = ("model", "parameters", *(f"{n}, fit [%]" for n in names), self.criterion)
+        rows = [
+            (
+                ("* " if x is self.best else "") + x.contender.id,
+                str(x.contender.model.n_estimated),
+                *(f"{v:.2f}" if v is not None else "–" for v in x.figures["fit_percent"].values()),
+                f"{x.value:.5g}",
+            )
+            for x in self.lines
+        ]
+        return html_lines(f"On {self.data}") + html_table(rows, heads) + html_lines(*self.notes)
 
 
 def compare(

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.plant.replay import outside_range
-from sysid.report.missions.drives import ShownRuns, scene_of
 from sysid.report.missions.runs_drawing import bar_edges
 from sysid.report.missions.scene import circle
+from sysid.report.missions.shown import ShownRuns, scene_of
 from sysid.report.missions.tube import tube
 from sysid.report.page import Check, Page, Section
 from sysid.report.panels import Curve, Kind, Panel
@@ -232,7 +232,7 @@ def _of_runs(runs: ShownRuns) -> list[Section]:
         ranked = [(d.name, d.share_of_variance) for d in shares.ranked]
         names, values = zip(*ranked, (rest, shares.remainder), strict=True)
         x, y = np.arange(float(len(names))), 100.0 * np.array(values)
-        bar = Curve("", x, y, 0.0 * y, y, kind="dots")
+        bar = Curve("", x, y, kind="stems")
         matters.append(Panel(title.replace(" ", "-"), title, "share [%]", "", (bar,), names=names))
     worst = tuple(
         (str(w.seed), w.outcome, "–" if w.time_s is None else f"{w.time_s:.1f}")

@@ -141,6 +141,7 @@ def _draw_surface(axes: Any, picture: PlanPicture) -> None:
     )
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
+    axes.set_zlabel("potential")
     axes.set_title("potential, cut at its top")
     axes.view_init(elev=38, azim=-120)
     axes.locator_params(nbins=5)

@@ -64,19 +64,32 @@ class ResponsePicture:
     def draw(self, figure: "Figure") -> None:
         """Draw every panel."""
         rows = -(-len(self.panels) // self.columns)
-        style.heading(figure, 0.7 + _ROW * rows, self.title, self.subtitle)
+        style.heading(figure, 0.9 + _ROW * rows, self.title, self.subtitle)
         grid = figure.add_gridspec(rows, self.columns)
         for k, panel in enumerate(self.panels):
             draw_panel(figure.add_subplot(grid[k // self.columns, k % self.columns]), panel)
+        entries = [axes.get_legend_handles_labels() for axes in figure.axes]
+        if len(entries) > 1 and all(names == entries[0][1] for _, names in entries):
+            figure.legend(
+                *entries[0], loc="outside lower left", ncols=len(entries[0][1]), borderaxespad=0.8
+            )
+            return
+        for axes in figure.axes:
+            axes.legend(loc="best", borderaxespad=0.6)
 
 
 def draw_panel(axes: "Axes", panel: Panel) -> None:
-    """Draw one panel."""
+    """Draw one panel, without a legend.
+
+    A later path in a plane is narrower: one that runs under another is seen beside it.
+    """
     for x, y, radius, colour in panel.discs:
         axes.fill(*circle(x, y, radius), color=colour, zorder=2)
     for x_out, y_out in panel.outlines:
         axes.fill(x_out, y_out, facecolor=style.BLUE, alpha=0.15, linewidth=0.8, edgecolor="none")
     colours = iter(style.SERIES)
+    drawn = sum(not line.reference for line in panel.lines)
+    widths = iter([1.1 + 0.4 * k for k in reversed(range(drawn))] if panel.plane else [1.5] * drawn)
     for line in panel.lines:
         if line.reference:
             dashed: dict[str, Any] = {
@@ -90,11 +103,10 @@ def draw_panel(axes: "Axes", panel: Panel) -> None:
             dotted: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 3.0}
             axes.plot(line.x, line.y, label=line.name, color=next(colours), **dotted)
         else:
-            axes.plot(line.x, line.y, label=line.name, color=next(colours), linewidth=1.5)
+            axes.plot(line.x, line.y, label=line.name, color=next(colours), linewidth=next(widths))
     axes.set_title(panel.title)
     axes.set_xlabel(panel.across)
     axes.set_ylabel(panel.up)
     axes.margins(x=0.02, y=0.1)
     if panel.plane:
         axes.set_aspect("equal", adjustable="datalim")
-    axes.legend(loc="best", borderaxespad=0.6)

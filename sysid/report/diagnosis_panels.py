@@ -1,0 +1,189 @@
+"""The panels of a diagnosis: where the model errs, what was tried, and what it came to."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.record import Array
+from sysid.diagnosis.diagnosis import Diagnosis, Experiment
+from sysid.diagnosis.isolability import Isolability
+from sysid.diagnosis.shapes.grading import FoundShape
+from sysid.diagnosis.validation.localise import Region
+from sysid.report import diagnosis_words as words
+from sysid.report.diagnosis_picture import Profile, RegimeLine, Window
+from sysid.report.panels import Curve, Kind, Panel, Panels
+from sysid.report.style import labelled
+
+BEFORE, AFTER, GREY, TIED = 1, 0, -1, 5
+"""Colours."""
+
+MOST = 14
+"""Candidates drawn."""
+
+NOISE_80 = 1.28
+"""Half of the middle 80 % of a normal distribution, in standard deviations."""
+
+MOST_EFFECTS = 24
+"""Effects whose look-alikes are drawn: those that would show best."""
+
+
+def regions(shown: Sequence[Region]) -> Panels:
+    """The share of the excess error in a regime over the share of the samples."""
+    k = np.arange(float(len(shown)))
+    low, high = (
+        100.0 * np.array([np.clip(r.interval[j], 0.0, 1.2) for r in shown]) for j in (0, 1)
+    )
+    excess = 100.0 * np.array([r.share_of_excess for r in shown])
+    samples = 100.0 * np.array([r.share_of_samples for r in shown])
+    curves = (
+        Curve("samples", k + 0.2, samples, kind="stems", colour=GREY),
+        Curve("excess error", k - 0.1, excess, low, high, kind="dots", colour=BEFORE),
+    )
+    names = tuple(r.region for r in shown)
+    return (Panel("regions", "Excess error by regime", "share, 95 % interval [%]", "", curves,
+                  rules=(0.0, 100.0), names=names),)  # fmt: skip
+
+
+def candidates(diagnosis: Diagnosis) -> Panels:
+    """The best effects tried first by their score, and every accepted one."""
+    accepted = [e.id for e in diagnosis.effects]
+    tied = {i for e in diagnosis.effects for i in e.indistinguishable}
+    scores = dict(diagnosis.candidates)
+    late = [(id, np.nan) for id in accepted if id not in scores]  # tried beside others only
+    more = [c for c in diagnosis.candidates[MOST:] if c[0] in accepted] + late
+    shown = [*diagnosis.candidates[: max(MOST - len(more), 0)], *more]
+    kinds = [0 if id in accepted else 1 if id in tied else 2 for id, _ in shown]
+    curves = []
+    for kind, (label, colour) in enumerate((("accepted", AFTER), ("tied", TIED), ("others", GREY))):
+        at = [k for k, of in enumerate(kinds) if of == kind]
+        falls = np.nan_to_num(np.array([shown[k][1] for k in at], dtype=np.float64))
+        if at:
+            curves.append(Curve(label, np.array(at, float), falls, kind="stems", colour=colour))
+    names = tuple(
+        f"{id} {words.score_words(v) if np.isfinite(v) else '(not alone)'}" for id, v in shown
+    )
+    return (Panel("candidates", "Effects tried in the first round",
+                  "fall of BIC by each alone [1]", "", tuple(curves), names=names),)  # fmt: skip
+
+
+def gap(lines: Sequence[words.ChannelLine]) -> Panels:
+    """RMSE before and after over the noise floor, in per cent of the larger one."""
+    whole = np.array([max(c.rmse_before, c.rmse_after, 1e-300) for c in lines])
+    k = np.arange(float(len(lines)))
+    before, after, floor = (
+        100.0 * np.array(v) / whole
+        for v in zip(*((c.rmse_before, c.rmse_after, c.noise_floor) for c in lines), strict=True)
+    )
+    curves = (
+        Curve("before", k - 0.2, before, kind="stems", colour=BEFORE),
+        Curve("after", k + 0.2, after, kind="stems", colour=AFTER),
+        Curve("noise floor", k, floor, kind="marks", colour=GREY),
+    )
+    return (Panel("gap", "RMSE on held-out data", "of the larger [%]", "", curves,
+                  names=tuple(c.name for c in lines)),)  # fmt: skip
+
+
+def regimes(lines: Sequence[RegimeLine], unit: str, floor: float, *, changed: bool) -> Panels:
+    """The RMS error of an output in each regime before and after, over the noise floor."""
+    k = np.arange(float(len(lines)))
+    before, after = (np.array([getattr(x, w) for x in lines]) for w in ("before", "after"))
+    way = Curve("", k, after, np.minimum(before, after), np.maximum(before, after), kind="dots",
+                colour=GREY)  # fmt: skip
+    curves = (way, *_both(k, before, after, changed=changed, kind="dots"))
+    names = tuple(f"{x.regime} · {100 * x.share:.0f} %" for x in lines)
+    note = "Behind a name: its share of the samples. Upright line: the noise floor."
+    return (Panel("regimes", "RMS error by regime", labelled("RMS error", unit), "", curves,
+                  rules=(0.0, floor), names=names, note=note),)  # fmt: skip
+
+
+def _both(
+    x: Array, before: Array, after: Array, *, changed: bool, kind: Kind = "line"
+) -> tuple[Curve, ...]:
+    first = Curve("before" if changed else "simulated", x, before, kind=kind, colour=BEFORE)
+    return (first, Curve("after", x, after, kind=kind, colour=AFTER)) if changed else (first,)
+
+
+def profiles(shown: Sequence[Profile], unit: str, floor: float, *, changed: bool) -> Panels:
+    """Residuals against each regime variable: mean and the middle 80 %, beside that of noise."""
+    panels = []
+    for p in shown:
+        noise = np.full(len(p.x), NOISE_80 * floor)
+        curves = [Curve("noise", p.x, 0.0 * noise, -noise, noise, colour=GREY)]
+        curves.append(Curve("before", p.x, p.before[1], p.before[0], p.before[2], colour=BEFORE))
+        if changed:
+            curves.append(Curve("after", p.x, p.after[1], p.after[0], p.after[2], colour=AFTER))
+        panels.append(Panel(f"profile-{p.variable}", f"Residual over {p.variable}", p.variable,
+                            labelled("residual", unit), tuple(curves)))  # fmt: skip
+    return tuple(panels)
+
+
+def worst(windows: Sequence[Window], *, changed: bool) -> Panels:
+    """Measured and simulated where the original model errs most, each with its command."""
+    traces, commands = [], []
+    for w in windows:
+        time = f"time in {w.record} [s]"
+        curves = (
+            Curve("measured", w.t, w.measured, colour=GREY),
+            *_both(w.t, w.before, w.after, changed=changed),
+        )
+        y, u = labelled(w.output, w.unit), Curve("", w.t, w.command, kind="steps", colour=3)
+        traces.append(Panel("worst", w.output, time, y, curves))
+        commands.append(Panel("command", "Its command", time, w.command_name, (u,)))
+    return (*traces, *commands)
+
+
+def path(record: str, lines: Sequence[tuple[str, Array]]) -> Panels:
+    """Paths over the plane: measured, before and after."""
+    known = {"measured": GREY, "before": BEFORE, "after": AFTER}
+    curves = tuple(
+        Curve(name, xy[:, 0], xy[:, 1], colour=known.get(name, k + 2))
+        for k, (name, xy) in enumerate(lines)
+    )
+    return (Panel("path", f"Path of {record}", "x [m]", "y [m]", curves, equal=True),)
+
+
+def shape(found: FoundShape) -> Panels:
+    """The curve of a shape with its band; none where its sentence says all."""
+    c = found.curve
+    if c is None:
+        return ()
+    title = f"{getattr(found, 'effect', '') or found.id}: {found.output}"
+    kind: Kind = "steps" if c.steps else "line"
+    return (Panel("shape", title, c.x_label, c.y_label,
+                  (Curve("", c.x, c.y, c.low, c.high, kind=kind),)),)  # fmt: skip
+
+
+def schedule(e: Experiment) -> Panels:
+    """Commands of an experiment over time, held between the rows."""
+    if len(e.schedule) < 2:
+        return ()
+    rows = np.array(e.schedule, dtype=np.float64)
+    curves = tuple(
+        Curve(name, rows[:, 0], rows[:, j + 1], kind="steps", colour=j)
+        for j, name in enumerate(e.columns[1:])
+    )
+    return (
+        Panel("schedule", f"Schedule for {', '.join(e.effects)}", "time [s]", "command", curves),
+    )
+
+
+def isolability(found: Isolability) -> Panels:
+    """The angle from each effect to the one most like it: a small one is no difference."""
+    n = min(len(found.ids), MOST_EFFECTS)
+    if n < 2:
+        return ()
+    angles = np.where(np.eye(n, dtype=bool), np.inf, found.angles[:n, :n])
+    nearest = np.argmin(angles, axis=1)
+    one_entry = {id for p in found.pairs for id in p.effects}
+    ids = [id if shown else f"({id})" for id, shown in zip(found.ids, found.shown, strict=True)]
+    curves = []
+    for label, colour, inside in (("distinguished", AFTER, False), ("one entry", BEFORE, True)):
+        at = np.array([k for k in range(n) if (found.ids[k] in one_entry) is inside], dtype=int)
+        if len(at):
+            size = angles[at, nearest[at]]
+            rows = at.astype(np.float64)
+            curves.append(Curve(label, rows, size, 0.0 * size, size, kind="dots", colour=colour))
+    names = tuple(f"{ids[k]} – {found.ids[j]}" for k, j in zip(range(n), nearest, strict=False))
+    return (Panel("isolability", "Each effect and the one most like it",
+                  "angle between signatures [°]", "", tuple(curves), rules=(0.0, 90.0), names=names,
+                  note="In brackets: effects that would not show in this log."),)  # fmt: skip
