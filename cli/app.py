@@ -4,6 +4,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -121,7 +122,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     debug = "--debug" in flags
     _prepare()
     try:
-        whole: Any = typer.main.get_command(app)
+        whole = _whole()
         line = Line(whole, not flags.isdisjoint(_QUIET), _EVERY_OPTION in flags)
         command, name, arguments = _command_of(whole, arguments)
         code = command.main(arguments, name, standalone_mode=False, obj=line)
@@ -135,6 +136,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         return _failed(*_sentence(error))
     return code if isinstance(code, int) else 0
+
+
+@cache
+def _whole() -> Any:
+    """All commands as typer makes them: 30 ms, which a caller of many lines pays once."""
+    return typer.main.get_command(app)
 
 
 _QUIET = {"-q", "--quiet"}

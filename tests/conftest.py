@@ -5,6 +5,8 @@ import os
 
 os.environ.pop("COLUMNS", None)  # workers of pytest-xdist are told a width
 
+os.fsync = lambda _: None  # files of a test need not outlive a power cut
+
 gc.set_threshold(100_000, 20, 50)  # full collections are seldom worth their time here
 
 

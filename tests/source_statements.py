@@ -16,5 +16,10 @@ def statements(node: ast.AST) -> Iterator[ast.stmt]:
 
 
 @cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def statements_of(path: Path) -> tuple[ast.stmt, ...]:
-    return tuple(statements(ast.parse(path.read_text(encoding="utf-8"))))
+    return tuple(statements(tree_of(path)))

@@ -172,8 +172,8 @@ REPLICATES = 60
         ("ARX, slow input", None),
         ("ARX, little noise (3 %), slow input", None),
         ("OE, AR(1) noise, white input", "unprojected"),
-        ("OE, AR(1) noise, steps", "naive_any"),
-        ("OE, AR(2) noise, slow input", "unprojected"),
+        pytest.param("OE, AR(1) noise, steps", "naive_any", marks=pytest.mark.slow),
+        pytest.param("OE, AR(2) noise, slow input", "unprojected", marks=pytest.mark.slow),
     ],
 )
 def test_right_models_alarm_at_the_nominal_rate(name: str, replaced: str | None) -> None:

@@ -62,6 +62,7 @@ def _bent(seed: int, n: int, kind: str) -> Record:
     return Record(u[:, None], y[:, None], 0.1)
 
 
+@pytest.mark.slow
 def test_linear_plants_are_seldom_called_nonlinear() -> None:
     logs = [_linear(s, 300, kind, c) for s in range(4) for kind in INPUTS for c in (False, True)]
     logs += [_closed_loop(s, 300) for s in range(4)]

@@ -5,7 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+<<<<<<< HEAD
+from command_line import Capture, robot_log, run
+from sysid_cli.app import main
+=======
 from command_line import Capture, robot_log, run, write_log
+>>>>>>> main
 
 from sysid.criteria.table import BUILT_IN
 from sysid.data.record import Record
@@ -16,19 +21,32 @@ from sysid.estimation.soundness import Doubts, doubts_about, leader, relative_ga
 from sysid.fitting.options import FitOptions
 from sysid.structures.registry import structure_class
 
+Judged = tuple[Path, list[str]]
 
-def _workspace(folder: Path, capsys: Capture, *options: object) -> None:
+
+def _workspace(folder: Path, *options: object) -> None:
     log, val = robot_log(folder / "log.csv"), robot_log(folder / "val.csv", seed=2)
     extra = ["--val", val] if "--val" in options else []
     rest = [o for o in options if o != "--val"]
     for name, orders in (("arx", "na=2 nb=2"), ("oe", "nb=1 nf=1")):
-        fitted = run(
-            capsys, "fit", log, "--structure", name, "--orders", orders, *extra, *rest,
-            "--workspace", folder / "ws",
-        )  # fmt: skip
-        assert fitted.code == 0, fitted.err
+        asked = ["--structure", name, "--orders", orders, *extra, *rest]
+        assert main(["fit", *map(str, (log, *asked, "--workspace", folder / "ws"))]) == 0
 
 
+<<<<<<< HEAD
+HELD = {"val": ["--val"], "split": ["--split", "0.7"], "none": []}
+
+
+@pytest.fixture(scope="module", params=HELD)
+def judged(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Judged:
+    """A folder of two fits, and what was held out for them."""
+    folder = tmp_path_factory.mktemp(request.param)
+    _workspace(folder, *HELD[request.param])
+    return folder, HELD[request.param]
+
+
+def test_every_option_counts_without_naming_a_log(judged: Judged, capsys: Capture) -> None:
+=======
 HELD = [
     pytest.param(["--val"], id="val"),
     pytest.param(["--split", "0.7"], id="split", marks=pytest.mark.slow),
@@ -40,9 +58,10 @@ HELD = [
 def test_every_option_counts_without_naming_a_log(
     held: list[str], tmp_path: Path, capsys: Capture
 ) -> None:
+>>>>>>> main
     """--skip, --horizon and --initial change the figures on whatever judged the models."""
-    _workspace(tmp_path, capsys, *held)
-    place = ["--workspace", tmp_path / "ws", "--json"]
+    folder, held = judged
+    place = ["--workspace", folder / "ws", "--json"]
     plain = run(capsys, "compare", *place).document["ranking"][0]["figures"]
     options = ["--skip", 30, "--horizon", 5, "--horizon", 8, "--initial", "zero"]
     asked = run(capsys, "compare", *options, *place).document["ranking"][0]["figures"]
@@ -53,19 +72,20 @@ def test_every_option_counts_without_naming_a_log(
     assert asked["held_out"] == plain["held_out"] == bool(held)
 
 
+<<<<<<< HEAD
+=======
 @pytest.mark.parametrize("held", HELD)
+>>>>>>> main
 def test_the_figures_are_those_of_a_fit_that_was_asked_the_same(
-    held: list[str], tmp_path: Path, capsys: Capture
+    judged: Judged, tmp_path: Path, capsys: Capture
 ) -> None:
     """Whether the fit or the comparison is told how to judge, the numbers are the same."""
     options = ["--skip", 20, "--horizon", 4]
-    (tmp_path / "a").mkdir()
-    (tmp_path / "b").mkdir()
-    _workspace(tmp_path / "a", capsys, *held, *options)
-    _workspace(tmp_path / "b", capsys, *held)
+    folder, held = judged
+    _workspace(tmp_path, *held, *options)
     found = [
-        run(capsys, "compare", *options, "--workspace", tmp_path / x / "ws", "--json").document
-        for x in "ab"
+        run(capsys, "compare", *options, "--workspace", x / "ws", "--json").document
+        for x in (tmp_path, folder)
     ]
     told, asked = ([r["figures"] for r in document["ranking"]] for document in found)
     assert told == asked
@@ -74,7 +94,7 @@ def test_the_figures_are_those_of_a_fit_that_was_asked_the_same(
 def test_without_the_log_other_figures_are_refused_in_a_sentence(
     tmp_path: Path, capsys: Capture
 ) -> None:
-    _workspace(tmp_path, capsys, "--val")
+    _workspace(tmp_path, "--val")
     (tmp_path / "val.csv").unlink()
     assert run(capsys, "compare", "--workspace", tmp_path / "ws").code == 0
     refused = run(capsys, "compare", "--skip", 10, "--workspace", tmp_path / "ws")

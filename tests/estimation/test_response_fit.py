@@ -28,6 +28,7 @@ def plant() -> Complex:
     return np.asarray(2.0 * np.exp(-0.33 * S) / ((1.0 + 1.5 * S) * (1.0 + 0.4 * S)))
 
 
+@pytest.mark.slow
 def test_numbers_are_found_with_true_errors() -> None:
     inside: list[bool] = []
     for seed in range(25):

@@ -65,7 +65,9 @@ def sticking(seed: int, samples: int = 1500, dt: float = 0.02, fine: int = 40) -
     return Record(np.array(u[:samples])[:, None], y[:, None], dt, volts, speed)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 5, 12])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(s, marks=pytest.mark.slow) for s in (2, 5, 12))]
+)
 def test_friction_that_sticks_is_found_with_honest_errors(seed: int) -> None:
     motor = DCMotor.from_orders({}, 1, 1, {"friction": "stribeck"})
     model = fit(motor, [sticking(seed)])

@@ -73,7 +73,7 @@ def says_what_it_is_worth(model: Model) -> list[str]:
     [
         ("arx", {"na": 5, "nb": 5, "nk": 1}),
         ("oe", {"nb": 3, "nf": 2, "nk": 1}),
-        ("oe", {"nb": 4, "nf": 4, "nk": 1}),
+        pytest.param("oe", {"nb": 4, "nf": 4, "nk": 1}, marks=pytest.mark.slow),
     ],
 )
 def test_every_free_parameter_has_a_standard_error(

@@ -81,7 +81,7 @@ def test_the_bundled_example_converges(log: str, name: str, orders: dict[str, in
     assert model.termination.good
 
 
-@pytest.mark.parametrize("name", ["oe", "armax"])
+@pytest.mark.parametrize("name", ["oe", pytest.param("armax", marks=pytest.mark.slow)])
 def test_the_limit_of_a_search_is_the_users(name: str, tmp_path: Path, capsys: Capture) -> None:
     """--max-iterations ends a search and is said; --tolerance ends one earlier."""
     log = robot_log(tmp_path / "log.csv")

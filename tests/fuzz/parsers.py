@@ -29,7 +29,8 @@ class Parser:
         suffix: of its file.
         seeds: valid documents (written as JSON, or YAML where the suffix says so), texts or bytes.
         read: reads the file, and uses what was read as a command would first.
-        share: inputs of it in the quick tests, by what one costs; a study takes many times these.
+        share: inputs of it in the tests, every other one among the slow ones, by what one costs; a
+            study takes many times these.
     """
 
     suffix: str

@@ -29,6 +29,15 @@ from sysid.structures.special_runs import rest, stable_each, traced_step
 REGISTERED = [*structure_classes(), *MADE]
 
 every = pytest.mark.parametrize("name", [n for n in REGISTERED if n in CASES])
+every_quick = pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=pytest.mark.slow if n in ("augmented", "tanks", "wiener-hammerstein") else ())
+        for n in REGISTERED
+        if n in CASES
+    ],
+)
+"""Every structure; those whose fit takes seconds among the slow tests."""
 moving = pytest.mark.parametrize(
     "name", [n for n in REGISTERED if n in CASES and case_of(n).structure.nu]
 )
@@ -77,7 +86,7 @@ def test_its_own_truth_is_recovered(name: str) -> None:
     assert np.sqrt(np.mean(off**2)) <= 3.0 * 2.0 * case.noise * np.sqrt(n / samples)
 
 
-@every
+@every_quick
 def test_a_saved_model_is_the_same_model(name: str, tmp_path: Path) -> None:
     model, (record, _) = model_of(name), records_of(name)
     model.save(tmp_path / "a.json")
@@ -91,14 +100,7 @@ def test_a_saved_model_is_the_same_model(name: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.predict(record, 5, 20), model.predict(record, 5, 20))
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(n, marks=[pytest.mark.slow] * (n in ("augmented", "wiener-hammerstein")))
-        for n in REGISTERED
-        if n in CASES
-    ],
-)
+@every_quick
 def test_units_of_the_channels_do_not_matter(name: str) -> None:
     """Powers of two, so that rounding is the same and only the searches' paths differ."""
     case, (record, other) = case_of(name), records_of(name)

@@ -39,6 +39,7 @@ PAGES = sorted(
     ]
 )
 FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+WHOLE: Any = typer.main.get_command(app)
 LINK = re.compile(r"(?<!`)!?\[[^\]\n]*\]\(([^)\s]+)\)")
 
 
@@ -100,7 +101,7 @@ def test_there_are_commands_to_check() -> None:
 @pytest.mark.parametrize(("page", "command"), shown_commands())
 def test_shown_commands_parse(page: str, command: str) -> None:
     words = shlex.split(command)[1:]
-    whole: Any = typer.main.get_command(app)
+    whole = WHOLE
     assert words[0] in whole.commands, f"{page}: there is no command {words[0]}"
     if hasattr(whole.commands[words[0]], "commands"):  # a group: the command is its second word
         whole, words = whole.commands[words[0]], words[1:]

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from source_statements import tree_of
+
 ROOT = Path(__file__).parents[2]
 SOURCES = ("sysid", "cli")
 
@@ -76,7 +78,7 @@ def _sources() -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     for path in (p for folder in SOURCES for p in (ROOT / folder).rglob("*.py")):
         where = str(path.relative_to(ROOT))
         names.append((where, path.parent.name if path.stem == "__init__" else path.stem))
-        tree = ast.parse(path.read_text("utf-8"))
+        tree = tree_of(path)
         for statement in tree.body:
             targets = statement.targets if isinstance(statement, ast.Assign) else ()
             names += [(where, t.id) for t in targets if isinstance(t, ast.Name)]

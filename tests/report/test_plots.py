@@ -209,7 +209,7 @@ def test_shapes_that_do_not_fit_are_named() -> None:
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
-    st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=400),
+    st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=150),
     st.integers(1, 50),
 )
 def test_the_envelope_keeps_every_extreme(values: list[float], bins: int) -> None:

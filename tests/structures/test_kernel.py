@@ -29,7 +29,10 @@ def data_of(tracks: int) -> Data:
     return prepare(records, np.ones(tracks), 2)
 
 
-@pytest.mark.parametrize(("tracks", "order"), [(1, 1), (2, 1), (2, 2), (1, 3)])
+@pytest.mark.parametrize(
+    ("tracks", "order"),
+    [(1, 1), (2, 2), *(pytest.param(*p, marks=pytest.mark.slow) for p in ((2, 1), (1, 3)))],
+)
 def test_every_effect_alone_and_beside_others_runs_as_it_steps(tracks: int, order: int) -> None:
     effects = (*chain_effects(), NOT_NAMED["sampling-lag"])
     model = FullModel(effects, order, tracks, np.full(tracks, 10.0), 0.05)

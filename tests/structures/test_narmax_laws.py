@@ -55,6 +55,7 @@ def test_invariant_to_the_channels_scale(selection: str) -> None:
     np.testing.assert_allclose(other.simulate(scaled.u), b * one.simulate(r.u), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_same_answer_on_every_run() -> None:
     r = record(300, process=0.05)
     one, other = (fitted(r, degree="2") for _ in range(2))

@@ -101,6 +101,7 @@ def test_an_offset_of_the_speeds_is_no_effect_of_the_vehicle() -> None:
     assert any("at standstill" in w for w in told.warnings)
 
 
+@pytest.mark.slow
 def test_slip_and_width_are_a_tie_in_pure_turns() -> None:
     spin = np.abs(wandering()[:, :1]) * np.array([-1.0, 1.0])
     slip = ground("track-slip", 0.2)
@@ -147,6 +148,7 @@ def test_without_pose_or_tracks_there_is_nothing_to_say() -> None:
     assert diagnose_pose([r.rows(0, 60)], [r.rows(60, 90)]) is None
 
 
+@pytest.mark.slow
 def test_one_log_is_judged_in_stretches() -> None:
     slip = ground("track-slip", 0.2)
     told = diagnose_pose([driven(wandering(), slip)], [])

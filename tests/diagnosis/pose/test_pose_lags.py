@@ -60,7 +60,16 @@ def test_a_body_that_is_slow_to_turn_is_named_whatever_the_latency(delay: float)
     assert any("pose comes" in w for w in found.warnings) == (delay > 0.0)
 
 
-@pytest.mark.parametrize(("delay", "heading"), [(0.12, 0.0), (-0.12, 0.0), (0.0, 0.15), (0.1, 0.1)])
+@pytest.mark.parametrize(
+    ("delay", "heading"),
+    [
+        (0.1, 0.1),
+        *(
+            pytest.param(*p, marks=pytest.mark.slow)
+            for p in ((0.12, 0.0), (-0.12, 0.0), (0.0, 0.15))
+        ),
+    ],
+)
 def test_readings_that_come_late_are_no_effect(delay: float, heading: float) -> None:
     found = told({s: late(p, delay, heading) for s, p in rolling().items()})
     assert not found.effects
@@ -86,6 +95,7 @@ def test_a_light_vehicle_with_grip_has_no_effect() -> None:
     assert not found.warnings
 
 
+@pytest.mark.slow
 def test_a_share_of_the_way_is_slip_where_the_radius_is_given_only() -> None:
     found = told(lost(share=0.15))
     (named,) = found.effects
@@ -115,6 +125,7 @@ def test_slip_that_no_radius_does_is_named_without_one(name: str, value: float) 
     assert "no radius does that" in named.sentence
 
 
+@pytest.mark.slow
 def test_a_heavy_body_on_soft_sides_slips_under_load() -> None:
     heavy = SkidSteer(mass=20.0, stiffness=40.0)
     found = told({s: heavy.pose(w) for s, w in SPEEDS.items()}, None)

@@ -22,6 +22,7 @@ EVERY = 5
 the vehicle reads all."""
 
 
+@pytest.mark.slow
 def test_a_robot_that_turns_half_as_far_as_its_wheels_say_is_read_right() -> None:
     # 2 rad/s by the wheels, and so 1 rad/s: after two seconds they are 2 rad apart; at 4 rad/s 4
     spins = np.repeat([2.0, -4.0, 3.0, 4.0, -3.0, 0.0, 4.0, -2.0], 30)

@@ -88,6 +88,7 @@ def test_the_document_and_the_table_say_the_same(charged: SeveralLogs) -> None:
     assert "Estimates agree across logs: dead-zone plus[omega]" in said
 
 
+@pytest.mark.slow
 def test_a_short_log_without_the_effect_says_so() -> None:
     other = log("new driver.csv", 3, zone=0.0).rows(0, 120)
     said = found([log("a.csv", 1), log("b.csv", 2), replace(other, sha256="")])
@@ -105,6 +106,7 @@ def test_a_log_of_one_speed_cannot_tell() -> None:
     assert said.logs[2].effects[0].state == INCONCLUSIVE
 
 
+@pytest.mark.slow
 def test_a_log_that_judges_may_have_a_battery_of_its_own() -> None:
     logs = [log("full.csv", 1), log("empty.csv", 2, gain=17.0)]
     said = found(logs, [log("half.csv", 3, gain=18.5)])
