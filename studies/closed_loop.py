@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.signal import lfilter
 
 import sysid
 from sysid.data.facts import LogFacts
@@ -94,6 +95,45 @@ def errors_of(record: Record, truth: Any, name: str) -> dict[str, Any]:
     }
 
 
+def open_loop(rng: np.random.Generator, kind: str, pole: float, n: int) -> Record:
+    """A log without a controller in which somebody's wish is a column, too."""
+    wish = np.repeat(rng.uniform(-1, 1, n // 30 + 1), 30)[:n]
+    u = {
+        "the input itself": 2.0 * wish,
+        "filtered to the input": 1.5 * lfilter([0.3], [1.0, -0.7], wish),
+        "apart from the input": np.repeat(rng.uniform(-1, 1, n // 20 + 1), 20)[:n],
+        "the input and noise": 1.5 * wish + 0.1 * rng.standard_normal(n),
+    }[kind]
+    y = lfilter([0.0, 0.05, 0.03], [1.0, -1.6, 0.66], u)
+    v = lfilter([1.0], [1.0, -pole], rng.standard_normal(n))
+    y = y + 0.2 * np.std(y) / np.std(v) * v
+    return Record(u[:, None], y[:, None], 0.05, references=wish[:, None], reference_names=("wish",))
+
+
+def false_alarms(seed: int, logs: int, samples: int = 1500) -> list[str]:
+    """Rows of a table: how often feedback is seen where there is none."""
+    rows = [
+        "",
+        f"How often feedback is seen in open loop beside a recorded wish, {logs} logs a number"
+        f" ({samples} samples, seed {seed}), by the pole of the disturbance:",
+        "",
+        "| the wish is | 0 | 0.9 | 0.97 |",
+        "|---|---|---|---|",
+    ]
+    kinds = ("the input itself", "filtered to the input", "apart from the input")
+    for kind in (*kinds, "the input and noise"):
+        seen = []
+        for pole in (0.0, 0.9, 0.97):
+            some = (
+                open_loop(np.random.default_rng([seed, 99, k]), kind, pole, samples)
+                for k in range(logs)
+            )
+            seen.append(str(sum(LogFacts((r,)).closed_loop for r in some)))
+        rows.append(f"| {kind} | {' | '.join(seen)} |")
+        print(rows[-1], flush=True)
+    return rows
+
+
 def main() -> None:
     """Run the study and write its page."""
     parser = argparse.ArgumentParser()
@@ -132,6 +172,7 @@ def main() -> None:
             ]
             lines.append(f"| {kind} | {name} | " + " | ".join(cells) + " |")
             print(lines[-1], flush=True)
+    lines += false_alarms(given.seed, 2 * given.loops)
     text = "\n".join(lines) + "\n"
     given.out.write_text(text, encoding="utf-8")
 

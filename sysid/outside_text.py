@@ -1,6 +1,8 @@
 """Texts that come from outside: made harmless to show and to write, and whole numbers in them."""
 
+import html
 import re
+from collections.abc import Sequence
 
 _HIDDEN = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u180e\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
@@ -31,6 +33,18 @@ def name_of(text: str) -> str:
 def csv_text(text: str) -> str:
     """A text as a cell that no spreadsheet takes for a formula: ``'=cmd|…``; others as they are."""
     return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
+
+
+def html_table(rows: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
+    """Texts as a table of a notebook."""
+    top = "".join(f'<th scope="col">{html.escape(h)}</th>' for h in heads)
+    body = "".join(f"<tr>{''.join(f'<td>{html.escape(c)}</td>' for c in row)}</tr>" for row in rows)
+    return f"<table>{f'<tr>{top}</tr>' if heads else ''}{body}</table>"
+
+
+def html_lines(*lines: str) -> str:
+    """Texts as paragraphs of a notebook."""
+    return "".join(f"<p>{html.escape(line)}</p>" for line in lines if line)
 
 
 def whole(text: str) -> int | None:

@@ -7,6 +7,9 @@ them one lag (0), two alike (1/4) or an oscillation (more). The dead time θ is 
 two samples the input is on the line. All of it is fitted to the errors that one sample leaves
 unpredicted (prediction error method; Ljung 1999, §7.2), so that a controller does not bias it, by
 Levenberg–Marquardt. Times are in samples.
+
+The numerator of two lags behind a zero-order hold, b₁ + b₂q⁻¹, is that line's as well: of θ, one
+sample and b₂ / (b₁ + b₂) are the hold's (``held``), and only the rest is dead time.
 """
 
 from collections.abc import Sequence
@@ -40,6 +43,8 @@ MIN_SAMPLES = 60
 KNOWN_LAG, KNOWN_SHAPE = 2.0, 1.5
 """What is known of ln S and ln ρ beforehand: where a second lag is far below a sample its size is
 open, but no dead time may hide in it."""
+
+SAME_LAGS = 1e-6
 
 LOWEST_SHAPE, HIGHEST_SHAPE = 1e-4, 30.0
 
@@ -75,6 +80,10 @@ class ProcessFit:
     drift: Array
     residual: Array
     variance: float
+
+    def held(self, i: int) -> float:
+        """What of θ of input i is no dead time but the hold of its lags [samples], 1 to 1.5."""
+        return 1.0 + _second_share(float(self.lag[i]), float(self.shape[i]))
 
     def through(self, i: int, x: Sequence[Array]) -> Array:
         """What input i would add, by its lags and dead time at unit gain, were it x, (N,)."""
@@ -275,9 +284,7 @@ def _columns(problem: _Problem, p: Array) -> tuple[Array, Array]:
 
 def _denominator(s: float, shape: float) -> Array:
     """1 + a₁q⁻¹ + a₂q⁻² of lags of sum S and shape ρ, (3,)."""
-    root = np.sqrt(complex(1.0 - 4.0 * shape))
-    slow = -2.0 / (s * (1.0 + root))
-    poles = np.exp(np.array([slow, 1.0 / (shape * s * s * slow)]))
+    poles = np.exp(np.array(_rates(s, shape)))
     return np.array([1.0, -poles.sum().real, poles.prod().real])
 
 
@@ -288,6 +295,26 @@ def _denominator_slopes(s: float, shape: float) -> Array:
     by_s = _denominator(s * more, shape) - _denominator(s * less, shape)
     by_shape = _denominator(s, shape * more) - _denominator(s, shape * less)
     return np.array([by_s, by_shape]) / (2.0 * h)
+
+
+def _rates(s: float, shape: float) -> tuple[complex, complex]:
+    """The roots of 1 + S s + ρ S² s², the slow one first."""
+    root = np.sqrt(complex(1.0 - 4.0 * shape))
+    slow = -2.0 / (s * (1.0 + root))
+    return slow, 1.0 / (shape * s * s * slow)
+
+
+def _second_share(s: float, shape: float) -> float:
+    """b₂ / (b₁ + b₂) of the zero-order hold, from the step response after a sample, which is b₁.
+
+    Source: Åström & Wittenmark (1997), Computer-Controlled Systems, §2.6.
+    """
+    if abs(4.0 * shape - 1.0) < SAME_LAGS:  # two lags alike, where the step response is 0/0
+        shape = 0.25 * (1.0 - SAME_LAGS)
+    slow, fast = _rates(s, shape)
+    one, two = np.exp(slow), np.exp(fast)
+    first = (1.0 + (fast * one - slow * two) / (slow - fast)).real
+    return float(1.0 - first / ((1.0 - one) * (1.0 - two)).real)
 
 
 def _delayed(u: Array, dead: float) -> Array:

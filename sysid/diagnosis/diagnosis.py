@@ -14,6 +14,7 @@ from sysid.diagnosis.validation.localise import Region
 from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.effects.samples import DROPOUTS, HELD_TELEMETRY, QUANTISATION
 from sysid.estimation.assessment.delta_method import NORMAL
+from sysid.outside_text import html_lines, html_table
 from sysid.robot.calibration.geometry import GeometryEstimate
 from sysid.structures.model import Model
 
@@ -314,6 +315,13 @@ class Diagnosis:
     def grown(self) -> bool:
         """Whether anything was added to the model: what is only seen in the samples is not."""
         return self.after is not self.before
+
+    def _repr_html_(self) -> str:
+        rows = [(e.id, ", ".join(e.channels), e.sentence) for e in self.effects]
+        words = self.verdict.replace("-", " ").capitalize()
+        closed = f": {self.gap.closed_percent:.0f} % of the excess error closed" if rows else ""
+        table = html_table(rows, ("effect", "outputs", "")) if rows else ""
+        return html_lines(f"{words}{closed}.", self.story) + table + html_lines(*self.warnings)
 
     def to_json(self, before: str = "", after: str = "") -> dict[str, Any]:
         """The document ``diagnosis.json``.

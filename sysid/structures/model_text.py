@@ -1,10 +1,11 @@
 """A model as text and as HTML: what a console and a notebook show of it."""
 
-import html
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from sysid.outside_text import html_lines, html_table
 
 if TYPE_CHECKING:
     from sysid.structures.model import Model
@@ -79,13 +80,5 @@ def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
 
 def as_html(model: "Model") -> str:
     """The same as two tables of a notebook."""
-
-    def table(rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:
-        heads = "".join(f"<th>{html.escape(h)}</th>" for h in head)
-        body = "".join(
-            f"<tr>{''.join(f'<td>{html.escape(c)}</td>' for c in row)}</tr>" for row in rows
-        )
-        return f"<table>{f'<tr>{heads}</tr>' if head else ''}{body}</table>"
-
-    warnings = "".join(f"<p>! {html.escape(w)}</p>" for w in model.warnings)
-    return f"{table(_facts(model))}{table(_rows(model), HEADS)}{warnings}"
+    warnings = html_lines(*(f"! {w}" for w in model.warnings))
+    return f"{html_table(_facts(model))}{html_table(_rows(model), HEADS)}{warnings}"

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import Capture, run, write_log
+from scipy.signal import cont2discrete
 
 from sysid.data.facts import LogFacts, without_drift
 from sysid.data.record import Array, Record
@@ -60,6 +61,23 @@ def test_feedback_fakes_no_delay(dead: int) -> None:
         (d,) = LogFacts((controlled(seed, dead),)).delays or ()
         assert d.low <= dead + 1 <= d.high
         assert d.high - d.low <= 2
+
+
+@pytest.mark.parametrize("dead", [0, 3])
+def test_a_second_lag_is_no_dead_time(dead: int) -> None:
+    """Two lags of 12 and 5.5 samples behind a zero-order hold, exactly discretised."""
+    rng = np.random.default_rng(11)
+    u = steps(rng, 2000, 60, -1.0, 1.0)
+    rates, gains = np.array([[-1 / 12, 0.0], [1 / 5.5, -1 / 5.5]]), np.array([[1 / 12], [0.0]])
+    a, b, *_ = cont2discrete((rates, gains, np.eye(2), 0.0 * gains), 1.0)
+    x, y = np.zeros(2), np.zeros(2000)
+    for k in range(dead, 2000):
+        y[k] = x[1]
+        x = a @ x + b[:, 0] * u[k - dead]
+    (d,) = LogFacts((Record(u, y + 0.002 * rng.standard_normal(2000), 1.0),)).delays or ()
+    assert d.delay == dead + 1
+    assert d.dead_s == pytest.approx(dead, abs=3.0 * d.error_s)
+    assert d.error_s < 0.1
 
 
 def test_each_input_has_its_own_dead_time() -> None:

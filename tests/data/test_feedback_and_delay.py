@@ -220,7 +220,7 @@ def test_what_inspect_says_of_a_long_delay(tmp_path: Path, capsys: Capture) -> N
     path = write_log(tmp_path / "late.csv", ["u", "y"], [log.u[:, 0], log.y[:, 0]])
     found = run(capsys, "inspect", path)
     text = " ".join(found.out.split())
-    assert "Delay to y in samples: 41 (41 to 42) from u" in text
+    assert "Delay to y in samples: 41 from u. Dead time 3.99" in text
     assert "No feedback from output to input was detected" in text
 
 

@@ -166,6 +166,18 @@ def _contender(id: str, record: Record, pole: float | None) -> Contender:
     return Contender(id, model, (record,), {"estimation": figures})
 
 
+def test_progress_counts_every_model_once() -> None:
+    """One that cannot be compared, too: the bar ends at its end."""
+    record = _record()
+    contenders = [_contender("a", record, None), _contender("b", record, None)]
+    elsewhere = replace(record, name="other", inputs=(replace(record.inputs[0], name="x"),))
+    contenders.append(_contender("c", elsewhere, None))
+    steps: list[int] = []
+    ranking = compare(contenders, "fit", ([record], "here"), advance=steps.append)
+    assert set(ranking.excluded) == {"c"}
+    assert steps == [1, 1, 1]
+
+
 @pytest.mark.parametrize("criterion", BUILT_IN)
 def test_a_model_that_drifts_leads_by_no_criterion(criterion: str) -> None:
     """Fixed values count as no parameters, so the drifting model is first by every criterion."""

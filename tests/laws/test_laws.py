@@ -40,6 +40,7 @@ every_quick = pytest.mark.parametrize(
     ],
 )
 """Every structure; those whose fit takes seconds among the slow tests."""
+LONG = ("augmented", "tanks", "wiener-hammerstein")
 moving = pytest.mark.parametrize(
     "name", [n for n in REGISTERED if n in CASES and case_of(n).structure.nu]
 )

@@ -93,12 +93,13 @@ def process_of(
 def _refined(d: Delay, fit: ProcessFit, i: int, dt: float, shortest: int) -> Delay:
     if d.delay is None:
         return d
-    dead, error = float(fit.dead[i]), float(fit.dead_error[i])
+    late, error = float(fit.dead[i]), float(fit.dead_error[i])
+    dead = late - fit.held(i) + PLAIN
     low, high = (
         max(int(np.ceil(dead + side * WIDTH * error - 0.5)), shortest) for side in (-1.0, 1.0)
     )
     delay = max(int(np.ceil(dead - 0.5)), shortest)
-    if dead - WIDTH * error <= PLAIN <= high:
+    if late - WIDTH * error <= PLAIN <= high:
         delay = PLAIN  # no dead time where none is shown
     seconds = max(dead - PLAIN, 0.0) * dt
     return replace(d, delay=delay, low=low, high=high, dead_s=seconds, error_s=error * dt)

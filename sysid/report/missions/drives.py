@@ -1,7 +1,7 @@
 """Pictures of missions from their results: one drive, many runs, a fan, a plan, a path."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,13 +14,10 @@ from sysid.report.missions.localization_drawing import PoseEstimate, ellipse
 from sysid.report.missions.plan_drawing import CurvePanel, PlanPicture
 from sysid.report.missions.response_drawing import Line, Panel, ResponsePicture
 from sysid.report.missions.runs_drawing import RunsPicture
-from sysid.report.missions.scene import Obstacle, Scene
+from sysid.report.missions.shown import ShownRuns, scene_of
 from sysid.report.plots import write_picture
-from sysid.robot.mission.batch.setup import Setup
 from sysid.robot.mission.localize import Localization
 from sysid.robot.mission.measured.fan import QUANTITIES, UNITS, Comparison
-from sysid.robot.mission.monte_carlo.mission_runs import MissionRuns
-from sysid.robot.mission.monte_carlo.paths import paths_of
 from sysid.robot.mission.plan import Curves, Plan
 from sysid.robot.mission.result import MissionResult
 from sysid.robot.mission.spec import Mission
@@ -48,27 +45,6 @@ def drive_picture(
     """A drive (t [s], x, y [m], ψ [rad], speed [m/s]) among what its mission has in the plane."""
     scene = scene_of(mission, float(t[-1]))
     return MissionPicture(name, "", t, pose, speed, np.zeros((len(t), 2)), scene)
-
-
-def scene_of(mission: Mission, seconds: float = 0.0) -> Scene:
-    """What a mission has in the plane; obstacles that move have done so for some seconds."""
-
-    def line(points: Sequence[tuple[float, float]]) -> Array | None:
-        return np.array(points) if points else None
-
-    return Scene(
-        goal=mission.goal,
-        tolerance=mission.tolerance,
-        obstacles=tuple(
-            Obstacle(o.x, o.y, o.radius, (o.velocity[0] * seconds, o.velocity[1] * seconds))
-            for o in mission.obstacles
-        ),
-        walls=tuple(map(np.array, mission.walls)),
-        polygons=tuple(map(np.array, mission.polygons)),
-        waypoints=line(mission.waypoints),
-        course=line(mission.path and (mission.start[:2], *mission.path, mission.goal)),
-        influence=mission.guidance.reach,
-    )
 
 
 def _estimate(log: Mapping[str, Array]) -> PoseEstimate | None:
@@ -112,30 +88,6 @@ def draw_measured(path: Path, name: str, mission: Mission, comparison: Compariso
     tail = "the fan of its runs" if comparison.leaves is None else ""
     title = f"{comparison.name} {head} {tail}".strip()
     write_picture(path, FanPicture(drive, fan.ways, fan.t, panels, comparison.leaves, title, facts))
-
-
-@dataclass(frozen=True, eq=False)
-class ShownRuns:
-    """Many runs of a mission, and the ways of some.
-
-    Attributes:
-        paths, worst: X, Y of the first runs and of the worst ones, (n, 2) each [m].
-    """
-
-    batch: MissionRuns
-    paths: Sequence[Array]
-    worst: Sequence[Array]
-
-
-SHOWN = 100
-"""Paths in a picture: enough for a fan."""
-
-
-def shown_runs(setup: Setup, batch: MissionRuns) -> ShownRuns:
-    """The first runs and the worst ones, which are driven again for their paths."""
-    usual = batch.seeds[:SHOWN]
-    paths = paths_of(setup, [*usual, *(w.seed for w in batch.worst)])
-    return ShownRuns(batch, paths[: len(usual)], paths[len(usual) :])
 
 
 def draw_runs(plot: Path, name: str, mission: Mission, runs: ShownRuns) -> None:

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from sysid.data.record import PWM_FULL_SCALE, Array
 from sysid.plant.replay import outside_range
-from sysid.report.missions.drives import ShownRuns, scene_of
 from sysid.report.missions.runs_drawing import bar_edges
 from sysid.report.missions.scene import circle
+from sysid.report.missions.shown import ShownRuns, scene_of
 from sysid.report.missions.tube import tube
 from sysid.report.page import Check, Page, Section
 from sysid.report.panels import Curve, Kind, Panel

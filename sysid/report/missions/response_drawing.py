@@ -66,17 +66,20 @@ class ResponsePicture:
         rows = -(-len(self.panels) // self.columns)
         style.heading(figure, 0.9 + _ROW * rows, self.title, self.subtitle)
         grid = figure.add_gridspec(rows, self.columns)
-        alike = len({tuple(x.name for x in p.lines) for p in self.panels}) == 1 < len(self.panels)
         for k, panel in enumerate(self.panels):
-            axes = figure.add_subplot(grid[k // self.columns, k % self.columns])
-            draw_panel(axes, panel, named=not alike)
-        if alike:  # one legend serves all
-            lines = figure.axes[0].get_legend_handles_labels()
-            figure.legend(*lines, loc="outside lower left", ncols=len(lines[0]), borderaxespad=0.8)
+            draw_panel(figure.add_subplot(grid[k // self.columns, k % self.columns]), panel)
+        entries = [axes.get_legend_handles_labels() for axes in figure.axes]
+        if len(entries) > 1 and all(names == entries[0][1] for _, names in entries):
+            figure.legend(
+                *entries[0], loc="outside lower left", ncols=len(entries[0][1]), borderaxespad=0.8
+            )
+            return
+        for axes in figure.axes:
+            axes.legend(loc="best", borderaxespad=0.6)
 
 
-def draw_panel(axes: "Axes", panel: Panel, *, named: bool = True) -> None:
-    """Draw one panel, with a legend where its lines are to be named.
+def draw_panel(axes: "Axes", panel: Panel) -> None:
+    """Draw one panel, without a legend.
 
     A later path in a plane is narrower: one that runs under another is seen beside it.
     """
@@ -86,7 +89,7 @@ def draw_panel(axes: "Axes", panel: Panel, *, named: bool = True) -> None:
         axes.fill(x_out, y_out, facecolor=style.BLUE, alpha=0.15, linewidth=0.8, edgecolor="none")
     colours = iter(style.SERIES)
     drawn = sum(not line.reference for line in panel.lines)
-    widths = iter([1.2 + 0.6 * k for k in reversed(range(drawn))] if panel.plane else [1.5] * drawn)
+    widths = iter([1.1 + 0.4 * k for k in reversed(range(drawn))] if panel.plane else [1.5] * drawn)
     for line in panel.lines:
         if line.reference:
             dashed: dict[str, Any] = {
@@ -107,5 +110,3 @@ def draw_panel(axes: "Axes", panel: Panel, *, named: bool = True) -> None:
     axes.margins(x=0.02, y=0.1)
     if panel.plane:
         axes.set_aspect("equal", adjustable="datalim")
-    if named:
-        axes.legend(loc="best", borderaxespad=0.6)

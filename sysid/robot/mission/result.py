@@ -9,7 +9,7 @@ from typing import Any
 
 from sysid.data.files import replacing
 from sysid.data.record import Array
-from sysid.outside_text import csv_text
+from sysid.outside_text import csv_text, html_lines, html_table
 from sysid.robot.mission.contracts import Pose
 
 
@@ -82,6 +82,17 @@ class MissionResult:
     log: Mapping[str, Array]
     sentence: str
     stuck: Stuck | None = None
+
+    def _repr_html_(self) -> str:
+        near = self.min_clearance_m
+        rows = [
+            ("outcome", self.outcome.value),
+            ("time", f"{self.time_s:.4g} s"),
+            ("off the goal", f"{self.off_goal_m:.3g} m"),
+            ("path driven", f"{self.path_length_m:.4g} m"),
+            *([] if near is None else [("nearest obstacle", f"{near:.3g} m")]),
+        ]
+        return html_table(rows) + html_lines(self.sentence)
 
     def summary(self) -> dict[str, Any]:
         return {

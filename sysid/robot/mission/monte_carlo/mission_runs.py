@@ -9,6 +9,7 @@ import numpy as np
 
 from sysid.data.documents import plain
 from sysid.data.record import Array
+from sysid.outside_text import html_lines, html_table
 from sysid.robot.mission.batch.runner import FAILED
 from sysid.robot.mission.loop import Verdict
 from sysid.robot.mission.monte_carlo.variance_shares import Shares
@@ -160,6 +161,14 @@ class MissionRuns:
             f" The robot believes that it has arrived in {_percent(float(believes.mean()))}; in "
             f"{_percent(float(missed.mean()))} it is not there, {off:.2g} m off in the median."
         )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, str(o.count), f"{100 * o.share:.3g} %", " to ".join(map(_percent, o.interval)))
+            for name, o in self.outcomes.items()
+        ]
+        heads = ("outcome", "runs", "share", "95 % interval")
+        return html_lines(self.sentence) + html_table(rows, heads)
 
     def summary(self) -> dict[str, Any]:
         """Everything but the single runs, as plain values for a JSON document."""
