@@ -66,6 +66,7 @@ NO_MESSAGES = {
     "sysid/plant/templates/README.md": "the page of a package: lines to type where it is used",
     "sysid/report/templates/diagnosis.html.j2": "variables of CSS are written like options",
     "sysid/report/templates/page.html.j2": "variables of CSS are written like options",
+    "sysid/report/templates/style.css.j2": "variables of CSS are written like options",
 }
 """Files of the library that may hold what looks like an option, and why."""
 
