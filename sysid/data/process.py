@@ -87,7 +87,7 @@ class ProcessFit:
 
     def through(self, i: int, x: Sequence[Array]) -> Array:
         """What input i would add, by its lags and dead time at unit gain, were it x, (N,)."""
-        a, _ = _denominator(float(self.lag[i]), float(self.shape[i]))
+        a = _denominator(float(self.lag[i]), float(self.shape[i]))
         dead = float(self.dead[i])
         return np.concatenate([lfilter([a.sum()], a, _delayed(part, dead)) for part in x])
 
@@ -267,7 +267,7 @@ def _columns(problem: _Problem, p: Array) -> tuple[Array, Array]:
     values, by_lag, by_shape, by_dead = (list[Array]() for _ in range(4))
     for i in range(nu):
         s, shape, dead = np.exp(p[i]), np.exp(p[nu + i]), p[2 * nu + i]
-        a, da = _denominator(s, shape)
+        a, da = _denominator(s, shape), _denominator_slopes(s, shape)
         c, dc = a.sum(), da.sum(axis=1)
         w = [lfilter([1.0], a, _delayed(u, dead)) for u in problem.each(i)]
         v = np.concatenate([lfilter([1.0], a, x) for x in w])
@@ -282,17 +282,19 @@ def _columns(problem: _Problem, p: Array) -> tuple[Array, Array]:
     return np.column_stack(values), np.column_stack([*by_lag, *by_shape, *by_dead])
 
 
-def _denominator(s: float, shape: float) -> tuple[Array, Array]:
-    """1 + a₁q⁻¹ + a₂q⁻² of lags of sum S and shape ρ, and its derivatives by ln S and ln ρ."""
+def _denominator(s: float, shape: float) -> Array:
+    """1 + a₁q⁻¹ + a₂q⁻² of lags of sum S and shape ρ, (3,)."""
+    poles = np.exp(np.array(_rates(s, shape)))
+    return np.array([1.0, -poles.sum().real, poles.prod().real])
 
-    def a(s: float, shape: float) -> Array:
-        poles = np.exp(np.array(_rates(s, shape)))
-        return np.array([1.0, -poles.sum().real, poles.prod().real])
 
+def _denominator_slopes(s: float, shape: float) -> Array:
+    """Its derivatives by ln S and ln ρ, (2, 3)."""
     h = 1e-5
-    by_s = (a(s * np.exp(h), shape) - a(s * np.exp(-h), shape)) / (2.0 * h)
-    by_shape = (a(s, shape * np.exp(h)) - a(s, shape * np.exp(-h))) / (2.0 * h)
-    return a(s, shape), np.array([by_s, by_shape])
+    more, less = np.exp(h), np.exp(-h)
+    by_s = _denominator(s * more, shape) - _denominator(s * less, shape)
+    by_shape = _denominator(s, shape * more) - _denominator(s, shape * less)
+    return np.array([by_s, by_shape]) / (2.0 * h)
 
 
 def _rates(s: float, shape: float) -> tuple[complex, complex]:
@@ -342,7 +344,7 @@ def _base(problem: _Problem, p: Array) -> tuple[Array, NDArray[np.bool_]]:
     """
     nu = len(p) // 3
     slowest = float(np.exp(np.max(p[:nu])))
-    rows = [_denominator(np.exp(p[i]), np.exp(p[nu + i]))[0] for i in range(nu)]
+    rows = [_denominator(np.exp(p[i]), np.exp(p[nu + i])) for i in range(nu)]
     columns, drifting = [], list[bool]()
     for start, stop in pairwise(problem.edges):
         n = stop - start
@@ -364,7 +366,7 @@ def _values(problem: _Problem, p: Array) -> Array:
     nu = len(p) // 3
     columns = []
     for i in range(nu):
-        a, _ = _denominator(np.exp(p[i]), np.exp(p[nu + i]))
+        a = _denominator(np.exp(p[i]), np.exp(p[nu + i]))
         parts = [lfilter([a.sum()], a, _delayed(u, p[2 * nu + i])) for u in problem.each(i)]
         columns.append(np.concatenate(parts))
     return np.column_stack(columns)

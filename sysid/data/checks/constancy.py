@@ -205,27 +205,22 @@ def _statistics(
         rows = everything[start:stop]
         gram[b], score[b] = rows.T @ rows, rows.T @ e[start:stop]
     variance = float(e @ e) / max(len(e) - p - q, 1)
-    stats, effects = np.zeros((len(profiles), 2)), np.zeros((len(profiles), q))
-    errors = np.zeros_like(effects)
-    for k, w in enumerate(profiles):
-        beside = np.tensordot(w, gram[:, :p, p:], 1)  # X'(wZ), X orthonormal
-        A = np.tensordot(w**2, gram[:, p:, p:], 1) - beside.T @ beside
-        # what z is beside X, in each block as a combination of the columns
-        T = np.concatenate(
-            [-np.broadcast_to(beside, (BLOCKS, p, q)), w[:, None, None] * np.eye(q)], 1
-        )
-        g = np.einsum("biq,bi->q", T, score)
-        inverse = np.linalg.pinv(A, rcond=1e-4, hermitian=True)
-        effects[k] = inverse @ g
-        rest = score - np.einsum("bij,bj->bi", gram, T @ effects[k])
-        part = np.einsum("biq,bi->bq", T, rest) @ inverse
-        both = variance * inverse, part.T @ part
-        errors[k] = np.sqrt(np.max([np.diag(c) for c in both], axis=0))
-        tested = effects[k, :-1]  # whatever the level does
-        stats[k] = [
-            float(tested @ np.linalg.pinv(c[:-1, :-1], rcond=1e-8, hermitian=True) @ tested)
-            for c in both
-        ]
+    beside = np.tensordot(profiles, gram[:, :p, p:], 1)  # X'(wZ), X orthonormal
+    A = np.tensordot(profiles**2, gram[:, p:, p:], 1) - beside.swapaxes(1, 2) @ beside
+    inverse = np.linalg.pinv(A, rcond=1e-4, hermitian=True)
+    g = profiles @ score[:, p:] - score[:, :p].sum(axis=0) @ beside
+    effects = (inverse @ g[:, :, None])[:, :, 0]
+    # what z is beside X, in each block as a combination of the columns
+    weights = profiles[:, :, None]
+    shares = np.broadcast_to(-(beside @ effects[:, :, None]).swapaxes(1, 2), (*profiles.shape, p))
+    taken = np.concatenate([shares, weights * effects[:, None]], 2)
+    rest = score - (taken.swapaxes(0, 1) @ gram).swapaxes(0, 1)
+    part = (weights * rest[:, :, p:] - rest[:, :, :p] @ beside) @ inverse
+    both = np.stack([variance * inverse, part.swapaxes(1, 2) @ part])
+    errors = np.sqrt(np.diagonal(both, axis1=2, axis2=3).max(axis=0))
+    tested = effects[:, :-1]  # whatever the level does
+    tight = np.linalg.pinv(both[:, :, :-1, :-1], rcond=1e-8, hermitian=True)
+    stats = np.einsum("ki,skij,kj->ks", tested, tight, tested)
     return stats, effects, errors
 
 
