@@ -67,26 +67,34 @@ def compare(
         stored = [store.load(i) for i in dict.fromkeys(models)]
     else:
         stored, unreadable = store.readable()
-    with render.progress("Comparing"):
+    with render.progress("Comparing", total=len(stored)) as advance:
         data = StoredData()
         contenders = [data.contender(s) for s in stored]
         judged_on, findings = _validation(stored, validation, read)
         if judged_on is None and criterion_named(criterion).of_free_run:
             judged_on = common_validation(contenders)
-        ranking = rank(contenders, criterion, judged_on, policy)
+        ranking = rank(contenders, criterion, judged_on, policy, advance)
+    best, before = ranking.best.contender.id, store.chosen(None).id
     ranking = replace(
         ranking,
-        notes=(*ranking.notes, *warned(findings)),
+        notes=(*ranking.notes, *_instead(best, before), *warned(findings)),
         excluded={**ranking.excluded, **unreadable},
     )
     crossed = _cross_validated(ranking, folds)
     read_as = decided(judged_on[0] if judged_on else ())
-    store.remember("best", ranking.best.contender.id)
+    store.remember("best", best)
     if json:
         _document(ranking, crossed, read_as)
         return
     page = _page(store, ranking, judged_on, contenders)
     _show(ranking, crossed, {"Page": page}, read_as, notes(findings))
+
+
+def _instead(best: str, before: str) -> tuple[str, ...]:
+    """That commands take another model now: a fit may rank by its own data, a comparison not."""
+    if best == before:
+        return ()
+    return (f"Commands take {best} from now on; before this comparison they took {before}.",)
 
 
 def _page(

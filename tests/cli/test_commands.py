@@ -368,7 +368,17 @@ def test_pictures_are_drawn(tmp_path: Path, capsys: Capture) -> None:
     assert run(capsys, "plot", "ranking", "-o", "ranking.png").code == 0
     assert run(capsys, "export").code == 0
     assert run(capsys, "simulate", "mission.yaml", "--plot", "path.svg").code == 0
-    heads = {"fit.svg": b"<?xml", "ranking.png": b"\x89PNG", "path.svg": b"<?xml"}
+    assert run(capsys, "simulate", "mission.yaml", "--runs", 4, "--plot", "runs.svg").code == 0
+    written = run(capsys, "report", "mission.yaml", "-o", "m.html", "--json").document
+    assert written == {"page": "m.html", "mission": "mission.yaml"}
+    assert "200 runs" in (tmp_path / "m.html").read_text(encoding="utf-8")
+    for page in ("mission.html", "mission_runs.html"):
+        assert "Clearance of the centre" in (tmp_path / ".sysid" / "missions" / page).read_text()
+    refused = run(capsys, "report", "mission.yaml", "arx")
+    assert refused.code == 2
+    assert "name one mission alone" in refused.err
+    svg = dict.fromkeys(("fit.svg", "path.svg", "runs.svg"), b"<?xml")
+    heads = {**svg, "ranking.png": b"\x89PNG"}
     for name, head in heads.items():
         assert (tmp_path / name).read_bytes().startswith(head)
 

@@ -32,7 +32,10 @@ def _workspace(folder: Path, *options: object) -> None:
 HELD = {"val": ["--val"], "split": ["--split", "0.7"], "none": []}
 
 
-@pytest.fixture(scope="module", params=HELD)
+@pytest.fixture(
+    scope="module",
+    params=["val", *(pytest.param(h, marks=pytest.mark.slow) for h in ("split", "none"))],
+)
 def judged(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Judged:
     """A folder of two fits, and what was held out for them."""
     folder = tmp_path_factory.mktemp(request.param)
@@ -161,6 +164,18 @@ def _contender(id: str, record: Record, pole: float | None) -> Contender:
     model = fit(oe, [record], FitOptions(fixed=fixed))
     figures = {"data": "here", "fit_percent": {"y": 0.0}, "rmse": {"y": 1.0}}
     return Contender(id, model, (record,), {"estimation": figures})
+
+
+def test_progress_counts_every_model_once() -> None:
+    """One that cannot be compared, too: the bar ends at its end."""
+    record = _record()
+    contenders = [_contender("a", record, None), _contender("b", record, None)]
+    elsewhere = replace(record, name="other", inputs=(replace(record.inputs[0], name="x"),))
+    contenders.append(_contender("c", elsewhere, None))
+    steps: list[int] = []
+    ranking = compare(contenders, "fit", ([record], "here"), advance=steps.append)
+    assert set(ranking.excluded) == {"c"}
+    assert steps == [1, 1, 1]
 
 
 @pytest.mark.parametrize("criterion", BUILT_IN)

@@ -75,7 +75,9 @@ def fitted(name: str, record: Record, detrend: str = "auto") -> Model:
     return fit(structure_class(name).from_orders(ORDERS[name], 1, 1), [record], detrend=detrend)
 
 
-@pytest.mark.parametrize("name", ["arx", "armax", "oe", pytest.param("bj", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "bj")) for n in ORDERS]
+)
 @pytest.mark.parametrize("rest", [0, 50])
 def test_a_level_is_a_parameter_with_an_honest_error(name: str, rest: int) -> None:
     # 12 seeds: a mean squared z above 2.2 has a probability below 1 % at the nominal error

@@ -328,7 +328,7 @@ def test_more_data_mean_smaller_errors() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["bj", *(pytest.param(n, marks=pytest.mark.slow) for n in ("oe", "armax"))]
+    "name", ["armax", *(pytest.param(n, marks=pytest.mark.slow) for n in ("oe", "bj"))]
 )
 def test_a_long_record_is_searched_from_pieces_of_it(name: str) -> None:
     """The minimum is that of a search over all samples, to what the solver's tolerance leaves."""

@@ -193,6 +193,18 @@ def test_an_input_without_effect_takes_the_delay_of_the_main_one() -> None:
     assert delay_of([Record(np.column_stack([r.u[:, 0], idle]), r.y, 0.1)]) == 3
 
 
+def test_sixty_rows_of_a_step_that_overshoots_are_of_second_order() -> None:
+    """ζ = 0.5 at 4 rad/s: the last third, which is at rest, chooses between the orders tried."""
+    n, y, v = 60, np.zeros(60), 0.0
+    u = np.where(np.arange(n) < 8, 0.0, 2.0)
+    for k in range(1, n):
+        v += 0.1 * (16.0 * (1.5 * u[k - 1] - y[k - 1]) - 4.0 * v)
+        y[k] = y[k - 1] + 0.1 * v
+    noisy = y + 0.02 * np.random.default_rng(1).standard_normal(n)
+    best = select_structure(["oe"], [Record(u, noisy, 0.1)], FitOptions()).entries[0]
+    assert best.model.structure.order_values()["nf"] in (2, [[2]])
+
+
 def test_an_integrator_is_not_called_unstable() -> None:
     s = ARX.from_orders({"na": 1, "nb": 1, "nk": 1}, 1, 1)
     assert bounded_run(s, np.array([-1.0001, 1.0]))

@@ -14,6 +14,11 @@ PAGES = {
     "docs/from-matlab.md": "",
     "docs/from-python-control.md": "",
     "docs/missions.md": "",
+    "docs/look.md": "",
+    "docs/forecast.md": "",
+    "docs/monte-carlo.md": "long",
+    "docs/terramechanics.md": "",
+    "docs/vehicle.md": "",
 }
 """Pages whose examples are run, and whether they take more than a few seconds."""
 

@@ -2,9 +2,11 @@
 
 import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import BROWSER, laid_out
 from mission_cases import Robot, goal
 from test_model_page import Tags
 
@@ -82,3 +84,13 @@ def test_runs_that_are_too_few_for_shares_say_so() -> None:
     batch = simulate_runs(MISSION, [Robot()], 3)
     runs = ShownRuns(batch, [], [])
     assert "Too few runs to say it." in mission_page("m", MISSION, drive(), None, runs).html()
+
+
+@pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
+@pytest.mark.parametrize("width", [360, 1280])
+def test_nothing_sticks_out(width: int, tmp_path: Path) -> None:
+    text = mission_page("m", MISSION, drive(), Robot(input_range=NARROW)).html()
+    pictures = text.count('<svg class="panel"')
+    assert pictures == 6
+    seen = laid_out(text, tmp_path, width)
+    assert seen == {"inner": width, "full": width, "wide": [], "pictures": pictures}

@@ -89,6 +89,19 @@ def test_every_section_is_there_with_its_verdict(folder: Path) -> None:
     assert f"omega_l: {fit:.1f} % fit" in text
 
 
+def test_fit_and_compare_agree_or_say_that_they_do_not(folder: Path, capsys: Capture) -> None:
+    """With orders given a fit ranks by its own data, a comparison by the log that judges: said."""
+    (won,) = re.findall(r"<h1>([-\w]+):", (folder / "fit.html").read_text(encoding="utf-8"))
+    page = (folder / "compare.html").read_text(encoding="utf-8")
+    ranking = run(capsys, "compare", "--workspace", folder, "--json").document
+    best = ranking["best"]
+    assert f"Best: {best}." in page
+    assert best == won or f"take {best} from now on; before this comparison they took {won}" in page
+    for line in ranking["ranking"]:
+        stored = Workspace(folder).load(line["model"])
+        assert line["aic"] == pytest.approx(stored.report["criteria"]["aic"], rel=1e-12)
+
+
 def test_the_whole_page_of_a_model_and_of_several(folder: Path, capsys: Capture) -> None:
     ws = ("--workspace", folder)
     told = run(capsys, "report", *ws)

@@ -32,6 +32,9 @@ FORMATS: dict[str, re.Pattern[str]] = {
 }
 """Ways to write an instant."""
 
+_PARTS = re.compile(r"\d[-/:_T ]\d|\d\.\d+\.\d")
+"""What each of them holds, and hardly a number does: most cells are numbers."""
+
 ORDERS = {"mdy": "month/day/year", "dmy": "day/month/year", "ymd": "year/month/day"}
 """What the numbers of a date with slashes can be; the first is taken where all agree."""
 
@@ -55,7 +58,7 @@ class Dates(NamedTuple):
 def date_format(cell: str) -> re.Pattern[str] | None:
     """The way the cell writes an instant, None where it is none."""
     text = cell.strip()
-    if not re.search(r"\d[-/:._T ]\d", text):
+    if not _PARTS.search(text):
         return None
     return next((f for f in FORMATS.values() if f.fullmatch(text)), None)
 

@@ -1,7 +1,7 @@
 """Rank models on equal terms: same data, same samples, same initial-state policy."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -114,6 +114,7 @@ def compare(
     criterion: str,
     validation: tuple[Sequence[Record], str] | None,
     policy: Policy | None = None,
+    advance: Callable[[int], None] | None = None,
 ) -> Ranking:
     """Rank models by a criterion.
 
@@ -121,6 +122,9 @@ def compare(
     each model was judged on when it was fitted). Information criteria rank by one-step errors on
     the estimation data, over the samples that all compared models predict, and only models
     fitted to the same data: the others are excluded, and it is said why.
+
+    Args:
+        advance: called after each model that was run; as many times as there are models.
 
     Raises:
         ModelError: there is nothing to compare.
@@ -132,7 +136,7 @@ def compare(
         raise ModelError("no model to compare; run `sysid fit` first")
     notes: list[str] = [] if validation is None else _seen_before(contenders, validation[0])
     excluded: dict[str, str] = {}
-    figures = _all_figures(contenders, validation, policy, excluded)
+    figures = _all_figures(contenders, validation, policy, excluded, advance)
     usable = [c for c in contenders if c.id in figures]
     if not ranks.of_free_run or validation is None:
         usable = _same_data(usable, excluded)
@@ -283,6 +287,7 @@ def _all_figures(
     validation: tuple[Sequence[Record], str] | None,
     policy: Policy,
     excluded: dict[str, str],
+    advance: Callable[[int], None] | None,
 ) -> dict[str, dict[str, Any]]:
     """Figures of every model that has some; why others have none is written to ``excluded``."""
     figures = {}
@@ -297,6 +302,9 @@ def _all_figures(
             figures[c.id] = {**made.to_json(), "held_out": True}
         except ModelError as error:
             excluded[c.id] = str(error)
+        finally:
+            if advance is not None:
+                advance(1)
     return figures
 
 

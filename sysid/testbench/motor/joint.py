@@ -13,6 +13,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.errors import DataError, Termination
+from sysid.fitting.differences import slopes
 from sysid.fitting.problem import Problem
 from sysid.fitting.solvers import Descent, levenberg_marquardt
 from sysid.fitting.uncertainty import uncertainty
@@ -316,20 +317,11 @@ class _Bench(Problem):
         )
 
     def jacobian(self, p: Array) -> Array:
-        """Central differences; one-sided ones of initial states, of which there may be many."""
-        columns, here = [], self.residual(p)
-        for k in range(len(p)):
-            if k >= len(self.names):
-                moved = p.copy()
-                moved[k] += _STEP
-                columns.append((self.residual(moved) - here) / _STEP)
-                continue
-            h = _STEP * max(abs(p[k]), 1e-3 * self.scale[k])
-            high, low = p.copy(), p.copy()
-            high[k] += h
-            low[k] -= h
-            columns.append((self.residual(high) - self.residual(low)) / (2.0 * h))
-        return np.column_stack(columns)
+        """Central differences, of initial states over ``_STEP``."""
+        steps = np.full(len(p), _STEP)
+        n = len(self.names)
+        steps[:n] *= np.maximum(np.abs(p[:n]), 1e-3 * self.scale)
+        return slopes(self.residual, p, steps)
 
 
 def _groups(problem: _Bench, p: Array) -> tuple[Group, ...]:

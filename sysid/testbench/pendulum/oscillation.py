@@ -20,6 +20,7 @@ from scipy.special import ellipj, ellipk
 
 from sysid.data.record import Array
 from sysid.errors import DataError
+from sysid.fitting.differences import propagated
 from sysid.fitting.uncertainty import uncertainty
 from sysid.testbench.pendulum.crossings import FreeSwing
 from sysid.testbench.pendulum.inertia import small_swing_period
@@ -300,11 +301,12 @@ def _result(t: Array, angle: Array, fit: _Fit, unit_identified: bool) -> Oscilla
         fit.jacobian[:, free], fit.residual[fit.good], [(0, len(weights))], weights
     ).covariance
     figures = _figures(fit, span)
-    slopes = np.empty((len(figures), len(free)))
-    for k, size in enumerate(1e-4 * scales):
-        moved = replace(fit, p=fit.p + size * (np.arange(len(free)) == k))
-        slopes[:, k] = (_figures(moved, span) - figures) / size
-    errors = np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes))
+    errors = propagated(
+        lambda p: _figures(replace(fit, p=p), span),
+        fit.p,
+        covariance,
+        np.where(free, 1e-4 * scales, 0.0),
+    )
     errors[1] = math.hypot(errors[1], AVERAGED * (figures[0] - figures[1]))
     good = fit.residual[fit.good]
     return Oscillation(
