@@ -65,7 +65,11 @@ def better(more: bool) -> Any:
     ],
 )
 def test_first_order_is_taken_where_it_explains_more(
-    found: Any, other: Any, taken: bool, monkeypatch: pytest.MonkeyPatch
+    found: Any,
+    other: Any,
+    taken: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    swinging: bool = False,
 ) -> None:
     def fitted(*_: Any, **__: Any) -> Any:
         if other is None:
@@ -74,10 +78,19 @@ def test_first_order_is_taken_where_it_explains_more(
 
     monkeypatch.setattr(first_order, "fit_baseline", fitted)
     monkeypatch.setattr(first_order, "confirmed", lambda session, selection: (selection, ()))
+    monkeypatch.setattr(first_order, "swings", lambda base: swinging)
+    monkeypatch.setattr(first_order, "stand_in", lambda session, selection: "a spring")
     monkeypatch.setattr(first_order, "replace", lambda session, base: other.session)
     result: Any = or_on_first_order(found, LogFacts((LOG,)), None, lambda text, share: None)
     assert (result is other) is taken
     assert taken or result is found
+
+
+def test_friction_in_place_of_a_spring_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What swings on a base of higher order, and is not explained, is no friction of a lower one."""
+    test_first_order_is_taken_where_it_explains_more(
+        outcome(3), better(True), False, monkeypatch, swinging=True
+    )
 
 
 @pytest.mark.slow

@@ -41,8 +41,13 @@ def stand_in(session: DiagnosisSession, selection: Selection) -> RejectedEffect 
 
 
 def swings(base: Base) -> bool:
-    """Whether a pole swings long: its damping ratio ζ of ln z = −ζ ω₀ Δt ± … is small."""
+    """Whether it swings long, as on a spring."""
+    return least_damping(base) < VERDICT.min_damping
+
+
+def least_damping(base: Base) -> float:
+    """The least damping ratio ζ of its poles, ln z = −ζ ω₀ Δt ± …; 1 where none swings."""
     z = base.poles
     swinging = z[(np.abs(z.imag) > 0.0) & (np.abs(z) > 0.0)].astype(complex)
     s = np.log(swinging)
-    return float(np.min(-s.real / np.abs(s), initial=1.0)) < VERDICT.min_damping
+    return float(np.min(-s.real / np.abs(s), initial=1.0))
