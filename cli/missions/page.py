@@ -53,10 +53,11 @@ def page_text(
     """
     from sysid.report.missions.page import mission_page
 
-    given = "".join(
-        f" --{k} {shlex.quote(str(v))}" for k, v in (options or {}).items() if v is not None
-    )
-    line = f"sysid simulate {shlex.quote(str(path))}{given}"
+    words = ["sysid", "simulate", str(path)]
+    for name, value in (options or {}).items():
+        if value is not None:
+            words += [f"--{name}", *([] if value is True else [str(value)])]
+    line = shlex.join(words)
     page = mission_page(
         path.stem, mission, result, package.plant(), runs, warnings=warnings, commands=(line,)
     )

@@ -1,5 +1,6 @@
 """``sysid simulate``: the exported plant in a closed-loop mission, or on the inputs of a log."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,7 +71,7 @@ def simulate(
     if target.exists() and mission.exists() and target.samefile(mission):
         raise UsageError(f"-o {target} would overwrite the input; name another file")
     if over.ros:
-        facts = _guided(mission, package, (target, plot, bag), laws, how, over)
+        facts = _guided(mission, place, package, (target, plot, bag), laws, how, over)
     elif drives:
         facts = _driven(mission, place, package, (target, plot, bag), laws, how, read)
     else:
@@ -141,7 +142,13 @@ def _driven(
             facts["plot"] = drawn
     facts["page"] = place.missions_dir / f"{path.stem}{'' if runs is None else '_runs'}.html"
     vary = None if how.vary is None else ",".join(how.vary)
-    options = {"runs": how.runs, "seed": how.seed, "vary": vary}
+    options = {
+        "runs": how.runs,
+        "seed": how.seed,
+        "vary": vary,
+        "plant": _named(package, place),
+        **asdict(laws),
+    }
     said = [*package.notes, *facts["warnings"]]
     text = page_text(path, given.mission, package, result, runs, said, options)
     write_atomic(facts["page"], text)
@@ -153,6 +160,11 @@ def _driven(
             draw_measured(plot, path.stem, mission, comparison)
             facts["plot"] = plot
     return facts
+
+
+def _named(package: "Package", place: Workspace) -> str | None:
+    """The plant of a line that drives again; None for the workspace's own."""
+    return None if package.where == str(place.plant_dir) else package.where
 
 
 def _drive(path: Path, given: Ride) -> "MissionResult":
@@ -176,6 +188,7 @@ def _outside(plant: "Plant", result: "MissionResult") -> tuple[str, ...]:
 
 def _guided(
     path: Path,
+    place: Workspace,
     package: "Package",
     files: tuple[Path, Path | None, Path | None],
     laws: LawChoice,
@@ -183,12 +196,27 @@ def _guided(
     over: OverRos,
 ) -> dict[str, Any]:
     """Once, with the robot at the other end of ROS."""
+    from sysid.data.files import write_atomic
     from sysid.robot.mission.spec import load_mission
 
     how.refuse("{} does not apply with --ros; the other node drives the robot")
     mission = laws.applied(load_mission(path))
     result, notes = guide_over_ros(path, mission, package, over)
-    return facts_of(path, mission, result, files, 0) | {"warnings": list(notes)}
+    facts = facts_of(path, mission, result, files, 0) | {"warnings": list(notes)}
+    facts["page"] = place.missions_dir / f"{path.stem}.html"
+    write_atomic(
+        facts["page"],
+        page_text(
+            path,
+            mission,
+            package,
+            result,
+            None,
+            notes,
+            {"ros": True, "plant": _named(package, place), **asdict(laws)},
+        ),
+    )
+    return facts
 
 
 def _replay(

@@ -7,6 +7,7 @@ from sysid.data.column_words import may_move
 from sysid.data.facts import LogFacts
 from sysid.diagnosis.base_model import fit_baseline
 from sysid.diagnosis.rules.ledger import confirmed
+from sysid.diagnosis.rules.outside_catalogue import stand_in, swings
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import SelectionResult
 from sysid.effects.base import Effect
@@ -44,4 +45,6 @@ def or_on_first_order(
         return result
     first_order = replace(session, base=base).searched(base.search.model.effects, say)
     found, _ = confirmed(first_order.session, first_order.selection)
+    if found.selected and swings(session.base) and stand_in(first_order.session, found):
+        return result  # what swings and is not explained is a spring, which no effect is
     return first_order if first_order.session.explains_more(found, kept.final) else result

@@ -4,7 +4,8 @@
 
 σ² is the response's own variance; where it has none, errors count relative to |Ĝ|, and their size
 is read off the fit. Searches begin at rational approximations by Sanathanan & Koerner (1963, IEEE
-Trans. Autom. Control 8, 56) for several dead times (Pintelon & Schoukens 2012, ch. 9).
+Trans. Autom. Control 8, 56) for several dead times (Pintelon & Schoukens 2012, ch. 9); those of
+state space at a subspace estimate.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,6 +27,9 @@ from sysid.structures.linear.families import OE
 from sysid.structures.model import Model, Provenance
 from sysid.structures.orders import parse_orders
 from sysid.structures.registry import structure_class
+from sysid.structures.state_space.innovations import StateSpace
+from sysid.structures.state_space.response_subspace import from_response
+from sysid.structures.state_space.structure import RealizedStructure
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 
@@ -41,6 +45,9 @@ STARTS = 3
 
 FASTER = 10.0
 """A model of a response without a sample time is run so much faster than its highest frequency."""
+
+PLENTY = 100_000
+"""Samples of a log for which a structure tries all of its usual orders."""
 
 LEAST = 1e-6
 """Least standard error, as a share of the largest response: the response's own rounding."""
@@ -70,7 +77,7 @@ def fit_response(
     options: Mapping[str, str] | None = None,
     band: tuple[float, float] | None = None,
 ) -> ResponseFit:
-    """Fit ``tf``, ``process`` or ``oe`` to a frequency response.
+    """Fit ``tf``, ``process``, ``oe`` or ``ss`` to a frequency response.
 
     Args:
         response: or its ``.frd.csv``.
@@ -87,25 +94,33 @@ def fit_response(
     if isinstance(orders, str):
         orders = parse_orders(orders)
     cls = structure_class(name)
-    if not issubclass(cls, ContinuousStructure | OE):
-        raise UsageError(f"{name} is not fitted to frequency responses; tf, process and oe are")
-    if issubclass(cls, OE) and response.sample_time is None:
+    if not issubclass(cls, ContinuousStructure | OE | StateSpace):
+        raise UsageError(f"{name} is not fitted to frequency responses; tf, process, oe and ss are")
+    if not issubclass(cls, ContinuousStructure) and response.sample_time is None:
         raise UsageError(
-            f"{response.name} is a response in continuous time, and oe steps from sample to "
+            f"{response.name} is a response in continuous time, and {name} steps from sample to "
             "sample; fit tf or process, or say its sample time"
         )
     response = _within(response, band)
     nu, ny = len(response.inputs), len(response.outputs)
+    if issubclass(cls, StateSpace):  # a response says nothing of K
+        options = {"noise": "none", **(options or {})}
     said = orders or cls.orders_said(options or {})
     grid = [said] if said else _usual(cls, nu, ny)
-    fits = [_fitted(cls.from_orders(o, nu, ny, options), response) for o in grid]
+    fits = []
+    for k, o in enumerate(grid):
+        try:
+            fits.append(_fitted(cls.from_orders(o, nu, ny, options), response))
+        except DataError:  # more than the response shows
+            if k + 1 == len(grid) and not fits:
+                raise
     return min(fits, key=lambda f: round(_bic(f, response), 2))
 
 
 def _usual(cls: Any, nu: int, ny: int) -> list[Mapping[str, Any]]:
     if issubclass(cls, OE):
         return [{"nb": n, "nf": n, "nk": 1} for n in (1, 2, 3, 4)]
-    return list(cls.candidate_orders(nu, ny, 0, None))
+    return list(cls.candidate_orders(nu, ny, PLENTY, None))
 
 
 def _within(response: FrequencyResponse, band: tuple[float, float] | None) -> FrequencyResponse:
@@ -199,10 +214,10 @@ def _response_of(
     """θ → G at w, (nf, ny, nu)."""
     if isinstance(structure, ContinuousStructure) and sample_time is None:
         return lambda theta: structure.continuous_response(theta, w)
-    if isinstance(structure, ContinuousStructure):
-        z = np.exp(1j * w * structure.dt)
-        return lambda theta: structure.realization(theta).response(z)
     assert sample_time is not None
+    if isinstance(structure, RealizedStructure):
+        z = np.exp(1j * w * sample_time)
+        return lambda theta: structure.realization(theta).response(z)
     return lambda theta: structure.transfer(theta).response(w * sample_time)
 
 
@@ -211,6 +226,8 @@ def _starts(structure: Any, response: FrequencyResponse, sigma: Array) -> list[A
     nu, ny = len(response.inputs), len(response.outputs)
     if isinstance(structure, OE):
         return [_of_polynomials(structure, response, sigma)]
+    if isinstance(structure, StateSpace):
+        return [_of_subspace(structure, response, sigma)]
     longest = LONGEST / response.frequency[-1] if structure.delayed else 0.0
     delays = np.linspace(0.0, longest, DELAYS) if structure.delayed else np.zeros(1)
     every = []
@@ -230,6 +247,24 @@ def _starts(structure: Any, response: FrequencyResponse, sigma: Array) -> list[A
         np.concatenate([structure.path_numbers(found[min(k, len(found) - 1)]) for found in every])
         for k in range(min(STARTS, len(delays)))
     ]
+
+
+def _of_subspace(structure: StateSpace, response: FrequencyResponse, sigma: Array) -> Array:
+    """θ of matrices.
+
+    Raises:
+        DataError: the response does not show so many states.
+    """
+    assert response.sample_time is not None
+    w = response.w * response.sample_time
+    found = from_response(response.value, sigma, w, structure.n, structure.nk == 0)
+    K = np.zeros((structure.n, structure.ny))
+    theta = None if found is None else structure.theta_of((*found, K))
+    if theta is None or not np.all(np.isfinite(theta)):
+        raise DataError(
+            f"{response.name} does not show {structure.n} states in ss; take fewer (`orders`)"
+        )
+    return theta
 
 
 def _of_polynomials(structure: OE, response: FrequencyResponse, sigma: Array) -> Array:

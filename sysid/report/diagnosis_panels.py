@@ -36,8 +36,8 @@ def regions(shown: Sequence[Region]) -> Panels:
     excess = 100.0 * np.array([r.share_of_excess for r in shown])
     samples = 100.0 * np.array([r.share_of_samples for r in shown])
     curves = (
-        Curve("samples", k + 0.2, samples, kind="stems", colour=GREY),
-        Curve("excess error", k - 0.1, excess, low, high, kind="dots", colour=BEFORE),
+        Curve("samples", k + 0.12, samples, kind="stems", colour=GREY),
+        Curve("excess error", k - 0.12, excess, low, high, kind="dots", colour=BEFORE),
     )
     names = tuple(r.region for r in shown)
     return (Panel("regions", "Excess error by regime", "share, 95 % interval [%]", "", curves,

@@ -3,12 +3,15 @@
 import control
 import numpy as np
 import pytest
+from hand_made import hand_made
 
 import sysid
 from sysid.data.record import Record
 from sysid.errors import ModelError, UsageError
+from sysid.estimation.assessment.forecast import innovation_responses
 from sysid.estimation.reduction import reduced
 from sysid.structures.model import Model
+from sysid.structures.state_space.innovations import StateSpace
 
 
 def fourth_order() -> Model:
@@ -38,6 +41,25 @@ def test_singular_values_are_those_of_the_hankel_matrix() -> None:
     hankel = np.array([h[k : k + 200] for k in range(200)])
     peer = np.linalg.svd(hankel, compute_uv=False)
     np.testing.assert_allclose(found.singular[:2], peer[:2], rtol=1e-6)
+
+
+def test_the_disturbance_stays() -> None:
+    """Its slow part is foreseen: the error one step ahead is what a log of it shows."""
+    structure = StateSpace.from_orders({"n": 3}, 1, 1)
+    A = np.diag([0.95, 0.8, 0.1])
+    B, K = np.array([[0.1], [0.2], [0.1]]), np.array([[0.3], [0.1], [0.3]])
+    theta = structure.theta_of((A, B, np.ones((1, 3)), np.zeros((1, 1)), K))
+    assert theta is not None
+    model = hand_made(structure, theta)
+    found = reduced(model, 1)
+    assert found.reached <= found.bound
+    h = innovation_responses(model, theta, 300)[:, 0, 0]
+    v = np.convolve(np.random.default_rng(0).standard_normal(20_000), h)[300:20_000, None]
+    e = found.model.structure.errors(found.model.theta, 0.0 * v, v, 0)[100:, 0]
+    # of 19 600 squares: a standard error of 1 %
+    assert np.var(e) == pytest.approx(found.model.noise_covariance[0, 0], rel=0.04)
+    assert 1.01 < found.model.noise_covariance[0, 0] < 1.3
+    assert np.var(e) < 0.5 * np.var(v)
 
 
 def test_what_cannot_be_reduced_is_refused() -> None:

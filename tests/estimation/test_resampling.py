@@ -5,8 +5,11 @@ import numpy as np
 import pytest
 from hand_made import hand_made
 
+from sysid.data.record import Array
 from sysid.errors import ModelError, UsageError
+from sysid.estimation.assessment.forecast import innovation_responses
 from sysid.estimation.resampling import resampled
+from sysid.structures.model import Model
 from sysid.structures.registry import structure_class
 from sysid.structures.state_space.innovations import StateSpace
 
@@ -54,6 +57,36 @@ def test_process_models_keep_their_numbers() -> None:
     found = resampled(model, 0.01)
     np.testing.assert_array_equal(found.theta, model.theta)
     assert found.structure.dt == 0.01  # type: ignore[attr-defined]
+
+
+NOISY = {
+    "arx": ({"na": 2, "nb": 1, "nk": 1}, [-1.5, 0.6, 0.1]),
+    "armax": ({"na": 1, "nb": 1, "nc": 1, "nk": 1}, [-0.9, 0.1, 0.4]),
+    "bj": ({"nb": 1, "nc": 1, "nd": 2, "nf": 1, "nk": 1}, [0.1, 0.3, -1.2, 0.5, -0.7]),
+    "ss": ({"n": 2}, [-0.5, 1.4, 0.1, 0.2, 0.9, 0.6]),
+}
+
+
+def autocovariance(model: Model, step: int) -> Array:
+    """Λ Σ h(l) h(l + τ) of the disturbance, τ = 0, step …"""
+    h = innovation_responses(model, model.theta, 600)[:, 0, 0]
+    every = [h[: len(h) - tau] @ h[tau:] for tau in range(0, 6 * step, step)]
+    return model.noise_covariance[0, 0] * np.array(every)
+
+
+@pytest.mark.parametrize("name", NOISY)
+def test_the_disturbance_is_the_same_at_the_instants_that_remain(name: str) -> None:
+    orders, theta = NOISY[name]
+    model = hand_made(structure_class(name).from_orders(orders, 1, 1), np.array(theta))
+    slow = resampled(model, 3 * model.dt)
+    np.testing.assert_allclose(autocovariance(slow, 1), autocovariance(model, 3), rtol=1e-7)
+
+
+def test_a_noise_model_between_samples_is_not_invented() -> None:
+    orders, theta = NOISY["ss"]
+    model = hand_made(structure_class("ss").from_orders(orders, 1, 1), np.array(theta))
+    found = resampled(model, 1.5 * model.dt)
+    assert "noise model is gone" in found.warnings[0]
 
 
 def test_what_is_no_sample_time_is_refused() -> None:

@@ -1,5 +1,6 @@
 """Fits to frequency responses: exact without noise, true errors with it, what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import control
@@ -14,6 +15,8 @@ from sysid.estimation.response_fit import fit_response
 
 F = np.geomspace(0.01, 5.0, 80)
 S = 2j * np.pi * F
+WIDE = np.geomspace(0.02, 9.5, 90)
+CHANNELS = (Channel("a"), Channel("b"))
 
 
 def measured(G: Complex, error: float, seed: int, **more: object) -> FrequencyResponse:
@@ -54,6 +57,38 @@ def test_a_sampled_response_is_found_exactly() -> None:
     np.testing.assert_allclose(np.sort(process.model.theta), [0.0, 0.4, 1.5, 2.0], atol=1e-8)
 
 
+def two_by_two() -> tuple[Complex, control.StateSpace]:
+    """A resonance and two lags that share inputs and outputs, sampled every 0.05 s."""
+    A = np.array([[0, 1, 0, 0], [-9, -0.3, 0, 0], [0, 0, -2, 1], [0, 0, 0, -0.5]])
+    B = np.array([[0, 0], [1, 0.5], [0, 1], [0.7, 0]])
+    C = np.array([[1, 0, 0.5, 0], [0.3, 0, 0, 1]])
+    system = control.c2d(control.ss(A, B, C, np.zeros((2, 2))), 0.05)
+    values = [system(z) for z in np.exp(2j * np.pi * WIDE * 0.05)]
+    return np.array(values), system
+
+
+def test_state_space_of_two_by_two() -> None:
+    """Exact without noise; with it, as far from the truth as 16 numbers must be."""
+    G, system = two_by_two()
+    exact = FrequencyResponse(WIDE, G, None, CHANNELS, CHANNELS, 0.05)
+    model = fit_response(exact, "ss", {"n": 4}).model
+    np.testing.assert_allclose(
+        np.sort_complex(model.poles()), np.sort_complex(system.poles()), atol=1e-8
+    )
+    rng, distances = np.random.default_rng(3), []
+    sigma = 0.03 * np.abs(G) + 0.003 * np.abs(G).max()
+    for _ in range(12):
+        noise = rng.standard_normal((2, *G.shape)) / np.sqrt(2.0)
+        values = G + sigma * (noise[0] + 1j * noise[1])
+        response = replace(exact, value=values, variance=sigma**2)
+        fit = fit_response(response, "ss", {"n": 4})
+        assert 0.85 < fit.error < 1.15  # 720 numbers: a standard error of 0.026
+        got = fit.model.bode(2.0 * np.pi * WIDE)[1]
+        distances.append(2.0 * float(np.sum(np.abs((got - G) / sigma) ** 2)))
+    # chi-square of 16: the mean of 12 has a standard error of 1.6
+    assert 10.0 < np.mean(distances) < 22.0
+
+
 def test_two_inputs_and_a_band() -> None:
     G = np.stack([plant(), 3.0 / (1.0 + 0.2 * S)], axis=1)[:, None, :]
     response = FrequencyResponse(F, G, inputs=(Channel("a"), Channel("b")))
@@ -71,7 +106,8 @@ def test_two_inputs_and_a_band() -> None:
     ("name", "more", "error", "words"),
     [
         ("oe", {}, UsageError, "sample time"),
-        ("ss", {}, UsageError, "tf, process and oe"),
+        ("ss", {}, UsageError, "sample time"),
+        ("arx", {}, UsageError, "tf, process, oe and ss"),
         ("tf", {"band": (90.0, 99.0)}, UsageError, "no frequency"),
         ("tf", {"orders": {"np": 10, "nz": 9}, "band": (0.01, 0.012)}, DataError, "too few"),
     ],
@@ -90,6 +126,10 @@ def test_on_the_line(tmp_path: Path, capsys: Capture, monkeypatch: pytest.Monkey
     assert "process" in done.out
     assert len(done.out.splitlines()) <= 24
     assert "Saved" in done.out
+    discrete = control.c2d(control.tf([2.0], [0.6, 1.9, 1.0]), 0.1)
+    values = discrete(np.exp(2j * np.pi * F[F < 4.9] * 0.1))[:, None, None]
+    FrequencyResponse(F[F < 4.9], values, sample_time=0.1).write(tmp_path / "d.frd.csv")
+    assert "n=2" in run(capsys, "fit", "d.frd.csv", "-s", "ss").out  # more are not shown
     refused = run(capsys, "fit", "g.frd.csv", "g.frd.csv")
     assert refused.code == 2
     assert "by itself" in refused.err

@@ -22,8 +22,13 @@ def outside_catalogue(session: DiagnosisSession, selection: Selection) -> Reject
     """
     moves = session.moves
     by_sensor = all(about(n.id).place is Place.READING for n in selection.selected)
-    if moves and (by_sensor or least_damping(session.base) >= VERDICT.min_damping):
+    if moves and (by_sensor or not swings(session.base)):
         return None
+    return stand_in(session, selection)
+
+
+def stand_in(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
+    """The last effect where errors remain that the command predicts, and much of the gap."""
     structure = session.residual_structure(selection, after=True)
     if not structured(structure) or session.gap(selection).closed_percent >= VERDICT.nearly_all:
         return None
@@ -35,9 +40,9 @@ def outside_catalogue(session: DiagnosisSession, selection: Selection) -> Reject
     )
 
 
-def least_damping(base: Base) -> float:
-    """The least damping ratio ζ of its poles, ln z = −ζ ω₀ Δt ± …; 1 where none swings."""
+def swings(base: Base) -> bool:
+    """Whether a pole swings long: its damping ratio ζ of ln z = −ζ ω₀ Δt ± … is small."""
     z = base.poles
     swinging = z[(np.abs(z.imag) > 0.0) & (np.abs(z) > 0.0)].astype(complex)
     s = np.log(swinging)
-    return float(np.min(-s.real / np.abs(s), initial=1.0))
+    return float(np.min(-s.real / np.abs(s), initial=1.0)) < VERDICT.min_damping

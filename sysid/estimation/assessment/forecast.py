@@ -109,12 +109,12 @@ def forecast(model: Model, record: Record, steps: int, at: float | None = None) 
     window = min(initial_state_window(structure, model.theta), first)
 
     def predicted(theta: Array) -> Array:
-        answers = _innovation_responses(model, theta, steps)
+        answers = innovation_responses(model, theta, steps)
         e = structure.errors(theta, plain.u, plain.y, window)[first:]
         return np.asarray(plain.y[first:] - _convolved(answers, e))
 
     centre = predicted(model.theta)
-    answers = _innovation_responses(model, model.theta, steps)
+    answers = innovation_responses(model, model.theta, steps)
     each = np.einsum("kij,jl,kil->ki", answers, model.noise_covariance, answers)
     variance = np.cumsum(each, axis=0) + _of_parameters(model, predicted, centre) ** 2
     return Forecast(
@@ -135,7 +135,7 @@ def _of_parameters(model: Model, predicted: Callable[[Array], Array], centre: Ar
     return error.reshape(centre.shape)
 
 
-def _innovation_responses(model: Model, theta: Array, steps: int) -> Array:
+def innovation_responses(model: Model, theta: Array, steps: int) -> Array:
     """h(0) … h(steps − 1), (steps, ny, ny): the inverse of what errors make of outputs.
 
     Errors are linear in outputs, e = Σ g(l) y(t−l) + …, g(0) = I; h inverts g.

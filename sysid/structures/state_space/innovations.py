@@ -14,16 +14,13 @@ from sysid.fitting.searchable import InitialGuesses
 from sysid.structures.base import refuse_options
 from sysid.structures.linear.polynomial import linear_traits
 from sysid.structures.special_runs import traced_step
-from sysid.structures.state_space.realization import Realization
+from sysid.structures.state_space.realization import Realization, inside
 from sysid.structures.state_space.structure import RealizedStructure
 from sysid.structures.state_space.subspace import Subspace, subspace
 from sysid.structures.traits import Traits
 
 LARGEST = 30
 """Largest order that is accepted."""
-
-INSIDE = 0.98
-"""Where a start's pole outside the unit circle is brought to."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +222,7 @@ class StateSpace(RealizedStructure):
         own = self.without_constant()
         p = own.plain(theta[: self.n_plain])
         K = np.zeros((self.n, self.ny)) if p.K is None else p.K
-        moved = self.theta_of((_inside(p.A), p.B, p.C, p.D, K))
+        moved = self.theta_of((inside(p.A), p.B, p.C, p.D, K))
         return theta if moved is None else np.concatenate([moved, theta[self.n_plain :]])
 
     def equations(
@@ -267,19 +264,9 @@ def _settled(
     A: Array, B: Array, C: Array, D: Array, K: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Matrices whose free run and whose predictor are both bounded."""
-    A = _inside(A)
+    A = inside(A)
     for _ in range(20):
         if np.all(np.abs(np.linalg.eigvals(A - K @ C)) < 1.0):
             break
         K = 0.7 * K
     return A, B, C, D, K
-
-
-def _inside(A: Array) -> Array:
-    """A with the eigenvalues outside the unit circle mirrored into it."""
-    values, vectors = np.linalg.eig(A)
-    outside = np.abs(values) >= 1.0
-    if not outside.any():
-        return A
-    values[outside] = INSIDE / np.conj(values[outside])
-    return np.real(vectors @ np.diag(values) @ np.linalg.inv(vectors))

@@ -23,6 +23,9 @@ BLOCK, SHORT = 32, 8
 SMALL = 1e-30
 """Step of the complex derivatives."""
 
+INSIDE = 0.98
+"""Where a start's pole outside the unit circle is brought to."""
+
 NOTHING = 1e-12
 """Leading coefficients of a numerator below this share of its largest are rounding."""
 
@@ -200,3 +203,13 @@ def moved(theta: Array) -> tuple[Any, Array]:
     """θ with each entry moved by a complex step, (n, n), and the steps, (n,)."""
     steps = SMALL * np.maximum(np.abs(theta), 1e-10)
     return theta + 1j * np.diag(steps), steps
+
+
+def inside(A: Array) -> Array:
+    """A with the eigenvalues outside the unit circle mirrored into it."""
+    values, vectors = np.linalg.eig(A)
+    outside = np.abs(values) >= 1.0
+    if not outside.any():
+        return A
+    values[outside] = INSIDE / np.conj(values[outside])
+    return np.real(vectors @ np.diag(values) @ np.linalg.inv(vectors))
