@@ -176,8 +176,8 @@ def meaning(name: str, unit: str = "") -> Meaning:
         measured = _rank(parts, MEASUREMENTS)
         if command == weak - 1 and _rank(parts[-1:], MEASUREMENTS) in (1, 2):
             return Meaning("measurement", measured or 0, side)  # heater_temp, pump_pressure
-        if command >= weak - 1 and unit in SPEED_UNITS:
-            return Meaning("speed", speed or 1, side)  # fan_rpm
+        if command >= weak - 1 and unit in SPEED_UNITS and "u" not in parts:
+            return Meaning("speed", speed or 1, side)  # fan_rpm, not u_l_rad_s
         if command < weak or measured is None:
             return Meaning("command", command, side)
     if speed is None and command is None and unit in SPEED_UNITS:

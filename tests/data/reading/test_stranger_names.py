@@ -42,6 +42,7 @@ from sysid.errors import SysidError, UsageError
             "t cmd_l cmd_r w_l w_r odom_x odom_y odom_yaw x y heading",
             "cmd_l cmd_r > w_l w_r > x y heading",
         ),
+        ("t u_l_rad_s u_r_rad_s omega_l omega_r", "u_l_rad_s u_r_rad_s > omega_l omega_r"),
         ("t duty rpm", "duty > rpm"),
         ("t throttle speed current", "throttle > speed"),
         ("t Spannung Drehzahl Strom", "Spannung > Drehzahl"),
