@@ -97,7 +97,7 @@ class Ids(HTMLParser):
                 self.ids.append(value or "")
             if name in ("src", "href") and re.match(r"(https?:)?//", value or ""):
                 self.outside.append(value or "")
-        if tag not in ("meta", "link", "br", "img"):
+        if tag not in ("meta", "link", "br", "img", "input"):
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
@@ -136,8 +136,10 @@ def test_story_files_and_page(here: Path, capsys: Capture) -> None:
     assert len(parser.ids) == len(set(parser.ids))
     referred = set(re.findall(r"url\(#([^)]+)\)|href=\"#([^\"]+)\"", page))
     assert {a or b for a, b in referred} <= set(parser.ids)
-    # regions, gap, candidates, one schedule, three an output, and the letters
-    assert page.count("<svg") == 10 + 1
+    shown = re.findall(r'class="panel"[^>]*aria-label="([^":]*)', page)
+    assert page.count("<figure") == len(shown)
+    for of in ("Excess error by regime", "omega_l", "omega_r", "Effects tried"):
+        assert any(label.startswith(of) for label in shown), (of, shown)
     assert "next_1_dead-zone.csv" in page
     assert len(page) < 1_500_000
 
@@ -266,7 +268,7 @@ def test_a_mission_is_told_and_drawn(
     assert "closed loop: time [s]" in told.out
     assert "off by 0.40 m before" in told.out
     page = (here / ".sysid" / "diagnosis" / "index.html").read_text(encoding="utf-8")
-    assert "log.csv: the measured path" in page
+    assert "Path of log.csv" in page
     assert "cannot be driven by the model after" in page
 
 

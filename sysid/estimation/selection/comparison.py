@@ -318,7 +318,8 @@ def _of_model(model: Model, records: Sequence[Record]) -> list[Record]:
     there = records[0].input_names, records[0].output_names
     if [*map(sorted, wanted)] != [*map(sorted, there)]:
         ours, theirs = (f"{', '.join(u)} → {', '.join(y)}" for u, y in (wanted, there))
-        raise ModelError(f"a model of {ours} is not ranked among models of {theirs}")
+        on = f"{records[0].name} ({theirs})"
+        raise ModelError(f"a model of {ours} cannot be judged on {on}, nor be ranked there")
     ordered = [r.select(*wanted) for r in records]
     for r in ordered:
         model.check(r)
