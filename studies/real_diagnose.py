@@ -105,8 +105,8 @@ FIRST_DRIVES = ("sin_sin_kp100", "sin_sin_kp400", "sin_time_square_kp200")
 SECOND_DRIVES = ("sin_sin_kp200", "up_and_down_kp100", "lift_and_drop_kp400")
 """Of the last the motor is on in a third of the rows: the reader leaves the others out."""
 WEIGHT = (_names("gravity-load"), FRICTION)
-_OF_SERVO = _names("input-delay", "sensor-lag", "concave-gain", "supply-sag")
-"""The speed lags the position by four samples; a battery's voltage, logged, falls under load."""
+_OF_SERVO = _names("input-delay", "sensor-lag")
+"""The speed lags the position by four samples."""
 BAM = "servo with a pendulum: gravity over the angle, Coulomb friction that grows with load"
 
 CASES: tuple[Case, ...] = (
