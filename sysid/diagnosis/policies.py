@@ -112,11 +112,13 @@ class ShapeRule:
             size and a width, a size and a time.
         of_signals: a free curve of time follows anything slow, and another log needs another one:
             what depends on commands and outputs comes first while it explains this share of it.
+        of_names: the same for names, which claim more than a shape does.
     """
 
     near: float = 10.0
     numbers_of_law: int = 2
     of_signals: float = 0.5
+    of_names: float = 0.8
     clearly_more: float = 0.90
 
 

@@ -4,7 +4,8 @@ A name is withheld where a shape of another place of the chain, or of time, expl
 the data: by the rule of acceptance, with the numbers of both counted. At the same place a curve
 that explains more is what the law misses: the name stands, and the curve shows the rest; only a
 shape with as few numbers as a law takes its place. A drift, a free curve of time, follows anything
-slow: it counts only where nothing that depends on commands and outputs explains half as much.
+slow: it is told only where no other shape explains half as much, and withholds only names that
+explain less than four fifths of it.
 """
 
 from collections.abc import Sequence
@@ -170,7 +171,7 @@ def better_shape(
             if s.index == i
             and s.proven
             and (s.shape.in_time or s.shape.place not in places or s.numbers <= few)
-            and not (s.drifts and _of_signals(s, selection.final.errors))
+            and not (s.drifts and _named(s, selection.final.errors))
         ]
         if not rivals:
             return None
@@ -187,11 +188,11 @@ def better_shape(
     return best if evidence.significant and evidence.ratio < SHAPES.clearly_more else None
 
 
-def _of_signals(drift: FittedShape, errors: Errors) -> bool:
+def _named(drift: FittedShape, errors: Errors) -> bool:
     """Whether a model with names explains so much of what a drift does that it is none."""
     named = float(_as_judged(drift, errors).mean_squares()[1][0])
     before = float(drift.before.mean_squares()[1][0])
-    return before - named >= SHAPES.of_signals * drift.explained
+    return before - named >= SHAPES.of_names * drift.explained
 
 
 def _ratio(shape: FittedShape, errors: Errors) -> float:
