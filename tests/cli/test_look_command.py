@@ -80,6 +80,7 @@ def test_an_integrator_is_said(
     assert told["integrals"] == []
 
 
+@pytest.mark.slow
 def test_many_channels_fit_a_screen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:

@@ -37,7 +37,9 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-@pytest.mark.parametrize("what", WHAT)
+@pytest.mark.parametrize(
+    "what", [pytest.param(w, marks=[pytest.mark.slow] * (w == "look")) for w in WHAT]
+)
 def test_every_word_gives_a_picture_and_numbers(what: str, here: Path, capsys: Capture) -> None:
     models = ["arx"] if what == "surface" else ["oe", "arx"]
     told = run(capsys, "plot", what, *models, "-o", f"{what}.svg", "--save", f"{what}.csv")

@@ -14,13 +14,13 @@ PAGES = {
     "docs/from-matlab.md": "",
     "docs/from-python-control.md": "",
     "docs/missions.md": "",
-    "docs/look.md": "",
-    "docs/forecast.md": "",
+    "docs/look.md": "long",
+    "docs/forecast.md": "long",
     "docs/monte-carlo.md": "long",
     "docs/terramechanics.md": "",
     "docs/vehicle.md": "",
 }
-"""Pages whose examples are run, and whether they take more than a few seconds."""
+"""Pages whose examples are run, and whether they take more than a second."""
 
 
 @pytest.mark.parametrize(

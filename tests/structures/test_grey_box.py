@@ -224,6 +224,7 @@ def test_motors_recover_their_own_truth(case: str) -> None:
     assert np.sqrt(model.noise_covariance.diagonal()) == pytest.approx(NOISE, rel=0.15)
 
 
+@pytest.mark.slow
 def test_friction_is_found_without_being_asked_for() -> None:
     _, _, _, model = two_tracks()
     free = {p.name for p in model.parameters if p.fixed is None}

@@ -103,6 +103,7 @@ def test_ctrl_c_ends_it_and_keeps_the_model(tmp_path: Path, capsys: Capsys) -> N
     assert len(list((place / "followed").glob("run-*.csv"))) == 1
 
 
+@pytest.mark.slow
 def test_a_change_is_said_when_it_is_seen(tmp_path: Path, capsys: Capsys) -> None:
     log = tmp_path / "run.csv"
     u = steps_of(LEVELS, 900, 15, 2)
