@@ -59,6 +59,9 @@ MEASUREMENTS = word_groups(
 )
 """Words of other measurements, in the same way."""
 
+VECTORS = word_set("acc accel acceleration gyro gyr mag magnetometer imu wind")
+"""Words of what has axes: a letter beside them is one of these (``AccY``), no output."""
+
 PROCESS_MEASUREMENTS = MEASUREMENTS[1:3]
 """Words of measurements that are not of motion."""
 
@@ -159,7 +162,7 @@ def meaning(name: str, unit: str = "") -> Meaning:
     for a command where nothing else is said (``motor_speed`` and ``Motor [rpm]`` are speeds).
     """
     base, unit = _base_and_unit(name, unit)
-    parts = words(base)
+    parts = _without_axis(words(base))
     side = next((SIDES[w] for w in parts if w in SIDES), "")
     if REFERENCES & set(parts) or is_set_point(base):
         return Meaning("reference", 0, side)
@@ -256,6 +259,10 @@ def has_result_unit(name: str, unit: str = "") -> bool:
     """Whether the unit is of what a sensor reads, whatever the name says: ``Sway (deg)``."""
     unit = _base_and_unit(name, unit)[1]
     return unit in RESULT_UNITS or unit in SPEED_UNITS or bool(_FLOW.fullmatch(unit))
+
+
+def _without_axis(parts: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(w for w in parts if w != "y") if VECTORS & {*parts} else parts
 
 
 def _base_and_unit(name: str, unit: str) -> tuple[str, str]:

@@ -92,6 +92,7 @@ from sysid.errors import SysidError, UsageError
         ),
         ("t pwm_l pwm_r omega_l omega_r gyro_z accel_x", "pwm_l pwm_r > omega_l omega_r"),
         ("t ESC_signal Thrust Voltage Current", "ESC_signal > Thrust"),
+        ("t ESC_signal AccX AccY AccZ Thrust Voltage", "ESC_signal > Thrust"),
         ("t valve supply_temp", "valve > supply_temp"),
         ("TimeUS RCOut.roll GyrX_dps Bat_V", "RCOut.roll > GyrX_dps"),
     ],
