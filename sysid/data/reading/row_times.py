@@ -55,9 +55,9 @@ def still_clock_advice(table: Table, column: TimeColumn | None) -> str:
     read = ColumnReader(table)
     others = [n for n in table.names if column is not None and n != column.name]
     time = None if column is None else read(column.name)
-    for name in others if time is not None else ():
+    for name in others:
         keys, of = np.unique(table.texts(name), return_inverse=True)
-        if 1 < len(keys) <= MOST_SERIES and _rises_in_each(time, of):
+        if time is not None and 1 < len(keys) <= MOST_SERIES and _rises_in_each(time, of):
             return (
                 f"column {name} tells {len(keys)} series apart ({', '.join(keys[:3])}) with a "
                 "time each: write the rows of each to a file of its own"
