@@ -207,3 +207,7 @@ def test_a_headline_is_not_taken_out_of_the_name_of_a_column() -> None:
     )
     assert headline(result) == "Shape known, physics open: speed"
     assert diagnosis_words.story(result) == "speed_rpm follows pwm linearly."
+
+
+def test_a_run_that_left_the_log_is_said_to_be_far_off() -> None:
+    assert [diagnosis_words._fit(v) for v in (97.46, -12.3, -2.4e30)] == ["97.5", "-12.3", "< -100"]
