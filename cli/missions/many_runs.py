@@ -60,7 +60,6 @@ class Repeats:
     )
 
     def __post_init__(self) -> None:
-        """Refuse options that belong to others."""
         if self.vary is not None and (self.runs, self.seed, self.measured) == (None,) * 3:
             raise UsageError("--vary belongs to --runs, or to the --seed of one run; add one")
         if self.scheduler is not None and self.runs is None:

@@ -46,7 +46,6 @@ class Files:
     side: float | None = option("M", "Side of these squares.", advanced=True)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
         to, mission = self.output, self.mission
         if mission is not None and to is None:
             raise UsageError(f"{mission} is written again with the new vehicle: add -o FILE")

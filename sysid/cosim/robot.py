@@ -57,7 +57,6 @@ class Pace:
     patience: float = PATIENCE
 
     def __post_init__(self) -> None:
-        """Refuse what is no pace."""
         for name in ("speed", "patience"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):

@@ -64,7 +64,6 @@ class LogFile:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The findings as sentences."""
         return tuple(f.text for f in self.findings)
 
 
@@ -197,7 +196,6 @@ def _read(
     together: tuple[Finding, ...],
     digest: str,
 ) -> LogFile:
-    """The log in a table."""
     given = options
     options, choice, pose_units = chosen(table, options)
     signals = (*choice.inputs, *choice.outputs, *choice.pose)

@@ -63,12 +63,10 @@ class _Talk:
         self.came: queue.Queue[Message] = queue.Queue()
 
     def publish(self, topic: str, kind: Any) -> None:
-        """Offer a topic."""
         rospy = self.node.ros.rospy
         self.says[topic] = rospy.Publisher(topic, kind, queue_size=_QUEUE, tcp_nodelay=True)
 
     def subscribe(self, topic: str, kind: Any, take: Callable[[Any], None]) -> None:
-        """Listen to a topic."""
         rospy = self.node.ros.rospy
         self.listens[topic] = rospy.Subscriber(topic, kind, take, tcp_nodelay=True)
 
@@ -97,7 +95,6 @@ class _Talk:
                 raise SilenceError(self.why_silent(topic, patience if remaining <= 0.0 else gone))
 
     def why_silent(self, topic: str, seconds: float) -> str:
-        """A sentence on why nothing comes on a topic."""
         if self.listens[topic].get_num_connections() == 0:
             self.node.master.check()
             return (
@@ -180,11 +177,9 @@ class RobotPort:
             says[ODOM].publish(odometry_of(message.body, stamp, ros.odometry()))
 
     def receive(self, patience: float) -> Message:
-        """What is asked next."""
         return self._talk.wait(self._references, patience)
 
     def poll(self) -> Message | None:
-        """What has been asked already."""
         with contextlib.suppress(queue.Empty):
             return self._talk.came.get_nowait()
         return None
@@ -222,11 +217,9 @@ class GuidancePort:
             says[self._references].publish(twist)
 
     def receive(self, patience: float) -> Message:
-        """Where the robot is next."""
         return self._talk.wait(ODOM, patience)
 
     def poll(self) -> Message | None:
-        """Where the robot was said to be already."""
         with contextlib.suppress(queue.Empty):
             return self._talk.came.get_nowait()
         return None

@@ -57,7 +57,6 @@ class Stream:
     frames: tuple[str, str] = ("", "")
 
     def rows(self, kept: NDArray[np.intp] | NDArray[np.bool_]) -> "Stream":
-        """Some of its messages."""
         return replace(
             self,
             received=self.received[kept],
@@ -135,7 +134,6 @@ class _Part:
     frames: tuple[str, str] = ("", "")
 
     def add(self, message: Message) -> None:
-        """Take the numbers out of a message."""
         content = message.content
         header = getattr(content, "header", None)
         if not self.readers:
@@ -162,7 +160,6 @@ class _Part:
                 raise UsageError(f"{self.bag.where}: {self.topic} ({kind}) {error}") from None
 
     def stream(self) -> Stream:
-        """All of it."""
         values = np.frombuffer(self.values, dtype=np.float64).reshape(-1, len(self.columns))
         for k, (name, _, path) in enumerate(self.columns):
             if not np.isfinite(values[:, k]).any():
@@ -188,7 +185,6 @@ class _Part:
 
 
 def _ns(stamp: object) -> int:
-    """A stamp in nanoseconds."""
     return int(getattr(stamp, "sec", 0)) * 10**9 + int(getattr(stamp, "nanosec", 0))
 
 

@@ -161,7 +161,6 @@ def _result(
 
 
 def _selftest(plant: Plant, files: Files, where: str) -> SelfTest:
-    """The self-test of a package."""
     if NAME not in files:
         raise ModelError(f"{where} has no {NAME}: export the plant again")
     return read_csv(files[NAME], plant, where)

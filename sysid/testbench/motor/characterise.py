@@ -122,7 +122,6 @@ class MotorBench:
         return max(float(np.max(np.abs(v))) for v in applied)
 
     def to_json(self) -> dict[str, Any]:
-        """Everything as JSON-able values."""
         return plain_object(
             {
                 "method": self.method,
@@ -243,7 +242,6 @@ class _Evaluation:
         return "joint" if self.files.drives else "separate"
 
     def bench(self) -> MotorBench:
-        """The result."""
         tests, notes = self.files.tests, list(self.files.notes)
         if is_the_thesis(tests):
             worst = 100.0 * max(abs(e) for e in printed_against(tests))

@@ -265,7 +265,6 @@ class _Bench(Problem):
         self.scale = np.array([max(abs(float(getattr(fixed, n))), 1e-12) for n in names])
 
     def first(self) -> Array:
-        """Where the search begins."""
         starts = [part.start for part in self.parts]
         values = np.array([float(getattr(self.fixed, n)) for n in self.names])
         return np.concatenate([values, *starts])
@@ -276,7 +275,6 @@ class _Bench(Problem):
         return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
     def weighted(self, noise_levels: Array) -> "_Bench":
-        """The same problem with other noise levels."""
         made = _Bench(self.parts, self.names, self.fixed, self.tied)
         made.noise_levels = noise_levels
         return made
@@ -294,7 +292,6 @@ class _Bench(Problem):
         return Descent(free, lower, np.full(len(free), np.inf), tolerance=TOLERANCE)
 
     def constants(self, p: Array) -> MotorConstants:
-        """The motor that p describes."""
         values = dict(zip(self.names, p.tolist(), strict=False))
         if self.tied and "Kem" in values:
             values["Kc"] = values["Kem"]

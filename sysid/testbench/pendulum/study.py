@@ -53,7 +53,6 @@ class LogResult:
     oscillation: Oscillation
 
     def summary(self) -> dict[str, Any]:
-        """The figures as a JSON object."""
         o, free = self.oscillation, self.free
         return {
             "name": self.swing.name,
@@ -186,7 +185,6 @@ class PendulumStudy:
         )
 
     def summary(self) -> dict[str, Any]:
-        """All of it as a JSON object."""
         h = self.hanging
         slopes = h.sensitivities(self.period)
         return plain_object(
