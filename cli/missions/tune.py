@@ -123,11 +123,18 @@ def _show(name: str, tuning: "Tuning", facts: dict[str, Any]) -> None:
     ]
     plants = f", worst of {tuning.plants} plants" if tuning.plants > 1 else ""
     headings = ("set", *(words for words, *_ in _COLUMNS))
-    render.table(headings, rows, title=f"{name}: gains{plants}", caption=_caption(tuning))
-    axes = [f"margins, {axis}" for axis in tuning.best.margins]
-    render.table(
-        ("set", "gains", *axes), [(words, _gains(s), *_margins(s)) for words, s in sets.items()]
+    caption = (
+        f"V to {tuning.test.speed:.3g} m/s, ψ by 60° and back to -60°; off: steady-state error; "
+        "effort: ∫(V_cmd² + ψ_cmd²) dt; –: never; "
+        f"--json has all {len(tuning.front)} sets to choose from"
     )
+    render.table(headings, rows, title=f"{name}: gains{plants}", caption=caption)
+    axes = [f"margins, {axis}" for axis in tuning.best.margins]
+    rows = [
+        (words, ", ".join(f"{n} {value:g}" for n, value in s.gains.items()), *_margins(s))
+        for words, s in sets.items()
+    ]
+    render.table(("set", "gains", *axes), rows)
     render.say(tuning.sentence)
     render.cautions(facts["warnings"])
     render.files(facts, output="Mission", plot="Picture")
@@ -160,18 +167,6 @@ def _shown(tuning: "Tuning") -> "dict[str, GainSet]":
 
 def _number(value: float | None, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
-
-
-def _caption(tuning: "Tuning") -> str:
-    test = tuning.test
-    return (
-        f"V to {test.speed:.3g} m/s, ψ by 60° and back to -60°; off: steady-state error; effort: "
-        f"∫(V_cmd² + ψ_cmd²) dt; –: never; --json has all {len(tuning.front)} sets to choose from"
-    )
-
-
-def _gains(chosen: "GainSet") -> str:
-    return ", ".join(f"{name} {value:g}" for name, value in chosen.gains.items())
 
 
 def _margins(chosen: "GainSet") -> list[str]:

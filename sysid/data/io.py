@@ -120,14 +120,13 @@ def read_files(
         replace(
             log,
             records=tuple(next(at) for _ in log.records),
-            findings=(*log.findings, *(f for f in resampled if f.record in _named(log))),
+            findings=(
+                *log.findings,
+                *(f for f in resampled if f.record in {r.name for r in log.records}),
+            ),
         )
         for log in logs
     )
-
-
-def _named(log: LogFile) -> set[str]:
-    return {r.name for r in log.records}
 
 
 def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:

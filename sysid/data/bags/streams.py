@@ -92,7 +92,13 @@ def read_streams(path: Path, mapping: Sequence[Source]) -> Streams:
     with opened(path) as bag:
         topics = tuple(dict.fromkeys(s.topic for s in mapping))
         for topic in topics:
-            _check_topic(bag, topic)
+            if topic not in bag.types:
+                near = nearest(topic, sorted(bag.types))
+                raise UsageError(f"{bag.where} has no topic {topic}{near}")
+            if not bag.counts[topic]:
+                raise DataError(
+                    f"{bag.where}: {topic} holds no messages; map another topic, or record it"
+                )
         origin = bag.start if bag.start > FIRST_DATE else 0
         parts = {t: _Part(bag, t, [s for s in mapping if s.topic == t], origin) for t in topics}
         clock = array("d")
@@ -108,14 +114,6 @@ def read_streams(path: Path, mapping: Sequence[Source]) -> Streams:
         np.frombuffer(clock, dtype=np.float64).reshape(-1, 2) if clock else np.empty((0, 2))
     )
     return Streams(bag.where, origin / 1e9, streams, clock_samples)
-
-
-def _check_topic(bag: Bag, topic: str) -> None:
-    if topic not in bag.types:
-        near = nearest(topic, sorted(bag.types))
-        raise UsageError(f"{bag.where} has no topic {topic}{near}")
-    if not bag.counts[topic]:
-        raise DataError(f"{bag.where}: {topic} holds no messages; map another topic, or record it")
 
 
 @dataclass(eq=False)

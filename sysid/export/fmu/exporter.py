@@ -189,20 +189,12 @@ def feedthrough(plant: Plant) -> tuple[tuple[int, ...], ...]:
             y = plant.readout(state, u)
             for j in range(len(u)):
                 for other in (rng.uniform(low[j], high[j]), np.nan):
-                    direct[:, j] |= _differs(plant.readout(state, _with(u, j, other)), y)
+                    changed = u.copy()
+                    changed[j] = other
+                    now = plant.readout(state, changed)
+                    direct[:, j] |= (now != y) & ~(np.isnan(now) & np.isnan(y))
             state, _ = plant.step(state, u)
     return tuple(tuple(map(int, np.flatnonzero(row))) for row in direct)
-
-
-def _with(u: Array, j: int, value: float) -> Array:
-    changed = u.copy()
-    changed[j] = value
-    return changed
-
-
-def _differs(one: Array, other: Array) -> Array:
-    differs: Array = (one != other) & ~(np.isnan(one) & np.isnan(other))
-    return differs
 
 
 def system_structure(units: LoopUnits, plant: Unit, loop: Loop) -> str:
