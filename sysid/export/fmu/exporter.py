@@ -17,9 +17,10 @@ from sysid.export.c.step import tunable_parameters
 from sysid.export.fmu.archive import FMI_2, FMI_3, Version, archive, headers
 from sysid.export.fmu.description import Role, Unit, Variable, named_apart
 from sysid.export.fmu.loop_units import OF_THE_UNIT, LoopUnits, loop_units
-from sysid.export.fmu.replay import Replay, reach
+from sysid.export.fmu.replay import Replay
 from sysid.export.fmu.wiring import Wiring
 from sysid.export.templates import fill
+from sysid.plant.selftest import reach
 from sysid.robot.mission.loop import Loop, LoopState, Tick, on_ground, ticks
 from sysid.structures.model import Model
 from sysid.structures.motion import time_constants

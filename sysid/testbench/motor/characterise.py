@@ -15,7 +15,7 @@ from sysid.testbench.motor.drive_fit import fit_all
 from sysid.testbench.motor.equations import PUBLISHED, MotorConstants
 from sysid.testbench.motor.experiments import CONSTANTS, Kind, KnownValue, SteadyTest
 from sysid.testbench.motor.files import BenchFiles, Given, read_bench_files
-from sysid.testbench.motor.joint import JointFit
+from sysid.testbench.motor.joint import JointFit, correlations
 from sysid.testbench.motor.plausibility import (
     LEAST_RATIO,
     MOST_RATIO,
@@ -127,7 +127,7 @@ class MotorBench:
                 "method": self.method,
                 "gear": self.gear,
                 "parameters": self.parameters,
-                "correlations": {"names": self.names, "matrix": self.correlations()},
+                "correlations": {"names": self.names, "matrix": correlations(self.covariance)},
                 "one_at_a_time": [
                     {"name": r.name, "value": r.value, "std_error": e, "how": r.how}
                     for r, e in self.routes
@@ -136,14 +136,6 @@ class MotorBench:
                 "notes": self.notes,
             }
         )
-
-    def correlations(self) -> Array:
-        """Correlations of the parameters in ``names``, (n, n)."""
-        s = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        size = np.where(s > 0.0, s, 1.0)
-        correlations = self.covariance / np.outer(size, size)
-        np.fill_diagonal(correlations, 1.0)
-        return np.asarray(correlations)
 
 
 def characterise_motor(files: Sequence[Path], options: MotorOptions | None = None) -> MotorBench:
