@@ -25,10 +25,12 @@ from sysid.methods.outcome import FitOutcome
 from sysid.methods.table import method_of
 from sysid.structures.base import Structure
 from sysid.structures.linear.base import LinearStructure
-from sysid.structures.linear.families import ARX
 from sysid.structures.model import Model, Provenance, Source
 from sysid.structures.motion import initial_state_window
 from sysid.version import __version__
+
+INSTRUMENTS = {Method.IV4: ("arx",), Method.SRIV: ("oe", "tf")}
+"""The structures that instrumental variables estimate."""
 
 
 def fit(
@@ -189,10 +191,14 @@ def _constrained(
             f"{structure.name} has a search of its own, on which `method` does not act; omit "
             "`method`, or choose another structure"
         )
-    if options.method is Method.IV4 and not isinstance(structure, ARX):
+    method, able = options.method.value, INSTRUMENTS.get(options.method, (structure.name,))
+    if structure.name not in able:
         raise UsageError(
-            f"`method='iv4'` fits arx, not {structure.name}: omit `method`, or fit arx alone"
+            f"`method='{method}'` fits {' and '.join(able)}, not {structure.name}: omit `method`, "
+            f"or fit {' or '.join(able)} alone"
         )
+    if options.method is Method.SRIV and options.robust:
+        raise UsageError("`method='sriv'` knows no `robust`: omit one of them")
     parameters = structure.parameters(record.inputs, record.outputs)
     names = [p.name for p in parameters]
     for name in (*options.fixed, *options.bounds):
