@@ -93,7 +93,8 @@ class Group(TyperGroup):
 
 
 def _without_workspace(words: list[str]) -> list[str]:
-    kept, rest = [], iter(words)
+    kept: list[str] = []
+    rest = iter(words)
     for word in rest:
         if word == "--":
             return [*kept, word, *rest]
