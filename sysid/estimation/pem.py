@@ -16,7 +16,7 @@ from sysid.errors import DataError, UsageError
 from sysid.estimation.offsets.estimated_offset import FitWithOffset, fit_with_offset
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.robust_fit import bounded_errors, fitter
-from sysid.estimation.two_stage import biased_by_feedback, without_feedback
+from sysid.estimation.two_stage import biased_by_feedback, in_two_stages, without_feedback
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter
@@ -88,14 +88,13 @@ def fit(
         return model_of(outcome, records, plain, options, offsets.detrend, offsets.operating_point)
 
     model = estimated(facts)
-    if solver is not None or not biased_by_feedback(model, facts, options):
+    referenced = all(r.references is not None for r in records)
+    if solver is not None or not referenced or not biased_by_feedback(model, facts, options):
         return model
-    staged = without_feedback(facts)
-    if staged is None:
+    seen = without_feedback(facts)
+    if seen is None:
         return model
-    seen, sentence = staged
-    model = estimated(seen)
-    return replace(model, warnings=(*model.warnings, sentence))
+    return in_two_stages(estimated(seen), facts.records[0].reference_names)
 
 
 def fit_prepared(

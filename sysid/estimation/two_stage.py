@@ -18,15 +18,19 @@ import numpy as np
 
 from sysid.data.facts import LogFacts
 from sysid.data.record import Record
+from sysid.estimation.soundness import BIASED
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.fitting.uncertainty import portmanteau_white
 from sysid.structures.linear.long_arx import long_arx_output
 from sysid.structures.linear.predictor import RowLayout
-from sysid.structures.model import Model
+from sysid.structures.model import Model, with_option
 
 EXPLAINED = 0.02
 """Share of an input's power that has to follow from the references."""
+
+STAGED = "inputs_by_reference"
+"""What the provenance of a model has whose inputs were replaced."""
 
 SENTENCE = (
     "A controller was running and the direct fit's residuals are not white: the input was replaced "
@@ -35,16 +39,22 @@ SENTENCE = (
 
 
 def biased_by_feedback(model: Model, facts: LogFacts, options: FitOptions) -> bool:
-    """Whether a direct fit is to be replaced: feedback, references, and residuals not white."""
+    """Whether feedback biases a fit: linear, direct, of free runs, and its residuals not white."""
     traits = model.structure.traits
     free_run = not traits.has_noise_model or options.focus is Focus.SIMULATION
-    if not (free_run and traits.linear and traits.takes_inputs):
+    if not (free_run and traits.linear and traits.takes_inputs and facts.closed_loop):
         return False
-    if any(r.references is None for r in facts.records) or not facts.closed_loop:
+    if STAGED in model.provenance.options:
         return False
     errors = [model.residuals(r) for r in facts.records]
     columns = [[e[np.isfinite(e[:, i]), i] for e in errors] for i in range(model.structure.ny)]
     return not all(portmanteau_white(c) for c in columns)
+
+
+def marked(model: Model, facts: LogFacts, options: FitOptions, closed: bool) -> Model:
+    """The model, with a note for who ranks it where feedback biases it (``soundness``)."""
+    biased = closed and biased_by_feedback(model, facts, options)
+    return with_option(model, BIASED, True) if biased else model
 
 
 def inputs_by_reference(records: Sequence[Record]) -> tuple[Record, ...] | None:
@@ -90,10 +100,14 @@ def _as_system(record: Record, j: int) -> Record:
     )
 
 
-def without_feedback(facts: LogFacts) -> tuple[LogFacts, str] | None:
-    """Facts of the records with û for u and a sentence on it; None where û is not to be had."""
+def without_feedback(facts: LogFacts) -> LogFacts | None:
+    """Facts of the records, which hold references, with û for u; None where û is not to be had."""
     staged = inputs_by_reference(facts.records)
-    if staged is None:
-        return None
-    names = ", ".join(facts.records[0].reference_names)
-    return LogFacts(staged, facts.reading), SENTENCE.format(names=names)
+    return None if staged is None else LogFacts(staged, facts.reading)
+
+
+def in_two_stages(model: Model, names: Sequence[str]) -> Model:
+    """The model, fitted to what follows from the references, and a sentence on it."""
+    sentence = SENTENCE.format(names=", ".join(names))
+    marked = with_option(model, STAGED, list(names))
+    return replace(marked, warnings=(*model.warnings, sentence))

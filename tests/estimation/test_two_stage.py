@@ -6,6 +6,7 @@ import numpy as np
 
 import sysid
 from sysid.data.record import Record
+from sysid.estimation.identify import Request, identify
 
 POLE, GAIN = 0.9, 0.1
 
@@ -52,3 +53,22 @@ def test_a_white_disturbance_leaves_the_direct_fit() -> None:
 def test_a_noise_model_needs_no_second_stage() -> None:
     model = sysid.fit(loop(0.97, 2), "arx", "na=4 nb=4 nk=1")
     assert not any("two stages" in w for w in model.warnings)
+
+
+def leaders(colour: float, seed: int, reference: bool) -> tuple[str, str]:
+    """The structure that leads, and why."""
+    log = loop(colour, seed, 3000)
+    if not reference:
+        log = replace(log, references=None, reference_names=())
+    asked = Request(structures=("armax", "oe"), orders="na=1:2 nb=1 nc=1 nf=1:2 nk=1")
+    found = identify([log], (), asked)
+    return found.assessments[0].model.structure.name, found.reason
+
+
+def test_of_models_that_tie_one_that_feedback_biases_does_not_lead() -> None:
+    name, why = leaders(0.15, 0, reference=False)
+    assert name == "armax"
+    assert "oe nb=1 nf=1 nk=1 would lead, but feedback biases it" in why
+    # unbiased where the disturbance is white, and where the input comes from the reference
+    assert leaders(0.0, 0, reference=False)[0] == "oe"
+    assert leaders(0.15, 0, reference=True)[0] == "oe"

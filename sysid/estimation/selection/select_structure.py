@@ -21,6 +21,7 @@ from sysid.estimation.selection.orders import (
 )
 from sysid.estimation.selection.ranking import Entry, common_criteria, ranked_entries, reason
 from sysid.estimation.soundness import bounded_run
+from sysid.estimation.two_stage import marked
 from sysid.fitting.holdout import HoldOut, hold_out, longest_of, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
@@ -159,7 +160,10 @@ def select_structure(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    entries = [replace(e, notes=(*notes, *e.notes)) for e in entries]
+    entries = [
+        Entry(marked(e.model, facts, options, closed), e.search, e.seconds, (*notes, *e.notes))
+        for e in entries
+    ]
     order = ranked_entries(
         entries, records, options, criterion, tie_margin(cut.holdout), cut.one_step
     )
