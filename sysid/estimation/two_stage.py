@@ -16,7 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.criteria.coloured import ar_fit
 from sysid.data.facts import LogFacts
+from sysid.data.filtering import lfilter
 from sysid.data.record import Record
 from sysid.estimation.soundness import BIASED
 from sysid.fitting.options import FitOptions
@@ -25,6 +27,7 @@ from sysid.fitting.uncertainty import portmanteau_white
 from sysid.structures.linear.long_arx import long_arx_output
 from sysid.structures.linear.predictor import RowLayout
 from sysid.structures.model import Model, with_option
+from sysid.structures.motion import initial_state_window
 
 EXPLAINED = 0.02
 """Share of an input's power that has to follow from the references."""
@@ -51,9 +54,9 @@ def biased_by_feedback(model: Model, facts: LogFacts, options: FitOptions) -> bo
     return not all(portmanteau_white(c) for c in columns)
 
 
-def marked(model: Model, facts: LogFacts, options: FitOptions, closed: bool) -> Model:
+def marked(model: Model, facts: LogFacts, options: FitOptions) -> Model:
     """The model, with a note for who ranks it where feedback biases it (``soundness``)."""
-    biased = closed and biased_by_feedback(model, facts, options)
+    biased = biased_by_feedback(model, facts, options)
     return with_option(model, BIASED, True) if biased else model
 
 
@@ -78,6 +81,23 @@ def inputs_by_reference(records: Sequence[Record]) -> tuple[Record, ...] | None:
         columns.append([x + r.u[0, j] for x, r in zip(runs, records, strict=True)])
     return tuple(
         replace(r, u=np.column_stack([c[k] for c in columns])) for k, r in enumerate(records)
+    )
+
+
+def whitened(records: Sequence[Record], model: Model) -> tuple[Record, ...]:
+    """L u and L y with L y = G L u + white: L is an autoregression of what a model leaves of y.
+
+    Slow errors differ by chance for as long as they last; those of the filtered records are
+    independent, so that orders are told apart as far as they can be.
+    """
+    s, theta = model.structure, model.theta
+    errors = [s.errors(theta, r.u, r.y, initial_state_window(s, theta)) for r in records]
+    spread = np.nanstd(np.concatenate(errors), axis=0)
+    columns = [c - np.nanmean(c) for e in errors for c in (e / np.maximum(spread, 1e-300)).T]
+    alpha = ar_fit(columns).alpha
+    return tuple(
+        replace(r, u=lfilter(alpha, [1.0], r.u, axis=0), y=lfilter(alpha, [1.0], r.y, axis=0))
+        for r in records
     )
 
 

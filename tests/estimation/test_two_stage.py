@@ -3,10 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import sysid
 from sysid.data.record import Record
 from sysid.estimation.identify import Request, identify
+from sysid.estimation.selection.orders import search_orders
+from sysid.fitting.holdout import hold_out
+from sysid.fitting.options import FitOptions
 
 POLE, GAIN = 0.9, 0.1
 
@@ -53,6 +57,16 @@ def test_a_white_disturbance_leaves_the_direct_fit() -> None:
 def test_a_noise_model_needs_no_second_stage() -> None:
     model = sysid.fit(loop(0.97, 2), "arx", "na=4 nb=4 nk=1")
     assert not any("two stages" in w for w in model.warnings)
+
+
+@pytest.mark.parametrize("seed", [1, 7])
+def test_orders_are_searched_on_what_follows_from_the_reference(seed: int) -> None:
+    log = loop(0.97, seed)
+    grid = [{"nb": nb, "nf": nf, "nk": 1} for nf in (1, 2, 3) for nb in (1, 2)]
+    logged = search_orders("oe", grid, hold_out([log]), FitOptions()).best.orders
+    assert logged["nf"] == 2  # one too many, which follows the disturbance
+    found = identify([log], (), Request(structures=("oe",), orders="nb=1:2 nf=1:3 nk=1"))
+    assert found.assessments[0].model.structure.order_values() == grid[0]
 
 
 def leaders(colour: float, seed: int, reference: bool) -> tuple[str, str]:
