@@ -94,7 +94,7 @@ def fit(
     seen = without_feedback(facts)
     if seen is None:
         return model
-    return in_two_stages(estimated(seen), facts.records[0].reference_names)
+    return in_two_stages(estimated(seen), facts, seen)
 
 
 def fit_prepared(

@@ -7,8 +7,10 @@ Automatica 29, 1523):
 
     u = S r + (what v does),   û = Ŝ r,      y = G û + (what v does)
 
-û depends on r only, and so not on v. Ŝ is an ARX model of high order. With white v the direct fit
-is unbiased and has the smaller errors: it stays where its residuals are white.
+û depends on r only, and so not on v. Ŝ is an ARX model of high order. What the parameters err by
+follows from y − G u, not from the smaller y − G û that was minimised: the same noise moves Ŝ, as in
+two-stage least squares, whose instruments the slopes with û are. With white v the direct fit is
+unbiased and has the smaller errors: it stays where its residuals are white.
 """
 
 from collections.abc import Sequence
@@ -19,11 +21,11 @@ import numpy as np
 from sysid.criteria.coloured import ar_fit
 from sysid.data.facts import LogFacts
 from sysid.data.filtering import lfilter
-from sysid.data.record import Record
+from sysid.data.record import Array, Record
 from sysid.estimation.soundness import BIASED
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
-from sysid.fitting.uncertainty import portmanteau_white
+from sysid.fitting.uncertainty import portmanteau_white, uncertainty
 from sysid.structures.linear.long_arx import long_arx_output
 from sysid.structures.linear.predictor import RowLayout
 from sysid.structures.model import Model, with_option
@@ -126,8 +128,38 @@ def without_feedback(facts: LogFacts) -> LogFacts | None:
     return None if staged is None else LogFacts(staged, facts.reading)
 
 
-def in_two_stages(model: Model, names: Sequence[str]) -> Model:
-    """The model, fitted to what follows from the references, and a sentence on it."""
-    sentence = SENTENCE.format(names=", ".join(names))
-    marked = with_option(model, STAGED, list(names))
-    return replace(marked, warnings=(*model.warnings, sentence))
+def in_two_stages(model: Model, facts: LogFacts, seen: LogFacts) -> Model:
+    """A model that was fitted to inputs by references, with its errors and a sentence on it."""
+    names = facts.records[0].reference_names
+    noted = with_option(model, STAGED, list(names))
+    return replace(
+        noted,
+        covariance=_covariance(model, facts.records, seen.records),
+        warnings=(*model.warnings, SENTENCE.format(names=", ".join(names))),
+    )
+
+
+def _covariance(model: Model, logged: Sequence[Record], seen: Sequence[Record]) -> Array:
+    """Of θ, from slopes with û and errors with u; levels are among what is estimated.
+
+    Structures with a noise model, whose slopes are those one step ahead, keep theirs.
+    """
+    s, theta = model.structure, model.theta
+    if s.traits.has_noise_model:
+        return model.covariance
+    free = [k for k, p in enumerate(model.parameters) if p.fixed is None]
+    slopes, errors, stretches = [], [], []
+    for r, x in zip(logged, map(model.detrend.remove, seen), strict=True):
+        left = model.residuals(r)
+        for i in range(s.ny):
+            J = s.gradient_columns(theta, x.u, x.y, i)[:, free]
+            levels = np.tile(np.eye(s.ny)[i], (len(r), 1))
+            kept = np.isfinite(left[:, i]) & (np.arange(len(r)) >= s.first_sample())
+            slopes.append(np.hstack([J, levels])[kept])
+            errors.append(left[kept, i])
+            stretches.append((i, int(kept.sum())))
+    e = np.concatenate(errors)
+    found = uncertainty(np.concatenate(slopes), e, stretches, np.ones(len(e))).covariance
+    out, n, place = model.covariance.copy(), len(free), np.ix_(free, free)
+    out[place] = np.where(np.isinf(out[place]), out[place], found[:n, :n])
+    return out
