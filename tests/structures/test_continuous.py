@@ -213,3 +213,12 @@ def test_a_fit_is_the_least_squares_of_scipy_over_its_own_runs(
     errors = np.sqrt(np.diag(np.linalg.inv(peer.jac.T @ peer.jac)) * 2.0 * peer.cost / 297)
     assert np.all(np.abs(model.theta - peer.x) < 1e-3 * errors)
     np.testing.assert_allclose(np.sqrt(np.diag(model.covariance)), errors, rtol=0.01)
+
+
+def test_the_sampled_servo_of_astroem_and_wittenmark() -> None:
+    """1/(s (s + 1)) every second: (0.368 z + 0.264)/(z² − 1.368 z + 0.368), in e⁻¹ exactly."""
+    s = replace(Process.from_orders({}, 1, 1, {"type": "P1I"}), dt=1.0)
+    g = s.transfer(np.array([1.0, 1.0])).groups[0]
+    e = np.exp(-1.0)
+    np.testing.assert_allclose(g.num[0], [0.0, e, 1.0 - 2.0 * e], atol=1e-12)
+    np.testing.assert_allclose(g.den, [1.0, -1.0 - e, e], atol=1e-12)
