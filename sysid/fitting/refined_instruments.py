@@ -18,6 +18,7 @@ least squares with Z (ZᵀZ)⁻¹ZᵀΦ for Jacobian.
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.errors import Termination, UsageError
@@ -25,8 +26,8 @@ from sysid.fitting.marquardt import loss
 from sysid.fitting.problem import Problem
 from sysid.fitting.solvers import Descent, Solution, evaluated
 
-HALVINGS = 12
-"""Halvings of a round's step that raises the cost, as far-off filters do."""
+HALVINGS = 8
+"""Lengths of a round's step that are tried, each half of the last: far off it raises the cost."""
 
 
 @runtime_checkable
@@ -54,23 +55,28 @@ def refined_instruments(problem: Problem, p0: Array, how: Descent) -> Solution:
     r = problem.residual(p)
     rounds, ending = 1, Termination.MAX_ITERATIONS
     while rounds < how.max_evaluations:
-        Z, phi = problem.jacobian(p)[:, free], problem.regressors(p)[:, free]
-        sizes = [np.maximum(np.linalg.norm(m, axis=0), 1e-300) for m in (Z, phi)]
-        Z, phi = Z / sizes[0], phi / sizes[1]
-        step = np.zeros(len(p))
-        step[free] = -np.linalg.lstsq(Z.T @ phi, Z.T @ r, rcond=1e-12)[0] / sizes[1]
-        small = np.sqrt(how.tolerance) * np.linalg.norm(r)
-        settled = np.linalg.norm(Z @ (step[free] * sizes[0])) <= small
-        for k in range(HALVINGS):
-            trial = np.clip(p + 0.5**k * step, how.lower, how.upper)
-            errors = problem.residual(trial)
-            rounds += 1
-            if loss(errors) < loss(r):
-                p, r = trial, errors
-                break
+        slopes = problem.jacobian(p)
+        size = np.linalg.norm(r)
+        # far off, the model's own output for the measured one as well is a step that goes down
+        for phi in (problem.regressors(p), slopes):
+            step = _step(slopes, phi, r, free)
+            outward = (step < 0.0) & (p <= how.lower) | (step > 0.0) & (p >= how.upper)
+            if outward.any():
+                step = _step(slopes, phi, r, free & ~outward)
+            for k in range(HALVINGS):
+                trial = np.clip(p + 0.5**k * step, how.lower, how.upper)
+                errors = problem.residual(trial)
+                rounds += 1
+                if loss(errors) < loss(r):
+                    break
+            else:
+                continue
+            p, r = trial, errors
+            break
         else:
-            settled = True
-        if settled:
+            ending = Termination.CONVERGED_COST
+            break
+        if np.linalg.norm(slopes @ step) <= np.sqrt(how.tolerance) * size:
             ending = Termination.CONVERGED_STEP
             break
     J = problem.jacobian(p)
@@ -81,3 +87,13 @@ def refined_instruments(problem: Problem, p0: Array, how: Descent) -> Solution:
     if len(at_bound) and ending.good:
         ending = Termination.AT_BOUND
     return evaluated(problem, p, ending, rounds, at_bound=tuple(at_bound.tolist()), jacobian=J)
+
+
+def _step(slopes: Array, phi: Array, r: Array, which: NDArray[np.bool_]) -> Array:
+    """δ with Zᵀ(ε + Φ δ) = 0 in some entries of p, 0 in the others."""
+    Z, phi = slopes[:, which], phi[:, which]
+    sizes = [np.maximum(np.linalg.norm(m, axis=0), 1e-300) for m in (Z, phi)]
+    Z, phi = Z / sizes[0], phi / sizes[1]
+    step = np.zeros(slopes.shape[1])
+    step[which] = -np.linalg.lstsq(Z.T @ phi, Z.T @ r, rcond=1e-12)[0] / sizes[1]
+    return step
