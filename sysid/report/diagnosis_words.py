@@ -1,6 +1,7 @@
 """Sentences and figures of a diagnosis, for the terminal and the page."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -365,9 +366,13 @@ def evidence_sentence(effect: NamedEffect) -> str:
 
 def story(result: Diagnosis) -> str:
     """The sentence below the headline, unless it says the same."""
-    said = headline(result, ties=False).partition(";")[0]
-    text = result.story.removeprefix(said).lstrip(".:").strip()
-    return f"{text[:1].upper()}{text[1:]}"
+    text, said = result.story, headline(result, ties=False).partition(";")[0]
+    for beginning in (said, said.partition(":")[0]):
+        if re.match(rf"{re.escape(beginning)}(?!\w)", text):
+            text = text[len(beginning) :].lstrip(".:").strip()
+            break
+    column = not text.partition(" ")[0].isalpha()
+    return text if column else f"{text[:1].upper()}{text[1:]}"
 
 
 def score_words(score: float) -> str:
