@@ -284,6 +284,7 @@ def model_of(
         structure=structure,
         theta=theta,
         covariance=outcome.covariance,
+        determined=outcome.determined,
         parameters=parameters,
         dt=first.dt,
         inputs=first.inputs,

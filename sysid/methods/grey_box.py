@@ -314,12 +314,13 @@ def _outcome(
         for p, f, v in zip(s.parameters, free, theta, strict=True)
     )
     outcome = outcome_of(s.structure, table, theta, [_part(s, solution, free)], reports)
-    covariance = outcome.covariance.copy()
+    wider = np.ones(n)
     for k, error in errors.items():
-        wider = error / np.sqrt(covariance[k, k])
-        covariance[k, :] *= wider
-        covariance[:, k] *= wider
-    return replace(outcome, covariance=covariance)
+        wider[k] = error / np.sqrt(outcome.covariance[k, k])
+    factors, known = np.outer(wider, wider), outcome.determined
+    if known is not None:
+        known = replace(known, covariance=known.covariance * factors)
+    return replace(outcome, covariance=outcome.covariance * factors, determined=known)
 
 
 METHOD = Method(by_multi_start, takes_method=False)
