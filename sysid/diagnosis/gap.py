@@ -34,7 +34,7 @@ class ChannelGap:
 
 @dataclass(frozen=True)
 class Gap:
-    """Gap = RMSE² − floor² of all outputs (each in units of its base error), before and after.
+    """Gap = RMSE² − floor² of all outputs (each in units of its spread), before and after.
 
     Attributes:
         before, after: gaps, summed over outputs.
@@ -57,14 +57,22 @@ def measure_gap(
     before: Sequence[Array],
     after: Sequence[Array],
     floor: Array,
+    spread: Array,
     names: Sequence[str],
     seed: int = 0,
 ) -> Gap:
     """The gap on held-out records, from free-run errors (N, ny) before and after.
 
+    Outputs add up by their shares of what was measured, Σ (RMSE² − floor²)/spread², as a fit in per
+    cent counts them: one that follows well but for a disturbance weighs little beside one that
+    does not follow.
+
     Errors that are not finite do not count. A floor that held-out errors fall below was none (a
     wave at constant speed passes for noise): what is jagged in those errors themselves is the
     floor then, see ``floor_of_errors``.
+
+    Args:
+        floor, spread: noise, and standard deviation of the measurements, of each output, (ny,).
     """
     refined = floor_of_errors(after)
     old, new = np.concatenate(before), np.concatenate(after)
@@ -83,10 +91,10 @@ def measure_gap(
         )
         for i, n in enumerate(names)
     }
-    scale = np.sqrt(np.mean(weight * old**2, axis=0)) + 1e-300
     # an output that was at its floor has no gap to close: only its noise would be counted
-    open_ = scale**2 > ABOVE * floor**2
-    at = np.flatnonzero(open_ if open_.any() else np.ones(len(scale), dtype=bool))
+    open_ = np.mean(weight * old**2, axis=0) > ABOVE * floor**2
+    at = np.flatnonzero(open_ if open_.any() else np.ones(len(floor), dtype=bool))
+    scale = np.maximum(spread, 1e-300)
     per = weight[:, at] / scale[at] ** 2
     a = np.sum((old[:, at] ** 2 - floor[at] ** 2) * per, axis=1)
     b = np.sum((new[:, at] ** 2 - floor[at] ** 2) * per, axis=1)
@@ -113,39 +121,34 @@ SPEEDS, PATH = "outputs", "path"
 
 
 def with_path(outputs: Gap, path: Gap) -> Gap:
-    """The gap of all outputs and of the path together, every channel in units of its base error.
+    """The gap of all outputs and of the path together: each part counts by its channels.
 
     A channel that was at its floor has no gap. Intervals add as if both parts erred alike.
     """
-    old, new = zip(*(_sums(part) for part in (outputs, path)), strict=True)
-    if sum(old) <= 0.0:
+    parts = {SPEEDS: outputs, PATH: path}
+    counts = {name: sum(map(_open, part.channels.values())) for name, part in parts.items()}
+    total = sum(counts.values())
+    if not total:
         return outputs
-    weights = np.array(old) / sum(old)
-    ends = np.array([outputs.interval, path.interval])
-    low, high = (float(v) for v in weights @ ends)
-    named = ((SPEEDS, old[0], new[0]), (PATH, old[1], new[1]))
-    channels = outputs.channels | path.channels
+
+    def mean(ends: Sequence[float]) -> float:
+        return sum(n * v for n, v in zip(counts.values(), ends, strict=True)) / total
+
+    closed = mean([part.closed_percent for part in parts.values()])
+    low, high = (mean([part.interval[k] for part in parts.values()]) for k in (0, 1))
     return Gap(
-        sum(old),
-        sum(new),
-        float(sum(1.0 for c in channels.values() if _open(c))) - sum(old),
-        100.0 * (1.0 - sum(new) / sum(old)),
+        float(total),
+        total * (1.0 - 0.01 * closed),
+        outputs.noise_floor,
+        closed,
         (low, high),
-        channels,
-        {name: 100.0 * (1.0 - after / before) for name, before, after in named if before > 0.0},
+        outputs.channels | path.channels,
+        {name: part.closed_percent for name, part in parts.items() if counts[name]},
     )
 
 
 def _open(c: ChannelGap) -> bool:
     return c.rmse_before**2 > ABOVE * c.noise_floor**2
-
-
-def _sums(gap: Gap) -> tuple[float, float]:
-    """Gap before and after over the channels that have one, in units of their base errors."""
-    open_ = [c for c in gap.channels.values() if _open(c)]
-    old = sum(1.0 - (c.noise_floor / c.rmse_before) ** 2 for c in open_)
-    new = sum(max(c.rmse_after**2 - c.noise_floor**2, 0.0) / c.rmse_before**2 for c in open_)
-    return old, new
 
 
 def floor_of_errors(errors: Sequence[Array]) -> Array:

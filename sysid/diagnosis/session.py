@@ -198,6 +198,7 @@ class DiagnosisSession:
             before,
             after,
             self.floor,
+            np.nanstd(np.concatenate([r.y for r in self.base.parts.holdout]), axis=0),
             self.base.parts.estimation[0].output_names,
             self.seed,
         )

@@ -26,7 +26,7 @@ def test_a_floor_that_a_model_went_below_is_read_off_what_it_left(noise: float) 
     errors = record.y - clean
     rough = LogFacts((record,)).noise
     assert rough[0] > 2.0 * noise  # jerk at every sample: the readings alone mislead
-    gap = measure_gap([record.y], [errors], rough, ["speed"])
+    gap = measure_gap([record.y], [errors], rough, record.y.std(axis=0), ["speed"])
     # the median of 2000 third differences is known within 4 %
     assert gap.channels["speed"].noise_floor == pytest.approx(noise, rel=0.15)
     assert gap.closed_percent == pytest.approx(100.0, abs=1.0)

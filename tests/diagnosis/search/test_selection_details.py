@@ -194,7 +194,7 @@ def test_a_load_that_no_channel_records_is_told_from_noise() -> None:
 def test_a_floor_that_errors_fall_below_is_read_off_them() -> None:
     rng = np.random.default_rng(10)
     before, after = [rng.standard_normal((600, 1))], [0.3 * rng.standard_normal((600, 1))]
-    gap = measure_gap(before, after, np.array([1.1]), ["omega"])
+    gap = measure_gap(before, after, np.array([1.1]), np.ones(1), ["omega"])
     # what the better model leaves is white: 0.3 is the floor (5 % for 600 samples), nothing is left
     assert gap.closed_percent > 99.0
     assert gap.channels["omega"].noise_floor == pytest.approx(0.3, rel=0.1)
@@ -262,3 +262,14 @@ def test_a_wave_is_sought_beside_a_core_without_end_too() -> None:
     rows = starts_of(model, effect("gravity-load"), q, errors, data)
     assert rows
     assert np.isfinite(rows).all()
+
+
+def test_an_output_that_only_a_disturbance_moves_does_not_halve_the_headline() -> None:
+    """Its errors are beyond the noise, small beside what it measures, and nothing closes them."""
+    rng = np.random.default_rng(11)
+    noise, load = rng.standard_normal((2, 2000)) * [[0.05], [0.15]]
+    before, after = np.column_stack([4.0 * noise / 0.05, load]), np.column_stack([noise, load])
+    floor, spread = np.array([0.05, 0.05]), np.array([10.0, 10.0])
+    gap = measure_gap([before], [after], floor, spread, ["omega_l", "omega_r"])
+    assert gap.closed_percent > 99.0
+    assert gap.channels["omega_r"].rmse_after > 2.0 * floor[1]
