@@ -245,7 +245,7 @@ def test_parameters_that_only_show_together_are_said_with_what_would_help() -> N
     noisy = y + 1e-3 * np.random.default_rng(1).standard_normal(y.shape)
     log = Record(u, noisy, 0.1, (Channel("force", "N"),), (Channel("position", "m"),))
     model = fit(truth, [log])
-    (said,) = (s for s in _information(model) if "combination" in s)
+    (said,) = (s for s in _information(model) if "together" in s)
     assert "No experiment that was tried separates k, d, g, m" in said
 
 
