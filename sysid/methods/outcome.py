@@ -1,7 +1,7 @@
 """What a fit gives: from solved problems to covariance, null directions and bounds."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,6 +44,22 @@ class FitOutcome:
     warnings: tuple[str, ...] = ()
     outliers: tuple[Outliers, ...] = ()
     determined: Determined | None = None
+
+    def permuted(self, at: Index) -> "FitOutcome":
+        """The same with the entries of θ that stand at ``at``, under the names as they are."""
+        if np.array_equal(at, np.arange(len(self.theta))):
+            return self
+        names = [p.name for p in self.parameters]
+        moved = {names[k]: names[i] for i, k in enumerate(at.tolist())}
+        known = self.determined
+        return replace(
+            self,
+            theta=self.theta[at],
+            covariance=self.covariance[np.ix_(at, at)],
+            null=self.null[at],
+            at_bound=tuple(moved[n] for n in self.at_bound),
+            determined=known and Determined(known.covariance[np.ix_(at, at)], known.open[at]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
