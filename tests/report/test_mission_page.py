@@ -53,7 +53,7 @@ def test_the_page_of_many_runs_stands_alone() -> None:
     assert tags.outside == []
     assert not re.search(r"\bnan\b|\binf\b", re.sub(r"<style>.*?</style>", "", text, flags=re.S))
     arrived = batch.outcomes["arrived"].count
-    for words in ("The way", "Over time", "60 runs", "What matters", "90 % of the runs",
+    for words in ("The way", "Over time", "60 runs", "What matters", "90\u00a0% of the runs",
                   f"{arrived} of 60 runs arrive", "Clearance of the centre"):  # fmt: skip
         assert words in text, words
     assert mission_page("m", MISSION, drive(), None, None).html().count("What matters") == 0
