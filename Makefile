@@ -62,7 +62,7 @@ bench: $(BENCH)/.installed  ## Time and memory against the plainest reference an
 STUDY := OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/python -m studies
 KEPT := .study-cache
 
-STUDIES := coverage look optimal_input continuous_models closed_loop residual_tests nonlinear_tests nonlinearity robust block_oriented grey_box narx_wavelet \
+STUDIES := coverage coverage_of_bands look optimal_input continuous_models closed_loop residual_tests nonlinear_tests nonlinearity robust block_oriented grey_box narx_wavelet \
   fuzz odd_logs tours vehicle dynamic_fit multibody_diagnosis navigation control prediction_intervals multibody
 study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every structure on every record
 	set -e; for name in $(STUDIES); do $(STUDY).$$name; done
