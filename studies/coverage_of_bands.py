@@ -16,7 +16,7 @@ from sysid.estimation.assessment.responses import frequency_curves, step_curves
 from sysid.estimation.pem import fit
 from sysid.report.markdown import table
 
-STUDY = Study("coverage_of_bands", "coverage_of_bands.md", runs=400)
+STUDY = Study("coverage_of_bands", "coverage_of_bands.md", runs=800)
 
 POINTS = 20
 """Times, and frequencies, at which a band is asked."""

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 from sysid.data import documents
 from sysid.data.schema import STORED, checked
 from sysid.errors import DataError
+from sysid.report.movement import instants
 from sysid.report.panels import Panel
 from sysid.report.svg_panels import svg
 
@@ -77,7 +78,9 @@ class Page:
             trim_blocks=True,
             lstrip_blocks=True,
         )
-        text = place.get_template("page.html.j2").render(page=self, svg=svg, beside=beside)
+        text = place.get_template("page.html.j2").render(
+            page=self, svg=svg, instants=instants, beside=beside
+        )
         return re.sub(r"(?<=\d) %(?!\w)", "\N{NO-BREAK SPACE}%", text)
 
 

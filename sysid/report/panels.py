@@ -15,6 +15,7 @@ from sysid.data.documents import by_field
 from sysid.data.record import Array
 from sysid.report import style
 from sysid.report.envelope import envelope
+from sysid.report.movement import Mover
 from sysid.structures.model import Model
 
 if TYPE_CHECKING:
@@ -82,6 +83,7 @@ class Panel:
         circle: whether the unit circle is drawn.
         note: a sentence below the panel.
         large: whether it has the room of four on a wide page.
+        movers: what moves over a plane, all in the same time.
     """
 
     name: str
@@ -98,6 +100,7 @@ class Panel:
     circle: bool = False
     note: str = ""
     large: bool = False
+    movers: tuple[Mover, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
