@@ -81,10 +81,12 @@ reports: $(VENV)/.installed  ## The tour's pictures and tables again; only the d
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.make_reports
 
 PAGES := build/pages
+LINKED := 'benchmarks/gate*' sysid/robot/mission/control/neural.json sysid/robot/mission/control/linear.py sysid/effects/supply.py \
+  sysid/structures/grey_box/tanks.py
 docs: $(VENV)/.installed  ## The documentation as a site with search: build/site/index.html
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	rm -rf $(PAGES) && mkdir -p $(PAGES)
-	git ls-files '*.md' '*.svg' '*.png' LICENSE examples | xargs cp --parents -t $(PAGES)
+	git ls-files '*.md' '*.svg' '*.png' LICENSE examples $(LINKED) | xargs cp --parents -t $(PAGES)
 	$(BIN)/mkdocs build --quiet --strict -f docs/mkdocs.yml
 
 datasets: $(VENV)/.installed  ## The bundled logs and missions again, byte-identical

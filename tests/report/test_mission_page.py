@@ -108,7 +108,9 @@ def test_the_robot_moves_over_the_way_without_a_script() -> None:
     times = re.findall(r'class="at"[^>]*aria-label="([\d.]+) s"', text)
     assert float(times[-1]) == pytest.approx(drive().time_s, abs=0.06)
     look = "".join(re.findall(r"<style>(.*?)</style>", text, re.S))
-    assert re.search(r"@media print \{[^@]*\.drive, \.mover \{ display: none; \}", look)
+    hidden = re.search(r"@media print \{[^@]*\.drive, \.mover \{ display: none; \}", look)
+    assert hidden
+    assert hidden.start() > look.index(".drive { display: flex")  # the later rule is the one
     animated = look.count("animation:")
     assert animated == look.count("(prefers-reduced-motion: no-preference){figure") == 1
 
