@@ -207,15 +207,15 @@ def fits_sentence(result: Diagnosis) -> str:
     for c in channel_lines(result):
         if not math.isfinite(c.fit_before):
             continue
-        after = f" → {_fit(c.fit_after)}" if result.grown else ""
-        fits.append(f"{c.name} {_fit(c.fit_before)}{after} %")
+        after = f" → {_in_words(c.fit_after)}" if result.grown else ""
+        fits.append(f"{c.name} {_in_words(c.fit_before)}{after} %")
         spread = c.rmse_before / max(1.0 - c.fit_before / 100.0, 1e-12)
         limits.append(f"{100.0 * (1.0 - c.noise_floor / spread):.1f}")
     limit = f" (noise {', '.join(limits)})" if limits else ""
     return f"Free-run fit: {', '.join(fits)}{limit}" if fits else ""
 
 
-def _fit(percent: float) -> str:
+def _in_words(percent: float) -> str:
     """A fit; far below zero its size says nothing more."""
     return f"{percent:.1f}" if percent > FAR_OFF else f"< {FAR_OFF:g}"
 
