@@ -23,10 +23,10 @@ from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import (
     ColumnReader,
-    moving_clocks,
     numbered_clock,
     row_times,
     signal_reader,
+    still_clock_advice,
 )
 from sysid.data.reading.stale import at_sensor_rate, slow_sensors
 from sysid.data.reading.table import Table
@@ -207,7 +207,7 @@ def _read(
     rows = usable_rows(table, clock.t, values, choice, options)
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
     grid = plan_grid(
-        rows.t, policy, rows.place, table.where, lambda: moving_clocks(table, choice.clock)
+        rows.t, policy, rows.place, table.where, lambda: still_clock_advice(table, choice.clock)
     )
     inputs, outputs = signal_conversions(table, choice, options, rows.values)
     values, of_pose = pose_in_si(rows.values, choice, pose_units, table.where)

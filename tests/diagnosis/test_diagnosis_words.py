@@ -211,4 +211,8 @@ def test_a_headline_is_not_taken_out_of_the_name_of_a_column() -> None:
 
 
 def test_a_run_that_left_the_log_is_said_to_be_far_off() -> None:
-    assert [diagnosis_words._in_words(v) for v in (97.46, -12.3, -2.4e30)] == ["97.5", "-12.3", "< -100"]
+    assert [diagnosis_words._in_words(v) for v in (97.46, -12.3, -2.4e30)] == [
+        "97.5",
+        "-12.3",
+        "< -100",
+    ]

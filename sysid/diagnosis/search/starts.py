@@ -104,7 +104,7 @@ def _from_ramps(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array
             row[at] = model.parameters[at].within(steepest / max(abs(gain), 1e-300))
             if power != 1.0:
                 poles = np.abs(np.roots([1.0, *f])) ** power
-                model.set_core(row, i, gain, np.poly(poles)[1:])
+                model.set_core(row, i, gain, np.asarray(np.poly(poles)[1:], dtype=np.float64))
         rows.append(row)
     return rows
 
