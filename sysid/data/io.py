@@ -64,7 +64,6 @@ class LogFile:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The findings as sentences."""
         return tuple(f.text for f in self.findings)
 
 
@@ -121,14 +120,13 @@ def read_files(
         replace(
             log,
             records=tuple(next(at) for _ in log.records),
-            findings=(*log.findings, *(f for f in resampled if f.record in _named(log))),
+            findings=(
+                *log.findings,
+                *(f for f in resampled if f.record in {r.name for r in log.records}),
+            ),
         )
         for log in logs
     )
-
-
-def _named(log: LogFile) -> set[str]:
-    return {r.name for r in log.records}
 
 
 def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
@@ -197,7 +195,6 @@ def _read(
     together: tuple[Finding, ...],
     digest: str,
 ) -> LogFile:
-    """The log in a table."""
     given = options
     options, choice, pose_units = chosen(table, options)
     signals = (*choice.inputs, *choice.outputs, *choice.pose)

@@ -16,6 +16,7 @@ from sysid.estimation.assessment.advice import notes_for
 from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
 from sysid.estimation.offsets.choice import known_policy
+from sysid.estimation.pem import INSTRUMENTS
 from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.residual_check import valid_first
@@ -141,7 +142,7 @@ def identify(
 
 def _require_search(names: Sequence[str], options: FitOptions) -> None:
     usual = replace(options, method=Method.LEVENBERG_MARQUARDT, extra={})
-    if options.method in (usual.method, Method.IV4) or usual != FitOptions():
+    if options.method in (usual.method, *INSTRUMENTS) or usual != FitOptions():
         return
     if all(structure_class(n).traits.solved_at_once for n in names):
         raise UsageError(

@@ -1,7 +1,8 @@
 """Hold out estimation data, so that validation data choose nothing."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +77,15 @@ class HoldOut:
         )
         return HoldOut(train, holdout, whole, self.counted, self.words, self.one_step)
 
+    def same_cuts_of(self, whole: Sequence[Record]) -> "HoldOut":
+        """The same samples of other records held out."""
+        parts: tuple[list[Record], list[Record]] = [], []
+        for r, mask in zip(whole, self.counted, strict=True):
+            edges = [0, *(np.flatnonzero(np.diff(mask)) + 1).tolist(), len(r)]
+            for a, b in pairwise(edges):
+                parts[int(mask[a])].append(r.rows(a, b))
+        return replace(self, train=tuple(parts[0]), holdout=tuple(parts[1]), whole=tuple(whole))
+
     @property
     def samples(self) -> int:
         """Samples to fit on."""
@@ -103,23 +113,16 @@ def hold_out(records: Sequence[Record], dead_time: int = 0) -> HoldOut:
         dead_time: the longest delay [samples]. Every piece loses as many at its head; records are
             cut less often where that would cost a piece more than half of its samples.
     """
-    train: list[Record] = []
-    holdout: list[Record] = []
     counted, cuts = [], []
     for r in records:
         n = len(r)
         cut = ONCE if len(records) >= MANY else _cut(n, dead_time)
-        edges = [round(share * n) for block in cut for share in block]
-        holdout += [r.rows(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-        bounds = [0, *edges, n]
-        fitted = zip(bounds[::2], bounds[1::2], strict=True)
-        train += [r.rows(a, b) for a, b in fitted if b > a]
         mask = np.zeros(n, dtype=bool)
-        for a, b in zip(edges[::2], edges[1::2], strict=True):
-            mask[a:b] = True
+        for a, b in cut:
+            mask[round(a * n) : round(b * n)] = True
         counted.append(mask)
         cuts.append(cut)
-    return HoldOut(tuple(train), tuple(holdout), tuple(records), tuple(counted), _words(cuts))
+    return HoldOut((), (), (), tuple(counted), _words(cuts)).same_cuts_of(records)
 
 
 def longest_of(nk: int | Sequence[Sequence[int]]) -> int:

@@ -205,7 +205,6 @@ def _left_out(
 
 
 def _counts(rows: Sequence[str], sep: str) -> list[int]:
-    """How many cells each row has."""
     plain = sep != " " and not any('"' in r for r in rows)
     return [r.count(sep) + 1 if plain else len(cells_of(r, sep)) for r in rows]
 
