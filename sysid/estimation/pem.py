@@ -67,7 +67,7 @@ def fit(
     records = facts.records
     check_records(structure, records)
     offsets = offsets_of(structure, facts, detrend)
-    parameters = _constrained(structure, records[0], options)
+    parameters = constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
 
     def estimated(seen: LogFacts) -> Model:
@@ -108,7 +108,7 @@ def fit_prepared(
     A piece of a log may hold a channel that never moves, and so does the constant of an offset.
     """
     records = tuple(records)
-    parameters = _constrained(structure, records[0], options)
+    parameters = constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
     return fitter(structure, options)(structure, records, options, parameters, initial_guesses)
 
@@ -176,9 +176,7 @@ def check_data(records: Sequence[Record]) -> None:
             )
 
 
-def _constrained(
-    structure: Structure, record: Record, options: FitOptions
-) -> tuple[Parameter, ...]:
+def constrained(structure: Structure, record: Record, options: FitOptions) -> tuple[Parameter, ...]:
     """The structure's parameters with the user's bounds and fixed values."""
     if not structure.traits.takes_inputs and options.focus is Focus.SIMULATION:
         raise UsageError(
@@ -289,6 +287,7 @@ def model_of(
         structure=structure,
         theta=theta,
         covariance=outcome.covariance,
+        determined=outcome.determined,
         parameters=parameters,
         dt=first.dt,
         inputs=first.inputs,

@@ -25,6 +25,9 @@ that is ordered by level or sign; the shorter the pieces, the more their initial
 CLOSE = 0.01
 """Held-out errors that differ by less than this fraction are the same for all purposes."""
 
+STILL = 0.02
+"""An input that moves by less than this part of its spread within every block is still there."""
+
 
 @dataclass(frozen=True, eq=False)
 class Errors:
@@ -87,6 +90,16 @@ class HoldOut:
     def samples(self) -> int:
         """Samples to fit on."""
         return sum(len(r) for r in self.train)
+
+    @property
+    def excited(self) -> bool:
+        """Whether an input moves in a held-out block: without, these judge levels and noise only.
+
+        The one step of a short record stands in what is fitted.
+        """
+        spread = np.std(np.concatenate([r.u for r in self.whole]), axis=0)
+        within = [np.std(r.u, axis=0) for r in self.holdout]
+        return not spread.size or bool(np.any(np.max(within, axis=0) > STILL * spread))
 
 
 def hold_out(records: Sequence[Record], dead_time: int = 0) -> HoldOut:

@@ -373,14 +373,14 @@ def by_search(
     theta, parts, starts = search.run(initial_guesses)
     outcome = outcome_of(structure, parameters, theta, parts, starts)
     more = asked.open_directions(records)
+    if not more.size:
+        return outcome
     covariance, null = _with_open(more, outcome.covariance, outcome.null)
-    return replace(outcome, covariance=covariance, null=null)
+    return replace(outcome, covariance=covariance, null=null, determined=None)
 
 
 def _with_open(more: Array, covariance: Array, null: Array) -> tuple[Array, Array]:
     """Covariance and open directions with further ones, nothing said twice."""
-    if not more.size:
-        return covariance, null
     covered = np.max(np.abs(more), axis=1) > PART
     fresh = [d for d in null.T if np.any(np.abs(d[~covered]) > PART)]
     return with_infinite(covariance, more), np.column_stack([*fresh, *more.T])

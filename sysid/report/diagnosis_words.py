@@ -56,6 +56,10 @@ class Moved:
     steps: float
 
 
+FAR_OFF = -100.0
+"""A fit [%] below which a run has left the log altogether."""
+
+
 def headline(result: Diagnosis, ties: bool = True) -> str:
     """The verdict in a few words, each name with those that the log cannot tell from it."""
     if result.unfollowed:
@@ -203,12 +207,17 @@ def fits_sentence(result: Diagnosis) -> str:
     for c in channel_lines(result):
         if not math.isfinite(c.fit_before):
             continue
-        after = f" → {c.fit_after:.1f}" if result.grown else ""
-        fits.append(f"{c.name} {c.fit_before:.1f}{after} %")
+        after = f" → {_in_words(c.fit_after)}" if result.grown else ""
+        fits.append(f"{c.name} {_in_words(c.fit_before)}{after} %")
         spread = c.rmse_before / max(1.0 - c.fit_before / 100.0, 1e-12)
         limits.append(f"{100.0 * (1.0 - c.noise_floor / spread):.1f}")
     limit = f" (noise {', '.join(limits)})" if limits else ""
     return f"Free-run fit: {', '.join(fits)}{limit}" if fits else ""
+
+
+def _in_words(percent: float) -> str:
+    """A fit; far below zero its size says nothing more."""
+    return f"{percent:.1f}" if percent > FAR_OFF else f"< {FAR_OFF:g}"
 
 
 def base_sentence(result: Diagnosis, before: str) -> str:

@@ -10,11 +10,12 @@ from scipy import optimize, signal
 from scipy.linalg import expm
 
 import sysid
-from sysid.data.record import Array, Record
+from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError
 from sysid.estimation import pem
 from sysid.estimation.assessment.step_response import step_responses
 from sysid.fitting.options import FitOptions
+from sysid.methods.outcome import FitOutcome
 from sysid.structures.continuous.process import Process
 from sysid.structures.continuous.transfer import ContinuousTransfer
 from sysid.structures.model import Model
@@ -80,6 +81,20 @@ def test_numbers_are_recovered_with_their_errors(kind: str) -> None:
     for p, wanted in zip(model.parameter_table(), theta, strict=True):
         assert abs(p.value - wanted) < 4.0 * p.std_error, p.name
         assert p.std_error < 0.05 * max(abs(wanted), 0.5)
+
+
+def test_time_constants_fall_unless_one_is_named() -> None:
+    s = Process((), 2, 1, DT, True, 2, 0, 0, 0)
+    theta = np.array([2.0, 0.4, 1.5, 0.1, 3.0, 0.2, 0.7, 0.0])
+    table = s.parameters((Channel("a"), Channel("b")), (Channel("y"),))
+    assert s.in_order(theta, table).tolist() == [0, 2, 1, 3, 4, 6, 5, 7]
+    named = (table[0], replace(table[1], fixed=0.4), *table[2:])
+    assert s.in_order(theta, named).tolist() == [0, 1, 2, 3, 4, 6, 5, 7]
+    found = FitOutcome(s, table, theta, np.diag(theta), np.eye(8)[:, 1:2], at_bound=("T2[y,b]",))
+    moved = found.permuted(s.in_order(theta, table))
+    assert moved.theta.tolist() == np.diag(moved.covariance).tolist()
+    assert moved.theta[1:3].tolist() == [1.5, 0.4]
+    assert (moved.null[2, 0], moved.at_bound) == (1.0, ("T1[y,b]",))
 
 
 def test_transfer_function_of_two_inputs_and_outputs() -> None:

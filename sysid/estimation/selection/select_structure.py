@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
+from sysid.criteria import table
 from sysid.data.facts import LogFacts
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
@@ -40,6 +41,8 @@ OUTLIERS = (
 
 ANY = "any"
 """Stands for every delay."""
+
+STILL_WORDS = " No input moves in {}: orders chosen there would be those of a level."
 
 
 def default_structures(with_inputs: bool) -> tuple[str, ...]:
@@ -119,7 +122,8 @@ def select_structure(
         detrend: treatment of the records' offsets: a policy, or what was chosen before.
         grid: orders to try, for all or by structure; None, and where a structure is left out, for
             its default grid; a single entry is fitted without a search.
-        criterion: what ranks orders and structures.
+        criterion: what ranks orders and structures; one of the free run gives way to BIC where
+            no input moves in the samples that would be held out, such as a step's last third.
         progress: called with (share done, what).
 
     Raises:
@@ -140,6 +144,8 @@ def select_structure(
         notes = (*notes, OUTLIERS.format(facts.outliers.words))
     ahead = closed and _may_be_judged_one_step(names, options)
     cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
+    still = searched and not cut.excited and table.criterion(criterion).of_free_run
+    criterion, cut = ("bic", replace(cut, train=tuple(small))) if still else (criterion, cut)
     tasks, seen = [], {}
     for name in names:
         chosen = (
@@ -169,9 +175,8 @@ def select_structure(
     order = ranked_entries(
         entries, records, options, criterion, tie_margin(cut.holdout), cut.one_step
     )
-    return StructureSelection(
-        order.entries, reason(order, criterion, cut.words, given=whole), failed
-    )
+    why = reason(order, criterion, cut.words, given=whole) + STILL_WORDS.format(cut.words) * still
+    return StructureSelection(order.entries, why, failed)
 
 
 def _entries(
