@@ -62,7 +62,7 @@ bench: $(BENCH)/.installed  ## Time and memory against the plainest reference an
 STUDY := OPENBLAS_NUM_THREADS=1 NPROC=1 $(BIN)/python -m studies
 KEPT := .study-cache
 
-STUDIES := coverage look optimal_input continuous_models closed_loop residual_tests nonlinear_tests nonlinearity robust block_oriented grey_box narx_wavelet \
+STUDIES := coverage coverage_of_bands look optimal_input continuous_models closed_loop residual_tests nonlinear_tests nonlinearity robust block_oriented grey_box narx_wavelet \
   fuzz odd_logs tours vehicle dynamic_fit multibody_diagnosis navigation control prediction_intervals multibody
 study: $(VENV)/.installed-test  ## Slow studies: coverage, alarm rates, every structure on every record
 	set -e; for name in $(STUDIES); do $(STUDY).$$name; done
@@ -81,10 +81,12 @@ reports: $(VENV)/.installed  ## The tour's pictures and tables again; only the d
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.make_reports
 
 PAGES := build/pages
+LINKED := 'benchmarks/gate*' sysid/robot/mission/control/neural.json sysid/robot/mission/control/linear.py sysid/effects/supply.py \
+  sysid/structures/grey_box/tanks.py
 docs: $(VENV)/.installed  ## The documentation as a site with search: build/site/index.html
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	rm -rf $(PAGES) && mkdir -p $(PAGES)
-	git ls-files '*.md' '*.svg' '*.png' LICENSE examples | xargs cp --parents -t $(PAGES)
+	git ls-files '*.md' '*.svg' '*.png' LICENSE examples $(LINKED) | xargs cp --parents -t $(PAGES)
 	$(BIN)/mkdocs build --quiet --strict -f docs/mkdocs.yml
 
 datasets: $(VENV)/.installed  ## The bundled logs and missions again, byte-identical

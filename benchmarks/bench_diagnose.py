@@ -41,11 +41,11 @@ began = perf_counter()
 import json, pathlib
 from jax import monitoring
 from sysid.diagnosis import diagnose as whole
-from sysid.report import html
+from sysid.report import diagnosis_page as drawing
 from sysid_cli.app import main
 
 marks, compiling = [("start", began)], []
-run, draw = whole.diagnose, html.diagnosis_page
+run, draw = whole.diagnose, drawing.diagnosis_page
 
 def stage(text, share):
     name = "base" if share < 0.1 else "search" if share < 0.72 else "proof"
@@ -66,7 +66,7 @@ def noted(event, seconds, **_):
         compiling.append(seconds)
 
 monitoring.register_event_duration_secs_listener(noted)
-whole.diagnose, html.diagnosis_page = diagnose, page
+whole.diagnose, drawing.diagnosis_page = diagnose, page
 code = 0
 try:
     main(sys.argv[2:])

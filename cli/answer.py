@@ -109,11 +109,17 @@ def _columns(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str
     for k, head in enumerate(heads):
         numeric = all(_numeric(row[k]) for row in rows)
         side: Literal["left", "right"] = "right" if numeric else "left"
-        drawn.add_column(Text(_shown(head)), justify=side, no_wrap=numeric or k == 0)
+        first = k == 0 and max(len(str(row[0])) for row in rows) <= LONG_NAME
+        drawn.add_column(
+            Text(_shown(head)), justify=side, overflow="fold", no_wrap=numeric or first
+        )
     for row in rows:
         drawn.add_row(*(Text("–" if c is None else _joined(_shown(str(c)))) for c in row))
     return [line.replace(_JOIN, " ") for line in _drawn(drawn)]
 
+
+LONG_NAME = 34
+"""Letters of a first column beyond which it is wrapped, so that the figures beside it are whole."""
 
 _JOIN = "\ue000"
 """Stands for a space at which a cell is not broken; no text holds it."""

@@ -137,7 +137,7 @@ def _folder(folder: Path, logs: list[Path], val: list[Path]) -> Path:
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"{folder} is a file; name a folder with -o")
     for log in (*logs, *val):
-        ours = log.name in ("diagnosis.json", "index.html") or log.match("next_*.csv")
+        ours = log.name in ("diagnosis.json", "index.html", "page.json") or log.match("next_*.csv")
         if ours and folder.is_dir() and log.exists() and log.resolve().parent == folder.resolve():
             raise UsageError(f"-o {folder} could overwrite the log {log}; name another folder")
     return folder

@@ -48,13 +48,14 @@ def write_results(
         UsageError, DataError: the folder cannot be written.
     """
     from sysid.data.files import write_atomic
-    from sysid.report.html import diagnosis_page
+    from sysid.report.diagnosis_page import diagnosis_page
 
     result = replace(result, next_experiments=_named(result.next_experiments))
     document: dict[str, Any] = documents.plain(result.to_json(before, after))
     document["read_as"] = read_as
     files = {e.file: schedule_text(e) for e in result.next_experiments if e.file}
-    files["index.html"] = diagnosis_page(result, before, after)
+    page = diagnosis_page(result, before, after)
+    files |= {"index.html": page.html(), "page.json": documents.text(page)}
     files["diagnosis.json"] = documents.text(document)
     for name, content in files.items():
         write_atomic(folder / name, content)

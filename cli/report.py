@@ -1,5 +1,6 @@
-"""``sysid report``: one self-contained page of a model, of several, or of a mission."""
+"""``sysid report``: one self-contained page of a model, several, a mission or a diagnosis."""
 
+import os
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,12 +18,16 @@ if TYPE_CHECKING:
     from sysid.data.record import Record
     from sysid.structures.model import Model
 
+DOCUMENTS = ("diagnosis.json", "page.json")
+"""Files of a diagnosis."""
+
 
 @command
 def report(
     models: list[str] | None = argument(
-        "[MODEL|MISSION]...",
-        "Model ids; several are compared [the best model]. Or a mission (YAML).",
+        "[MODEL|MISSION|DIAGNOSIS]...",
+        "Model ids; several are compared [the best model]. Or a mission (YAML), "
+        "or the folder of a diagnosis.",
         default=None,
         autocompletion=reading.stored_models,
     ),
@@ -34,21 +39,33 @@ def report(
 ) -> None:
     """Write a page on a model: can it be trusted, and for what?
 
-    Or on a mission: driven with the exported plant once, and 200 times with what varies.
+    Or on a mission: driven with the exported plant once, and 200 times with what varies. Or on a
+    diagnosis, by what its folder holds: page.json.
     """
     from sysid.data.files import write_atomic
     from sysid.data.inspection import inspect_records
     from sysid.estimation.assessment.figures import residual_tests
     from sysid.report.model_page import comparison_page, model_page
+    from sysid.report.page import stored_page
     from sysid.report.panels import Shown
 
     store = Workspace(workspace)
     path = output or store.root / "report.html"
-    if models and any(Path(m).suffix.lower() in targets.YAML for m in models):
-        if len(models) > 1:
-            raise UsageError(f"{' '.join(models)}: name one mission alone, or models")
-        write_atomic(path, report_mission(Path(models[0]), store, load_plant(store, None, False)))
-        _show(path, {"mission": models[0]}, json)
+    for name in models or ():
+        folder = _diagnosis(Path(name))
+        if folder is None and Path(name).suffix.lower() not in targets.YAML:
+            continue
+        if len(models or ()) > 1:
+            words = " ".join(models or ())
+            raise UsageError(f"{words}: name one mission or one diagnosis alone, or models")
+        if folder is None:
+            text = report_mission(Path(name), store, load_plant(store, None, False))
+        else:
+            path = output or folder / "index.html"
+            page = stored_page(folder / DOCUMENTS[1])
+            text = page.html(os.path.relpath(folder, path.parent))
+        write_atomic(path, text)
+        _show(path, {"mission" if folder is None else "diagnosis": name}, json)
         return
     stored = [store.load(i) for i in dict.fromkeys(models or ())] or [store.chosen(None)]
     records = judged_records(stored)
@@ -63,6 +80,13 @@ def report(
         page = comparison_page([Shown(s.id, s.model) for s in stored], records, stored[0].id)
     write_atomic(path, page.html())
     _show(path, {"models": [s.id for s in stored]}, json)
+
+
+def _diagnosis(path: Path) -> Path | None:
+    """The folder of a diagnosis that was named, itself or by its document."""
+    if path.name in DOCUMENTS:
+        return path.parent
+    return path if path.is_dir() and (path / DOCUMENTS[0]).exists() else None
 
 
 def _show(path: Path, of: dict[str, Any], json: bool) -> None:

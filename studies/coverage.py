@@ -79,8 +79,8 @@ def _arma(e: Array) -> Array:
 
 
 A, B, C = (-1.5, 0.7), (1.0, 0.5), (-0.9, 0.3)
-SISO = {"na": 2, "nb": 2, "nk": 1}
-OE = {"nb": 2, "nf": 2, "nk": 1}
+SISO: dict[str, object] = {"na": 2, "nb": 2, "nk": 1}
+OE: dict[str, object] = {"nb": 2, "nf": 2, "nk": 1}
 ROW1 = (-1.2, 0.5, 1.0, 0.5, -0.6, 0.4)
 ROW2 = (-1.0, 0.4, 0.3, -0.2, 0.8, 0.1)
 

@@ -18,6 +18,7 @@ from sysid.diagnosis.gap import measure_gap
 from sysid.diagnosis.validation.localise import localise
 from sysid.diagnosis.validation.model_error import ResidualVerdict
 from sysid.errors import Termination
+from sysid.report.page import Page
 from sysid.structures.augmented.structure import Augmented
 from sysid.structures.model import Model, Provenance, Source
 
@@ -177,3 +178,8 @@ def _model(
         ranges=np.array([(-16000.0, 16000.0)] * 2 + [(-20.0, 20.0)] * 2),
         provenance=Provenance(sources, {"made_by": "diagnose"}, "test"),
     )
+
+
+def no_page(*_: object) -> Page:
+    """An empty page, for tests that look at something else: pictures take a second."""
+    return Page("", "", (), ())

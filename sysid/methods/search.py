@@ -9,6 +9,7 @@ from scipy.special import fdtri
 
 from sysid.data.record import Array, Index, Record, shortened
 from sysid.errors import DataError, ModelError, Termination
+from sysid.fitting.marquardt import Method as SolverMethod
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import (
@@ -18,6 +19,7 @@ from sysid.fitting.problem import (
     Parameter,
     Problem,
 )
+from sysid.fitting.refined_instruments import refined_instruments
 from sysid.fitting.robust import UNBOUNDED, huber_widths, weighted
 from sysid.fitting.searchable import InitialGuesses, Searchable, StartReport
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
@@ -217,22 +219,22 @@ class Search:
             width = huber
             if width is not None and isinstance(chosen, PriorStates):
                 width = np.append(width, np.full(problem.n_initial, UNBOUNDED))
-            return levenberg_marquardt(
-                chosen,
-                start,
-                Descent(
-                    free=self._free(problem, states),
-                    lower=lower,
-                    upper=upper,
-                    huber=width,
-                    max_evaluations=self.options.limit(),
-                    tolerance=self.options.precision(),
-                    patience=self.options.patience,
-                    method=self.options.method,
-                ),
+            how = Descent(
+                free=self._free(problem, states),
+                lower=lower,
+                upper=upper,
+                huber=width,
+                max_evaluations=self.options.limit(),
+                tolerance=self.options.precision(),
+                patience=self.options.patience,
+                method=self.options.method,
             )
+            if instruments:
+                return refined_instruments(chosen, start, how)
+            return levenberg_marquardt(chosen, start, how)
 
-        if not (states and problem.n_initial):
+        instruments = self.options.method is SolverMethod.SRIV
+        if instruments or not (states and problem.n_initial):
             return descend(problem, p0)
         size = self._output_size(problem)
         try:

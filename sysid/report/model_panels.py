@@ -11,6 +11,7 @@ from sysid.data.record import Array, Record
 from sysid.errors import ModelError, UsageError
 from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.estimation.assessment.responses import (
+    CHI_SQUARED,
     ResponseCurve,
     frequency_curves,
     main_paths,
@@ -102,10 +103,10 @@ def bode(shown: Sequence[Shown], records: Sequence[Record]) -> Panels:
             if c is None:
                 continue
             size, angle = np.abs(c.response), np.degrees(c.phase)
-            with np.errstate(over="ignore"):
-                ends = (size * np.exp(-NORMAL * c.gain_error), size * np.exp(NORMAL * c.gain_error))
-            gains.append(Curve(s.label, c.w, size, *ends, colour=k))
-            phases.append(_banded(s.label, c.w, angle, np.degrees(c.phase_error), k))
+            of_gain, of_phase = c.bands()
+            gains.append(Curve(s.label, c.w, size, *of_gain, colour=k))
+            back, ahead = np.degrees(of_phase)
+            phases.append(Curve(s.label, c.w, angle, back, ahead, colour=k))
         sizes = np.concatenate([c.y for c in gains if c.colour >= 0])
         top = float(np.max(sizes))
         limits = (max(float(np.min(sizes)) / 3.0, top * 1e-5), 3.0 * top)
@@ -156,14 +157,14 @@ UNKNOWN = 2.0
 
 
 def _ellipse(centre: complex, root: Array, colour: int) -> Curve:
-    """The 95 % ellipse of a point of the plane: χ² of two degrees of freedom is 5.99."""
+    """The 95 % ellipse of a point of the plane."""
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
     if not np.isfinite(root).all():
         return Curve("", np.zeros(0), np.zeros(0), colour=colour)
     half, axes, _ = np.linalg.svd(root, full_matrices=False)
     if not np.max(axes, initial=0.0) < UNKNOWN:  # it would leave nothing else to be seen
         return Curve("", np.zeros(0), np.zeros(0), colour=colour)
-    points = half @ (axes[:, None] * np.array([np.cos(turn), np.sin(turn)])) * np.sqrt(5.991)
+    points = half @ (axes[:, None] * np.array([np.cos(turn), np.sin(turn)])) * np.sqrt(CHI_SQUARED)
     return Curve("", centre.real + points[0], centre.imag + points[1], colour=colour)
 
 

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from sysid.data.documents import by_field
 from sysid.data.record import Array
 from sysid.report import style
 from sysid.report.envelope import envelope
+from sysid.report.movement import Mover
 from sysid.structures.model import Model
 
 if TYPE_CHECKING:
@@ -24,6 +26,9 @@ Kind = Literal["line", "steps", "dots", "stems", "marks", "area"]
 
 BINS = 700
 """A line of more points is drawn by its envelope over so many stretches."""
+
+DIGITS = 7
+"""Of a stored point."""
 
 ABOVE = 2
 """Names that stand beside the title; more stand within the panel."""
@@ -53,6 +58,17 @@ class Curve:
     kind: Kind = "line"
     colour: int = 0
 
+    def to_json(self) -> dict[str, Any]:
+        """Its fields, as many points and digits as a page shows."""
+        x, y = thinned(self) if self.low is None else (self.x, self.y)
+        short = {k: _short(v) for k, v in (("x", x), ("y", y))}
+        ends = {k: _short(v) for k in ("low", "high") if (v := getattr(self, k)) is not None}
+        return by_field(self) | short | ends
+
+
+def _short(values: Array) -> list[float]:
+    return [float(f"{v:.{DIGITS}g}") for v in values]
+
 
 @dataclass(frozen=True, eq=False)
 class Panel:
@@ -67,6 +83,7 @@ class Panel:
         circle: whether the unit circle is drawn.
         note: a sentence below the panel.
         large: whether it has the room of four on a wide page.
+        movers: what moves over a plane, all in the same time.
     """
 
     name: str
@@ -83,6 +100,7 @@ class Panel:
     circle: bool = False
     note: str = ""
     large: bool = False
+    movers: tuple[Mover, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.report.movement import drawn
 from sysid.report.panels import Curve, Panel, thinned
 from sysid.report.style import printable
 
@@ -87,10 +88,11 @@ def svg(panel: Panel) -> str:
         x, y = across(np.array([0.0, 1.0])), down(np.array([0.0]))
         at = f'cx="{x[0]:.1f}" cy="{y[0]:.1f}" r="{x[1] - x[0]:.1f}"'
         curves.append(f'<circle class="rule" {at}/>')
+    moving = drawn(panel.movers, across, down, [f"c{_series(m.colour)}" for m in panel.movers])
     box = f"{left:.1f} {TOP:g} {WIDTH - RIGHT - left:.1f} {height - TOP - BOTTOM:g}"
     x0, y0, wide, tall = box.split()
     inside = f'<svg x="{x0}" y="{y0}" width="{wide}" height="{tall}" viewBox="{box}">'
-    parts = [_frame(panel, across, down, left, height), inside, *curves, "</svg>"]
+    parts = [_frame(panel, across, down, left, height), inside, *curves, moving, "</svg>"]
     label = html.escape(printable(f"{panel.title}: {panel.y} over {panel.x}"))
     return (
         f'<svg class="panel" viewBox="0 0 {WIDTH:g} {height:g}" role="img" aria-label="{label}">'
@@ -203,7 +205,7 @@ def _names(panel: Panel, left: float) -> str:
     right = WIDTH - RIGHT
     for label, c in named.items() if len(named) > 1 else ():
         words = label if len(label) < 22 else f"{label[:20]}…"
-        parts.append(_text(right, TOP - 7.0, words, "end", f"name c{_series(c)}"))
+        parts.append(_text(right, TOP - 7.0, words, "end", f"name c{_series(c.colour)}"))
         right -= LETTER * len(words) + 12.0
     if not panel.names:
         parts.append(_text(left, TOP - 7.0, _cut(panel.y, right - left), "start", "tick"))
@@ -221,12 +223,12 @@ def _text(x: float, y: float, words: str, anchor: str, kind: str) -> str:
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" class="{kind}">{shown}</text>'
 
 
-def _series(c: Curve) -> str:
-    return "m" if c.colour < 0 else str(c.colour % 6)
+def _series(colour: int) -> str:
+    return "m" if colour < 0 else str(colour % 6)
 
 
 def _curve(c: Curve, across: _Axis, down: _Axis, lying: bool) -> str:
-    kind = f"c{_series(c)}"
+    kind = f"c{_series(c.colour)}"
     if lying:
         x, y = across(c.y), down(c.x)
         low, high = (None if e is None else across(e) for e in (c.low, c.high))

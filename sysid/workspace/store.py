@@ -10,7 +10,7 @@
       plant/               the exported plant package
       missions/            logs of simulated missions
       followed/            rows of logs that were followed, on which their models stand
-      diagnosis/           the last diagnosis: diagnosis.json, index.html, next_*.csv
+      diagnosis/           the last diagnosis: diagnosis.json, index.html, page.json, next_*.csv
 
 Every file is replaced as a whole, so a reader never meets half of one; what is read, changed and
 written back is changed under a lock, so that commands may run at the same time.

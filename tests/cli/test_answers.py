@@ -88,3 +88,19 @@ def test_prose_breaks_between_words_and_numbers_keep_their_intervals(
     assert all(word == "word-with-hyphens" for line in lines[:3] for word in line.split())
     assert "1.25 ± 0.15, 3.75 ± 0.25," in lines[4]
     assert "5.55 ± 0.75" in lines[5]
+
+
+def test_a_long_name_leaves_the_figures_whole(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    path = "DB12.Sollwert_Hz → DB12.Drehzahl_Istwert"
+    answer = Answer()
+    answer.table(
+        ["oe", "gain [DB12.Drehzahl_Istwert/Hz]", "dynamics", "2 % settling"],
+        [[path, "29.18 ± 0.43", "1.598 ± 0.081 rad/s, damping 0.821 ± 0.055", "2.71 s"]],
+    )
+    answer.print()
+    out = capsys.readouterr().out
+    assert "…" not in out
+    assert all(f in out for f in ("29.18 ± 0.43", "1.598 ± 0.081", "0.821 ± 0.055"))

@@ -16,7 +16,9 @@ import quick_diagnosis
 from command_line import Capture, Run, contents, robot_log, run, write_log
 from quick_diagnosis import dead_zone_log
 from scipy.signal import lfilter
+from sysid_cli.diagnose_files import write_results
 
+from sysid.data.io import read_log
 from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.workspace.logs import StoredData
 from sysid.workspace.store import Workspace
@@ -74,7 +76,7 @@ def test_exchanged_sides_are_paired_and_said(
 
 def no_page(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures take seconds; tests that look at something else go without."""
-    monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
+    monkeypatch.setattr("sysid.report.diagnosis_page.diagnosis_page", quick_diagnosis.no_page)
 
 
 def diagnosed(capsys: Capture, *arguments: object) -> dict[str, Any]:
@@ -125,7 +127,7 @@ def test_story_files_and_page(here: Path, capsys: Capture) -> None:
     assert max(map(len, told.out.splitlines())) < 200
     folder = here / ".sysid" / "diagnosis"
     names = {p.name for p in folder.iterdir()}
-    assert names == {"diagnosis.json", "index.html", "next_1_dead-zone.csv"}
+    assert names == {"diagnosis.json", "index.html", "page.json", "next_1_dead-zone.csv"}
     rows = (folder / "next_1_dead-zone.csv").read_text().splitlines()
     assert rows == ["t,pwm_l,pwm_r", "0,0,0", "1,2000,2000", "2,0,0"]
     page = (folder / "index.html").read_text(encoding="utf-8")
@@ -276,7 +278,7 @@ def test_a_mission_is_told_and_drawn(
 def test_sizes_on_the_page_have_their_unit(here: Path, capsys: Capture) -> None:
     assert run(capsys, "diagnose", "log.csv").code == 0
     page = Path(".sysid/diagnosis/index.html").read_text()
-    assert "<span>0.01 of full drive</span>" in page
+    assert ">0.01 of full drive</td>" in page
 
 
 def test_diagnosed_models_say_what_they_were_judged_on(
@@ -328,7 +330,7 @@ def test_nothing_is_lost(here: Path, capsys: Capture, monkeypatch: pytest.Monkey
     def broken(*_: object) -> str:
         raise MemoryError
 
-    monkeypatch.setattr("sysid.report.html.diagnosis_page", broken)
+    monkeypatch.setattr("sysid.report.diagnosis_page.diagnosis_page", broken)
     assert run(capsys, "diagnose", "log.csv").code == 1
     after = contents(here)
     state = {k for k in after if "models/" in k or k.endswith("index.json")}
@@ -336,6 +338,30 @@ def test_nothing_is_lost(here: Path, capsys: Capture, monkeypatch: pytest.Monkey
         k: v for k, v in before.items() if k not in state
     }
     assert set(before) == set(after)
+
+
+def test_the_page_of_a_stored_diagnosis_is_written_again(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same page from what was stored; links lead to its files from wherever it lies."""
+    monkeypatch.chdir(tmp_path)
+    record = read_log(dead_zone_log(tmp_path / "log.csv"))
+    found = quick_diagnosis.diagnose([record], None)
+    write_results(tmp_path / "d", found, "a", "b", [])
+    page = (tmp_path / "d" / "index.html").read_text(encoding="utf-8")
+    (tmp_path / "d" / "index.html").unlink()
+    for named in ("d", "d/diagnosis.json"):
+        assert run(capsys, "report", named).code == 0
+        assert (tmp_path / "d" / "index.html").read_text(encoding="utf-8") == page
+    assert run(capsys, "report", "d", "-o", "elsewhere.html").code == 0
+    (link,) = set(re.findall(r'href="([^#"]+)"', (tmp_path / "elsewhere.html").read_text()))
+    assert (tmp_path / link).exists()
+    refused(run(capsys, "report", "d", "m.yaml"), 2, "one diagnosis alone")
+    stored = (tmp_path / "d" / "page.json").read_text()
+    (tmp_path / "d" / "page.json").write_text(stored.replace('"title"', '"headline"', 1))
+    refused(run(capsys, "report", "d"), 1, "page.json: damaged", "sysid diagnose")
+    (tmp_path / "d" / "page.json").unlink()
+    refused(run(capsys, "report", "d"), 1, "No such file")
 
 
 # What is refused ----------------------------------------------------------------------------------

@@ -35,7 +35,7 @@ def test_listed_files_are_written(
 ) -> None:
     """Each file that a page lists is there after the commands, under that very name."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
+    monkeypatch.setattr("sysid.report.diagnosis_page.diagnosis_page", quick_diagnosis.no_page)
     engine = types.ModuleType("sysid.diagnosis.diagnose")
     engine.diagnose = quick_diagnosis.diagnose  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, engine.__name__, engine)

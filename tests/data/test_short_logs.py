@@ -11,7 +11,7 @@ from sysid.data.io import read_log
 from sysid.data.record import Record
 from sysid.errors import UsageError
 from sysid.estimation.identify import Request, identify
-from sysid.report.html import diagnosis_page
+from sysid.report.diagnosis_page import diagnosis_page
 
 
 def oven(path: Path, samples: int, seed: int = 1) -> Path:
@@ -72,7 +72,7 @@ def test_a_log_does_not_judge_what_is_fitted_to_it(
 
 def test_a_page_leaves_out_the_pictures_a_short_log_has_no_rows_for(tmp_path: Path) -> None:
     log = read_log(dead_zone_log(tmp_path / "log.csv", samples=40))
-    page = diagnosis_page(diagnose([log], None), "before", "after")
+    page = diagnosis_page(diagnose([log], None), "before", "after").html()
     assert "<svg" in page
     assert "Residual over" not in page
 

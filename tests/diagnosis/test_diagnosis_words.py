@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import quick_diagnosis
 from command_line import Capture, run, write_log
 
 from sysid.data.record import Array, Channel, Record
@@ -183,7 +184,7 @@ def test_names_that_a_log_cannot_tell_apart_stand_beside_each_other() -> None:
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
+    monkeypatch.setattr("sysid.report.diagnosis_page.diagnosis_page", quick_diagnosis.no_page)
     return tmp_path
 
 
@@ -197,3 +198,21 @@ def test_a_log_that_no_input_moves_is_never_nothing_missing(here: Path, capsys: 
     assert "The log is too short for a diagnosis\nThe errors (y_level" in told.out, told.out[:300]
     for words in ("Nothing is missing", "No effect is missing", "hold one side"):
         assert words not in told.out
+
+
+def test_a_headline_is_not_taken_out_of_the_name_of_a_column() -> None:
+    shape = SimpleNamespace(place="speed")
+    text = "Shape known, physics open: speed_rpm follows pwm linearly."
+    result: Any = SimpleNamespace(
+        unfollowed="", effects=(), verdict="shape-found", shapes=(shape,), undecided="", story=text
+    )
+    assert headline(result) == "Shape known, physics open: speed"
+    assert diagnosis_words.story(result) == "speed_rpm follows pwm linearly."
+
+
+def test_a_run_that_left_the_log_is_said_to_be_far_off() -> None:
+    assert [diagnosis_words._in_words(v) for v in (97.46, -12.3, -2.4e30)] == [
+        "97.5",
+        "-12.3",
+        "< -100",
+    ]

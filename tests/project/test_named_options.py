@@ -64,7 +64,7 @@ NO_MESSAGES = {
     "sysid/export/c/templates/report.md": "the page of the C code: lines to type where it is built",
     "sysid/export/verification/ros_nodes.py": "options of cmake and rosmaster, which it starts",
     "sysid/plant/templates/README.md": "the page of a package: lines to type where it is used",
-    "sysid/report/templates/diagnosis.html.j2": "variables of CSS are written like options",
+    "sysid/report/movement.py": "variables of CSS are written like options",
     "sysid/report/templates/style.css.j2": "variables of CSS are written like options",
 }
 """Files of the library that may hold what looks like an option, and why."""

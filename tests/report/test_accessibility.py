@@ -16,7 +16,7 @@ from sysid_cli.app import main
 from test_mission_page import MISSION, drive
 
 from sysid.data.io import read_log
-from sysid.report.html import diagnosis_page
+from sysid.report.diagnosis_page import diagnosis_page
 from sysid.report.missions.page import mission_page
 
 PAGES = ("fit", "compare", "mission", "diagnosis")
@@ -38,7 +38,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         "fit": (place / "ws" / "fit.html").read_text(encoding="utf-8"),
         "compare": (place / "ws" / "compare.html").read_text(encoding="utf-8"),
         "mission": mission_page("m", MISSION, drive(), Robot()).html(),
-        "diagnosis": diagnosis_page(found, "before", "after"),
+        "diagnosis": diagnosis_page(found, "before", "after").html(),
     }
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import BROWSER, laid_out
+from browser import BROWSER, dumped, laid_out
 from mission_cases import Robot, goal
 from test_model_page import Tags
 
@@ -53,7 +53,7 @@ def test_the_page_of_many_runs_stands_alone() -> None:
     assert tags.outside == []
     assert not re.search(r"\bnan\b|\binf\b", re.sub(r"<style>.*?</style>", "", text, flags=re.S))
     arrived = batch.outcomes["arrived"].count
-    for words in ("The way", "Over time", "60 runs", "What matters", "90 % of the runs",
+    for words in ("The way", "Over time", "60 runs", "What matters", "90\u00a0% of the runs",
                   f"{arrived} of 60 runs arrive", "Clearance of the centre"):  # fmt: skip
         assert words in text, words
     assert mission_page("m", MISSION, drive(), None, None).html().count("What matters") == 0
@@ -94,3 +94,40 @@ def test_nothing_sticks_out(width: int, tmp_path: Path) -> None:
     assert pictures == 6
     seen = laid_out(text, tmp_path, width)
     assert seen == {"inner": width, "full": width, "wide": [], "pictures": pictures}
+
+
+def test_the_robot_moves_over_the_way_without_a_script() -> None:
+    """It begins and ends where the path does; less motion leaves the instants, print nothing."""
+    text = mission_page("m", MISSION, drive(), Robot()).html()
+    assert "<script" not in text
+    (way,) = re.findall(r'<path class="line c0" d="M([^"]+)"/><style>', text)
+    places = re.findall(r"%\{transform:translate\(([\d.]+)px,([\d.]+)px\)", text)
+    ends = [tuple(map(float, p.split(" "))) for p in (way.split("L")[0], way.split("L")[-1])]
+    for place, end in zip((places[0], places[-1]), ends, strict=True):
+        np.testing.assert_allclose(np.array(place, float), end, atol=0.11)  # a digit each
+    times = re.findall(r'class="at"[^>]*aria-label="([\d.]+) s"', text)
+    assert float(times[-1]) == pytest.approx(drive().time_s, abs=0.06)
+    look = "".join(re.findall(r"<style>(.*?)</style>", text, re.S))
+    hidden = re.search(r"@media print \{[^@]*\.drive, \.mover \{ display: none; \}", look)
+    assert hidden
+    assert hidden.start() > look.index(".drive { display: flex")  # the later rule is the one
+    animated = look.count("animation:")
+    assert animated == look.count("(prefers-reduced-motion: no-preference){figure") == 1
+
+
+@pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
+def test_a_browser_plays_it_from_the_chosen_instant(tmp_path: Path) -> None:
+    """One animation, and it starts half way: at the tenth instant of 20."""
+    text = mission_page("m", MISSION, drive(), Robot()).html()
+    text = text.replace('class="play"', 'class="play" checked').replace(
+        " checked><span>", "><span>"
+    )
+    text = text.replace('value="10" aria', 'value="10" checked aria')
+    asked = (
+        "<script>addEventListener('load', () => { const all = document.getAnimations();"
+        " const t = all[0].effect.getComputedTiming(); document.body.setAttribute('data-told',"
+        " [all.length, Math.round(100 * t.delay / t.duration)].join(' ')); });</script></body>"
+    )
+    assert re.findall(r"<body[^>]*>", dumped(text.replace("</body>", asked), tmp_path)) == [
+        '<body data-told="1 -50">'
+    ]

@@ -86,7 +86,7 @@ def test_every_section_is_there_with_its_verdict(folder: Path) -> None:
     best = Workspace(folder).load(title[1])
     assert f"--structure {best.model.structure.name} --orders" in text
     fit = best.report["validation"]["fit_percent"]["omega_l"]
-    assert f"omega_l: {fit:.1f} % fit" in text
+    assert f"omega_l: {fit:.1f}\u00a0% fit" in text
 
 
 def test_fit_and_compare_agree_or_say_that_they_do_not(folder: Path, capsys: Capture) -> None:
@@ -110,7 +110,7 @@ def test_the_whole_page_of_a_model_and_of_several(folder: Path, capsys: Capture)
     both = run(capsys, "report", "oe", "arx", *ws, "-o", folder / "two.html", "--json").document
     text = Path(both["page"]).read_text(encoding="utf-8")
     assert "2 models on val.csv" in text
-    assert re.search(r"RMSE beyond the best.*[-+]\d+\.\d %", text, re.S)
+    assert re.search(r"RMSE beyond the best.*[-+]\d+\.\d\s%", text, re.S)
     assert run(capsys, "report", *ws, "-o", "page.txt").code == 2
 
 

@@ -17,9 +17,9 @@ from sysid.diagnosis.diagnosis import Diagnosis
 from sysid.diagnosis.validation.localise import Region
 from sysid.effects.catalogue import catalogue
 from sysid.report import diagnosis_panels as panels
+from sysid.report.diagnosis_page import diagnosis_page
 from sysid.report.diagnosis_picture import RegimeLine, Window
 from sysid.report.diagnosis_words import ChannelLine
-from sysid.report.html import diagnosis_page
 from sysid.report.panels import Panel, Panels
 from sysid.report.svg_panels import LETTER, svg
 
@@ -39,14 +39,14 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
 
 @pytest.fixture(scope="module")
 def page(found: Diagnosis) -> str:
-    return diagnosis_page(found, "before", "after")
+    return diagnosis_page(found, "before", "after").html()
 
 
 def test_a_page_is_whole_and_stands_alone(page: str) -> None:
     tags = Tags()
     tags.feed(page)
     assert tags.open == []
-    assert all(re.fullmatch(r"next_\w+\.csv", a.replace("-", "_")) for a in tags.outside)
+    assert all(re.fullmatch(r"./next_\w+\.csv", a.replace("-", "_")) for a in tags.outside)
     assert "<script" not in page
     assert page.count('<svg class="panel"') >= 15
     for words in ("Excess error by regime", "RMS error by regime", "Residual over", "Path of",

@@ -110,7 +110,7 @@ def test_a_diagnosed_model_goes_through_every_command(
     stub = types.ModuleType("sysid.diagnosis.diagnose")
     stub.diagnose = quick_diagnosis.diagnose  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, stub.__name__, stub)
-    monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
+    monkeypatch.setattr("sysid.report.diagnosis_page.diagnosis_page", quick_diagnosis.no_page)
     found = run(capsys, "diagnose", "log.csv", "--val", "other.csv", "--json").document
     ranking = run(capsys, "compare", "--val", "other.csv", "--folds", 3, "--json").document
     lines = {line["model"]: line for line in ranking["ranking"]}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 from scipy.signal import StateSpace, lfilter, lsim
 
 from sysid.data.record import Array, Channel, Record
@@ -328,3 +329,22 @@ def test_a_damaged_file_is_refused(damage: dict[str, str]) -> None:
 def test_an_ode_is_no_name_to_fit() -> None:
     with pytest.raises(UsageError, match="no structure 'ode'"):
         structure_class("ode")
+
+
+def test_a_pendulum_swings_as_scipy_integrates_it() -> None:
+    made = structure_class(f"{EXAMPLES / 'pendulum'}.ode.yaml").from_orders({}, 1, 1)
+    assert isinstance(made, FromFile)
+    s = replace(made, sampling=Sampling(0.05, 8))
+    gravity, damping, dry, gain, slow = theta = np.array([30.0, 1.0, 0.5, 5.0, 0.05])
+    u = commands(25, 6)
+    x = s.physics.state_guess(theta, u, np.array([[0.4]]), 0.05)
+    assert x == pytest.approx([0.4, 0.0])
+    run = s.simulate(theta, u, x)[:, 0]
+    for k in range(len(u)):
+        assert run[k] == pytest.approx(x[0], abs=2e-3)  # the bend of dry friction within a substep
+
+        def moves(t: float, x: Array, k: int = k) -> list[float]:
+            friction = damping * x[1] + dry * np.tanh(x[1] / slow)
+            return [x[1], gain * u[k, 0] - friction - gravity * np.sin(x[0])]
+
+        x = solve_ivp(moves, (0.0, 0.05), x, method="LSODA", rtol=1e-8, atol=1e-9).y[:, -1]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import quick_diagnosis
 from command_line import Capture, Run, run, write_log
 from pose_cases import DT, driven, ground, wandering
 from scipy.signal import lfilter
@@ -206,7 +207,7 @@ def posed_log(path: Path, geometry: Geometry, seed: int = 5) -> Path:
 def warthog(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with a log of a large vehicle; pictures take seconds."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sysid.report.html.diagnosis_page", lambda *_: "<html></html>")
+    monkeypatch.setattr("sysid.report.diagnosis_page.diagnosis_page", quick_diagnosis.no_page)
     posed_log(tmp_path / "log.csv", WARTHOG)
     return tmp_path
 

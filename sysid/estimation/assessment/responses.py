@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Array
 from sysid.errors import ModelError
-from sysid.estimation.assessment.delta_method import delta_errors, delta_root
+from sysid.estimation.assessment.delta_method import NORMAL, delta_errors, delta_root
 from sysid.estimation.assessment.step_response import (
     entry_of,
     response_to_step,
@@ -30,6 +30,12 @@ LEVELS = 25
 
 SHOWN = 1.5
 """A step is shown for so many times the time in which its slowest output settles."""
+
+CHI_SQUARED = 5.991
+"""Of two degrees of freedom, 95 %."""
+
+ROUND = 97
+"""Points of an ellipse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +76,30 @@ class FrequencyCurve:
     gain_error: Array
     phase_error: Array
     root: Array
+
+    def bands(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Ends of the 95 % bands of |G| and of arg G [rad], (n,) each.
+
+        The extremes over the ellipse (G − Ĝ)ᵀP⁻¹(G − Ĝ) = 1.96²: those of the delta method where G
+        is large; of the phase the tangents from zero, exact for a normal Ĝ (Fieller 1954). Where
+        the ellipse of both parts (χ² of two degrees of freedom) holds zero the phase may be any.
+        """
+        half, axes, _ = np.linalg.svd(np.nan_to_num(self.root, posinf=0.0), full_matrices=False)
+        turn = np.linspace(0.0, 2.0 * np.pi, ROUND)
+        circle = np.array([np.cos(turn), np.sin(turn)])[: axes.shape[1]]
+        x, y = np.moveaxis(half @ (axes[:, :, None] * NORMAL * circle), 1, 0)
+        points = self.response[:, None] + x + 1j * y
+        size, angle = np.abs(points), np.angle(points / self.response[:, None])
+        g = np.stack([self.response.real, self.response.imag], axis=1)
+        axes = np.maximum(axes, 1e-9 * axes[:, :1] + 1e-300)
+        beside = np.einsum("nik,ni->nk", half, g) / axes
+        zero = np.sum(beside**2, axis=1) <= CHI_SQUARED
+        gap = np.where(np.isfinite(self.root).all(axis=(1, 2)), 0.0, np.inf)
+        low, high = np.where(zero, 0.0, size.min(axis=1)), size.max(axis=1)
+        back = np.where(zero, -np.pi, angle.min(axis=1))
+        ahead = np.where(zero, np.pi, angle.max(axis=1))
+        phase = self.phase
+        return (low - gap, high + gap), (phase + back - gap, phase + ahead + gap)
 
     @property
     def phase(self) -> Array:

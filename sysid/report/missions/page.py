@@ -11,6 +11,7 @@ from sysid.report.missions.runs_drawing import bar_edges
 from sysid.report.missions.scene import circle
 from sysid.report.missions.shown import ShownRuns, scene_of
 from sysid.report.missions.tube import tube
+from sysid.report.movement import Mover, mover
 from sysid.report.page import Check, Page, Section
 from sysid.report.panels import Curve, Kind, Panel
 from sysid.robot.mission.clearance import has_surfaces, point_clearance
@@ -122,8 +123,12 @@ def _way(mission: Mission, result: MissionResult, runs: ShownRuns | None) -> tup
     curves.append(Curve("path", log["x"], log["y"]))
     t = log["t"]
     gap = np.hypot(log["x"] - mission.goal[0], log["y"] - mission.goal[1])
+    wide = max(
+        float(np.ptp(np.concatenate(v))) for v in ([c.x for c in curves], [c.y for c in curves])
+    )
     panels = [
-        Panel("way", "Way", "x [m]", "y [m]", tuple(curves), equal=True, note=note, large=True),
+        Panel("way", "Way", "x [m]", "y [m]", tuple(curves), equal=True, note=note, large=True,
+              movers=_movers(mission, result, wide)),
         Panel("goal", "Distance to the goal", "time [s]", "[m]", (Curve("", t, gap),),
               rules=(mission.tolerance,)),
     ]  # fmt: skip
@@ -133,6 +138,19 @@ def _way(mission: Mission, result: MissionResult, runs: ShownRuns | None) -> tup
         panels.append(Panel("clearance", "Clearance of the centre", "time [s]", "[m]",
                             (Curve("", t, clear),), rules=(0.0,)))  # fmt: skip
     return tuple(panels)
+
+
+def _movers(mission: Mission, result: MissionResult, wide: float) -> tuple[Mover, ...]:
+    """The robot as an arrowhead, and the obstacles that move."""
+    t, x, y, psi = (result.log[n] for n in ("t", "x", "y", "psi"))
+    head = wide * np.array([[0.028, 0.0], [-0.018, 0.016], [-0.010, 0.0], [-0.018, -0.016]])
+    movers = [mover(t, x, y, np.unwrap(psi), head)]
+    ends = np.array([t[0], t[-1]])
+    for o in scene_of(mission, result.time_s).obstacles:
+        if any(o.moved):
+            x, y = (at + np.array([0.0, by]) for at, by in zip((o.x, o.y), o.moved, strict=True))
+            movers.append(mover(ends, x, y, np.zeros(2), _round(0.0, 0.0, o.radius), GREY))
+    return tuple(movers)
 
 
 def _scene(mission: Mission, seconds: float) -> list[Curve]:
