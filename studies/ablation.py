@@ -2,7 +2,8 @@
 
 A rule is left out only where it acted; elsewhere the answer is the same without it. The page counts
 for each how often it acted, how often the answer changed without it, and how many right names were
-lost and wrong ones came up. What changes nothing is a candidate for deletion.
+lost and wrong ones came up. What changes nothing is a candidate for deletion. The measured records
+of ``real_diagnose`` are asked, too, where they are.
 
     python -m studies.ablation [--runs N] [--results FILE]
 """
@@ -23,6 +24,8 @@ from sysid_datasets.physics.logs import make, write
 from sysid_datasets.physics.suites import case
 
 from studies.physics_diagnose import diagnose
+from studies.real_diagnose import CASES, OF_SAMPLES, Case, diagnosed
+from studies.records import data_folder
 from sysid.diagnosis import diagnose as whole
 from sysid.diagnosis.rules import ledger
 from sysid.diagnosis.search import forward_selection, moves
@@ -173,34 +176,42 @@ def answers(suite: str, seed: int) -> dict[str, Any]:
         logs = Path(folder) / "est.csv", Path(folder) / "val.csv"
         told.unlink()
 
-        def named() -> list[list[str]]:
-            found = diagnose(*logs, made.rig.lengths)["effects"]
-            return [sorted((e["id"], *e["indistinguishable"])) for e in found]
-
-        acted: Counter[str] = Counter()
-        with watched(acted):
-            names = named()
-        without = {}
-        for name, times in acted.items():
-            if times:
-                with left_out(name):
-                    without[name] = named()
+        run = _asked(lambda: _names(diagnose(*logs, made.rig.lengths)))
     truth = sorted({h.id for h in made.hidden})
     also = {a for h in made.hidden for a in getattr(h, "also", ())}
-    return {
-        "key": f"{suite} {seed}",
-        "truth": truth,
-        "also": sorted(also),
-        "names": names,
-        "acted": dict(acted),
-        "without": without,
-    }
+    return {"key": f"{suite} {seed}", "truth": truth, "also": sorted(also), **run}
+
+
+def of_record(case: Case, folder: Path) -> dict[str, Any]:
+    """The same for a measured record; of several names that are right each is enough."""
+    run = _asked(lambda: [sorted(n.split("=")) for n in diagnosed(case, folder).named])
+    also = sorted(case.may.union(OF_SAMPLES))
+    truth = ["=".join(sorted(m)) for m in case.must]
+    return {"key": f"measured {case.name}", "truth": truth, "also": also, **run}
+
+
+def _names(answer: Mapping[str, Any]) -> list[list[str]]:
+    return [sorted((e["id"], *e["indistinguishable"])) for e in answer["effects"]]
+
+
+def _asked(named: Callable[[], list[list[str]]]) -> dict[str, Any]:
+    """Names with everything, what acted, and the names without each thing that did."""
+    acted: Counter[str] = Counter()
+    with watched(acted):
+        names = named()
+    without = {}
+    for name, times in acted.items():
+        if times:
+            with left_out(name):
+                without[name] = named()
+    return {"names": names, "acted": dict(acted), "without": without}
 
 
 def marks(names: list[list[str]], run: Mapping[str, Any]) -> tuple[int, int]:
     """(right names, wrong names)."""
-    known = {*run["truth"], *run["also"]}
-    right = sum(any(t in entry for entry in names) for t in run["truth"])
+    asked = [set(t.split("=")) for t in run["truth"]]
+    known = set(run["also"]).union(*asked)
+    right = sum(any(t.intersection(entry) for entry in names) for t in asked)
     return right, sum(not known & set(entry) for entry in names)
 
 
@@ -232,14 +243,21 @@ def page(runs: list[dict[str, Any]]) -> str:
         [
             "# What each rule of a diagnosis is worth",
             "",
-            f"Physics twin, development seeds from {FIRST} on: {said}. Each rule and move is left",
-            "out where it acted. Counts are runs (acted in, changed) and names (the others).",
+            f"Physics twin, development seeds from {FIRST} on, and measured records: {said}. Each",
+            "rule and move is left out where it acted. Counts are runs (acted in, changed) and",
+            "names (the others).",
             "",
             table(heads, rows, "lrrrrrr"),
             "",
             foot("python -m studies.ablation"),
         ]
     )
+
+
+def _keep(kept: Path | None, run: Mapping[str, Any]) -> None:
+    if kept:
+        with kept.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(run) + "\n")
 
 
 def main() -> None:
@@ -261,9 +279,12 @@ def main() -> None:
         for suite, n in counts.items():
             if k < n and f"{suite} {FIRST + k}" not in known:
                 done.append(answers(suite, FIRST + k))
-                if kept:
-                    with kept.open("a", encoding="utf-8") as file:
-                        file.write(json.dumps(done[-1]) + "\n")
+                _keep(kept, done[-1])
+    data = data_folder()
+    for measured in CASES:
+        if data is not None and f"measured {measured.name}" not in known:
+            done.append(of_record(measured, data))
+            _keep(kept, done[-1])
     asked.o.write_text(page(done) + "\n", encoding="utf-8")
 
 

@@ -11,7 +11,6 @@ from sysid.data.record import Array
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.gap import Gap, measure_gap
 from sysid.diagnosis.policies import RULE, VERDICT
-from sysid.diagnosis.rules.linear_motion import LinearRival, linear_rival
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.search.selection import (
     CandidateModel,
@@ -21,6 +20,7 @@ from sysid.diagnosis.search.selection import (
 from sysid.diagnosis.shapes.fitted import FittedShape
 from sysid.diagnosis.shapes.grading import FoundShape, proven, shapes_around
 from sysid.diagnosis.validation.jitter import Jitter, detect_jitter, rows_without_jitter
+from sysid.diagnosis.validation.linear_rival import LinearRival, linear_rival
 from sysid.diagnosis.validation.model_error import (
     MIN_SAMPLES,
     ResidualStructure,

@@ -1,11 +1,11 @@
 """A shape without physics, at another place or of time, that explains more than a name."""
 
 from sysid.diagnosis.diagnosis import RejectedEffect
-from sysid.diagnosis.rules.linear_motion import linear_motion
 from sysid.diagnosis.search.selection import Selection
 from sysid.diagnosis.session import DiagnosisSession
 from sysid.diagnosis.shapes.grading import better_shape
 from sysid.diagnosis.shapes.linear import LINEAR_MODE
+from sysid.diagnosis.validation.linear_rival import linear_motion
 
 
 def shape_instead(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:

@@ -5,7 +5,6 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from sysid.diagnosis.diagnosis import RejectedEffect
-from sysid.diagnosis.rules.behind_linear_motion import behind_linear_motion
 from sysid.diagnosis.rules.better_shape import shape_instead
 from sysid.diagnosis.rules.final_model import measured, weakest
 from sysid.diagnosis.rules.outside_catalogue import outside_catalogue
@@ -22,7 +21,6 @@ BEFORE_INTERVALS: Mapping[str, Objection] = MappingProxyType({"better-shape": sh
 OBJECTIONS: Mapping[str, Objection] = MappingProxyType(
     {
         "final-model": lambda session, selection: weakest(session.base, selection),
-        "linear-motion": behind_linear_motion,
         "too-few-samples": too_few_samples,
         "outside-catalogue": outside_catalogue,
     }

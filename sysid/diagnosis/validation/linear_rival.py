@@ -1,8 +1,8 @@
 """The linear rival of a nonlinear effect: a linear model of higher order than the base.
 
 A spring, an elastic part or creep adds a pole and a zero. A base without them leaves errors of
-which some nonlinear law always takes a part. So selected effects must explain the held-out data at
-least as well as a linear model of higher order from the track's own command, y = B(q)/F(q) u.
+which some nonlinear law always takes a part. What a linear model of higher order from the track's
+own command, y = B(q)/F(q) u, explains of what is left is said beside the answer.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.base_model import Base
-from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.effects.catalogue import about
@@ -75,29 +74,6 @@ def linear_motion(base: Base, selection: Selection, named: SelectedEffect) -> bo
     if not e.laws or e not in model.effects:
         return superposes(e)
     return superposes(e, frozenset(model.chosen(e, selection.final.q).items()))
-
-
-def worse_than_rival(base: Base, rival: LinearRival, selection: Selection) -> RejectedEffect | None:
-    """The weakest accepted effect that is not linear and explains less than linear motion does.
-
-    A linear effect is a case of that motion, however little its law fits.
-    """
-    better = rival.better(selection)
-    failed = [
-        n
-        for n in selection.selected
-        if n.touched.any() and better[n.touched].all() and not linear_motion(base, selection, n)
-    ]
-    if not failed:
-        return None
-    named = max(failed, key=lambda n: n.evidence.delta_bic)
-    at = int(np.argmax(named.touched))
-    after = float(np.sqrt(selection.final.errors.mean_squares()[1][at]))
-    return RejectedEffect(
-        named.id,
-        f"a linear model of order {rival.orders[at]} explains the log better (held-out error "
-        f"{rival.rmse[at]:.3g} against {after:.3g})",
-    )
 
 
 def linear_rival(base: Base) -> LinearRival:
