@@ -88,3 +88,17 @@ def test_prose_breaks_between_words_and_numbers_keep_their_intervals(
     assert all(word == "word-with-hyphens" for line in lines[:3] for word in line.split())
     assert "1.25 ± 0.15, 3.75 ± 0.25," in lines[4]
     assert "5.55 ± 0.75" in lines[5]
+
+
+def test_a_long_name_breaks_before_a_number_is_cut(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    name = "field.cmd.linear.x → field.odom.twist.linear.x"
+    numbers = ["0.9492 ± 0.0026", "0.3975 ± 0.0031", "1.56 s"]
+    answer = Answer()
+    answer.table(["oe", "gain", "time constants [s]", "2 % settling"], [[name, *numbers]])
+    answer.print()
+    out = capsys.readouterr().out
+    assert all(n in out for n in numbers)
+    assert all(part in out for part in name.split(" → "))
