@@ -101,28 +101,25 @@ class Answer:
 
 
 def _columns(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
-    """The lines of a table without a frame; a long name breaks before a number is cut."""
+    """The lines of a table without a frame."""
     from rich.table import Table
     from rich.text import Text
 
     drawn = Table(box=None, padding=(0, 2, 0, 0), header_style="bold", pad_edge=False)
-    cells = [[Text("–" if c is None else _joined(_shown(str(c)))) for c in row] for row in rows]
-    others = sum(max((len(row[k]) for row in cells), default=0) + 2 for k in range(1, len(heads)))
-    room = max(width() - others, NARROWEST // 2)
     for k, head in enumerate(heads):
         numeric = all(_numeric(row[k]) for row in rows)
         side: Literal["left", "right"] = "right" if numeric else "left"
-        breaks = k == 0 and any(len(row[0]) > room for row in cells)
+        first = k == 0 and max(len(str(row[0])) for row in rows) <= LONG_NAME
         drawn.add_column(
-            Text(_shown(head)),
-            justify=side,
-            no_wrap=numeric or (k == 0 and not breaks),
-            max_width=room if breaks else None,
+            Text(_shown(head)), justify=side, overflow="fold", no_wrap=numeric or first
         )
-    for row in cells:
-        drawn.add_row(*row)
+    for row in rows:
+        drawn.add_row(*(Text("–" if c is None else _joined(_shown(str(c)))) for c in row))
     return [line.replace(_JOIN, " ") for line in _drawn(drawn)]
 
+
+LONG_NAME = 34
+"""Letters of a first column beyond which it is wrapped, so that the figures beside it are whole."""
 
 _JOIN = "\ue000"
 """Stands for a space at which a cell is not broken; no text holds it."""

@@ -24,7 +24,12 @@ class Command(TyperCommand):
     """A command whose errors name its own options, and which asks what a log leaves open."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Keep the words of the line, so that an error can say it with more options."""
+        """Keep the words of the line, so that an error can say it with more options.
+
+        A command without a workspace takes ``-w`` all the same: lines of a script may be alike.
+        """
+        if not any("--workspace" in p.opts for p in self.params):
+            args = _without_workspace(args)
         ctx.meta["sysid.words"] = list(args)
         return super().parse_args(ctx, args)
 
@@ -85,6 +90,20 @@ class Group(TyperGroup):
             _records(formatter, "Options", records)
         if self.epilog:
             _paragraphs(formatter, self.epilog)
+
+
+def _without_workspace(words: list[str]) -> list[str]:
+    kept: list[str] = []
+    rest = iter(words)
+    for word in rest:
+        if word == "--":
+            return [*kept, word, *rest]
+        if word in ("-w", "--workspace"):
+            if next(rest, None) is None:
+                kept.append(word)
+        elif not word.startswith(("-w", "--workspace=")):
+            kept.append(word)
+    return kept
 
 
 def _name(parameter: Any) -> str:

@@ -1,5 +1,6 @@
 """``sysid fit``: fit, validate and rank models of a log, and store them in the workspace."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from sysid.data.record import Record
     from sysid.estimation.assessment.findings import Policy
     from sysid.estimation.identify import Identification, Request
+    from sysid.estimation.information.before_fit import Identifiability
     from sysid.fitting.options import FitOptions
 
 
@@ -97,22 +99,28 @@ def fit(
         followed: Followed | None = None
         notes: tuple[str, ...] = ()
         records: tuple[Any, ...] = ()
+        apart: Mapping[str, Identifiability] = {}
         if how.follow:
             check_alone(validation, steps)
             followed = follow(logs, how, request, read, store, stop, quiet=json)
             identification, records = followed.found, followed.records
         else:
-            identification, notes, records = _identify(logs, validation or [], read, steps, request)
+            identification, notes, records, apart = _identify(
+                logs, validation or [], read, steps, request
+            )
         stored = _stored(store, identification, validation or logs)
     offsets = identification.assessments[0].model.operating_point.decision
     read_as = decided(records, offsets)
     if json:
-        _document(stored, identification, followed, read_as)
+        _document(stored, identification, followed, read_as, apart)
     else:
         page = _page(store, stored[0], identification)
-        show(stored, identification, read_as, {"Page": page}, notes)
+        said = [s for told in apart.values() for s in told.sentences]
+        show(stored, identification, read_as, {"Page": page}, notes, said)
         if full:
             render.reading(notes)
+            for name, told in apart.items():
+                render.say(f"Before the fit, {name}: {told.words}")
             show_model(stored[0])
 
 
@@ -150,8 +158,9 @@ def _identify(
     read: "ReadOptions",
     steps: "Preparation",
     request: "Request",
-) -> "tuple[Identification, tuple[str, ...], tuple[Record, ...]]":
-    """The fitted models, notes on how the logs were read, and the records of all.
+) -> "tuple[Identification, tuple[str, ...], tuple[Record, ...], Mapping[str, Identifiability]]":
+    """The fitted models, notes on how the logs were read, the records of all, and what each grey
+    box could tell apart, which is said before time is spent.
 
     Notes are only shown; a finding that needs an action is a warning, which the models store.
     """
@@ -162,12 +171,16 @@ def _identify(
     from sysid.data.reading.blocks import large_log
     from sysid.estimation.all_rows import on_all_rows
     from sysid.estimation.identify import identify
+    from sysid.estimation.information.before_fit import before_request
 
     records, findings = read_prepared(logs, read, steps)
     validation, validation_findings = (
         read_prepared(val, read, steps, records[0].dt) if val else ((), ())
     )
     require_usable(records)
+    apart = before_request(records, request)
+    for told in apart.values():
+        render.cautions(told.sentences)
     with render.progress("Fitting", total=1000) as tick:
         done = 0
 
@@ -184,7 +197,7 @@ def _identify(
             facts = LogFacts(records, findings)
             identification = on_all_rows(identification, facts, request, large)
     said = notes((*findings, *validation_findings))
-    return identification, said, (*records, *validation)
+    return identification, said, (*records, *validation), apart
 
 
 def _document(
@@ -192,6 +205,7 @@ def _document(
     identification: "Identification",
     followed: Followed | None,
     read_as: list[dict[str, str]],
+    apart: "Mapping[str, Identifiability]",
 ) -> None:
     models = [{"model": s.id, "path": str(s.path), **s.report} for s in stored]
     document: dict[str, Any] = dict(models[0])
@@ -199,6 +213,8 @@ def _document(
     document["failed"] = dict(identification.failed)
     document["models"] = models
     document["read_as"] = read_as
+    if apart:
+        document["before_fit"] = {name: told.to_json() for name, told in apart.items()}
     if followed is not None:
         document["live"] = followed.state.to_json() | {"log": str(followed.log)}
     render.document(document)

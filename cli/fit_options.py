@@ -110,7 +110,8 @@ class Fitting:
     stable: bool = _fitting_more(None, "Restrict the search to stable models.", default=False)
     method: str = _fitting_more(
         "NAME",
-        "Search direction: levenberg-marquardt, gauss-newton or gradient; iv4: arx by instruments.",
+        "Search direction: levenberg-marquardt, gauss-newton or gradient; instrumental variables: "
+        "iv4 (arx), sriv (oe, tf).",
         default="levenberg-marquardt",
         parse=str.lower,
     )

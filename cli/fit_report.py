@@ -24,8 +24,13 @@ def show(
     read_as: Sequence[dict[str, str]],
     pictures: Mapping[str, Path | None],
     reading: Sequence[str] = (),
+    said: Sequence[str] = (),
 ) -> None:
-    """Print how the logs were read, the ranking, what the best model does, and what to do next."""
+    """Print how the logs were read, the ranking, what the best model does, and what to do next.
+
+    Args:
+        said: warnings that were shown before the fit.
+    """
     best, id = identification.assessments[0], stored[0].id
     paths = {word: path for word, path in pictures.items() if path is not None}
     answer = Answer(ending=2 + len(paths))
@@ -38,7 +43,7 @@ def show(
     if answer.room > 3:
         answer.say(best.model.operating_point_sentence(), "", 1)
     failed = [f"{n} could not be fitted: {why}" for n, why in identification.failed.items()]
-    answer.cautions([*failed, *best.warnings], "sysid show")
+    answer.cautions([*failed, *(w for w in best.warnings if w not in said)], "sysid show")
     answer.say(f"Saved {id}. Details: sysid show", "", 1)
     for word, path in paths.items():
         answer.say(f"{word}: {path}", "", 1)

@@ -121,6 +121,7 @@ def _show(
     ends: dict[str, tuple[float | None, float | None]],
 ) -> None:
     from sysid.estimation.information.profiles import interval_words
+    from sysid.estimation.information.sensitivity import hidden_words, rank_words
 
     rows = []
     for p in found.parameters:
@@ -132,14 +133,9 @@ def _show(
         rows.append((p.name, f"{p.value:.5g}", error, relative, p.unit, when, linked))
     heads = ("parameter", "value", "± 95 %", "relative", "unit", "80 % of it within", "verdict")
     render.table(heads, rows)
-    render.say(
-        f"Rank {found.rank} of {found.count} unknowns (initial states included), condition "
-        f"{found.condition:.3g}."
-    )
+    render.say(rank_words(found.rank, found.count, found.condition))
     for direction in found.null:
-        one = len(direction) == 1
-        what = "it does not act on this log" if one else "they only show together"
-        render.warn(f"{', '.join(direction)}: {what}.")
+        render.warn(hidden_words(direction))
     for name, e in ends.items():
         render.say(f"Profile of {name}: {interval_words(e)}.")
     for sentence in dict.fromkeys(m.sentence for m in mended):

@@ -1,14 +1,18 @@
 """What feedback does to fits without a noise model, and what two stages do about it.
 
-    python -m studies.closed_loop [--loops 60] [--out FILE]
+    python -m studies.closed_loop [--loops 30] [--out FILE]
 
 Loops by a simulator of its own: a plant of second order, stepped by its matrix exponential; a
 proportional-integral controller of the sampled output; the reference a sequence of levels; the
 disturbance white, or slow (a first-order lag of a third of the plant's). The error is that of the
 plant's frequency response within its bandwidth, against that of the truth.
+
+Further tables: orders that are searched on the inputs as logged and on those of the second stage;
+direct fits and a joint input–output fit of the same loops where no reference is recorded.
 """
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +24,11 @@ import sysid
 from sysid.data.facts import LogFacts
 from sysid.data.record import Record
 from sysid.estimation import pem
+from sysid.estimation.identify import Request, identify
+from sysid.estimation.selection.orders import search_orders
 from sysid.estimation.two_stage import inputs_by_reference
+from sysid.fitting.holdout import hold_out
+from sysid.fitting.options import FitOptions
 from sysid.methods.table import method_of
 
 STRUCTURES: dict[str, tuple[dict[str, Any], dict[str, str]]] = {
@@ -70,16 +78,140 @@ def loop(rng: np.random.Generator, pole: float, n: int) -> tuple[Record, Any]:
     return record, truth
 
 
+W = np.logspace(-1, 0.5, 12)
+"""Frequencies [rad/s] at which a plant is compared with the truth."""
+
+LAGS = 20
+"""Lags of the regression whose errors stand for the reference that nobody recorded."""
+
+SEARCHED = [
+    {"nb": nb, "nf": nf, "nk": 1} for nf in range(1, 5) for nb in range(1, min(nf + 1, 3) + 1)
+]
+
+UNRECORDED: dict[str, tuple[str, str]] = {
+    "oe, direct": ("oe", "nb=2 nf=2 nk=1"),
+    "armax, direct": ("armax", "na=2 nb=2 nc=2 nk=1"),
+    "bj, direct": ("bj", "nb=2 nc=1 nd=1 nf=2 nk=1"),
+    "arx of order 12, direct": ("arx", "na=12 nb=12 nk=1"),
+    "oe, joint input–output": ("oe", "nb=2 nf=2 nk=1"),
+}
+
+
+def size(errors: Any) -> tuple[str, str]:
+    """Bias and root mean square [%] of relative errors, (loops, frequencies)."""
+    bias = np.sqrt(np.mean(np.abs(np.mean(errors, axis=0)) ** 2))
+    return f"{100 * bias:.1f}", f"{100 * np.sqrt(np.mean(np.abs(errors) ** 2)):.1f}"
+
+
+def relative(model: Any, exact: Any) -> Any:
+    """The relative error of a model's response at ``W``."""
+    return (model.bode(W)[1][:, 0, 0] - exact) / np.abs(exact)
+
+
+def joint_records(record: Record) -> tuple[Record, ...] | None:
+    """Inputs by what is new in them beside the outputs: innovations for the reference.
+
+    (y, u) is one time series that the innovations of u and of y drive; what of u follows from its
+    own does not hold the disturbance (Söderström & Stoica 1989, System Identification, §10.5).
+    """
+    u, y, n = record.u[:, 0], record.y[:, 0], len(record)
+    past = [u[LAGS - k : n - k] for k in range(1, LAGS + 1)]
+    past += [y[LAGS - k : n - k] for k in range(LAGS + 1)]
+    X = np.column_stack([*past, np.ones(n - LAGS)])
+    e = np.zeros((n, 1))
+    now = u[LAGS:]
+    e[LAGS:, 0] = now - X @ np.linalg.lstsq(X, now, rcond=None)[0]
+    return inputs_by_reference([replace(record, references=e, reference_names=("new",))])
+
+
+def unseen_reference(seed: int, loops: int, samples: int, pole: float) -> int:
+    """In how many loops feedback is seen without the reference."""
+    count = 0
+    for k in range(loops):
+        record, _ = loop(np.random.default_rng([seed, k]), pole, samples)
+        record = replace(record, references=None, reference_names=())
+        count += LogFacts((record,)).closed_loop
+    return count
+
+
+def unrecorded(seed: int, loops: int, samples: int) -> list[str]:
+    """Rows of a table: plants from loops whose reference nobody recorded."""
+    rows = [
+        "",
+        f"No reference recorded, {loops} loops a row (seed {seed}): direct fits, and one to the"
+        " part of the input that follows from its own innovations (joint input–output).",
+        "",
+        "| fit | bias, white | error, white | bias, slow | error, slow |",
+        "|---|---|---|---|---|",
+    ]
+    cells: dict[str, list[str]] = {way: [] for way in UNRECORDED}
+    seen = []
+    for pole in DISTURBANCES.values():
+        seen.append(unseen_reference(seed, loops, samples, pole))
+        errors: dict[str, list[Any]] = {way: [] for way in UNRECORDED}
+        for k in range(loops):
+            record, truth = loop(np.random.default_rng([seed, k]), pole, samples)
+            record = replace(record, references=None, reference_names=())
+            for way, (name, orders) in UNRECORDED.items():
+                records = joint_records(record) if "joint" in way else (record,)
+                assert records is not None
+                made = sysid.structure(record, name, orders)
+                model = pem.fit(made, records, solver=method_of(made).fit)
+                errors[way].append(relative(model, truth(W)))
+        for way, found in errors.items():
+            cells[way] += size(np.array(found))
+    rows += [f"| {way} | {' | '.join(found)} |" for way, found in cells.items()]
+    *others, joint = ([float(found[1]), float(found[3])] for found in cells.values())
+    worse = all(joint[k] > min(o[k] for o in others) for k in (0, 1))
+    rows += [
+        "",
+        "The joint fit errs more than the best direct one under either disturbance: sysid has none."
+        if worse
+        else "The joint fit errs less than all direct ones somewhere.",
+        "",
+        f"Without the reference feedback is seen in {seen[0]} of {loops} loops with the white"
+        f" disturbance and in {seen[1]} with the slow one, whose innovations are small beside what"
+        " the reference does to the input. Where it is not seen nothing warns of the bias of `oe`.",
+    ]
+    print("\n".join(rows), flush=True)
+    return rows
+
+
+def searched_orders(seed: int, loops: int, samples: int) -> list[str]:
+    """Rows of a table: ``oe``, its orders searched on inputs as logged or as replaced."""
+    rows = [
+        "",
+        f"Orders of `oe` searched (one to four poles; the truth has two), slow disturbance, {loops}"
+        f" loops (seed {seed}), fitted in two stages:",
+        "",
+        "| searched on | two poles found | bias | error |",
+        "|---|---|---|---|",
+    ]
+    found: dict[str, list[Any]] = {"the input as logged": [], "what follows from the reference": []}
+    poles: dict[str, int] = dict.fromkeys(found, 0)
+    for k in range(loops):
+        record, truth = loop(np.random.default_rng([seed, k]), DISTURBANCES["slow"], samples)
+        logged = search_orders("oe", SEARCHED, hold_out([record]), FitOptions()).best.orders
+        request = Request(structures=("oe",), orders="nb=1:3 nf=1:4 nk=1")
+        models = (
+            sysid.fit(record, "oe", logged),
+            identify([record], (), request).assessments[0].model,
+        )
+        for way, model in zip(found, models, strict=True):
+            found[way].append(relative(model, truth(W)))
+            poles[way] += model.structure.order_values()["nf"] == 2
+    for way, errors in found.items():
+        bias, error = size(np.array(errors))
+        rows.append(f"| {way} | {poles[way]} of {loops} | {bias} | {error} |")
+    print("\n".join(rows), flush=True)
+    return rows
+
+
 def errors_of(record: Record, truth: Any, name: str) -> dict[str, Any]:
     """G's error by the direct fit, by two stages and by what ``fit`` chooses, and what it chose."""
     orders, options = STRUCTURES[name]
     made = sysid.structure(record, name, orders, options)
-    w = np.logspace(-1, 0.5, 12)
-    exact = truth(w)
-
-    def relative(model: Any) -> Any:
-        return (model.bode(w)[1][:, 0, 0] - exact) / np.abs(exact)
-
+    exact = truth(W)
     chosen = sysid.fit(record, made)
     direct = pem.fit(made, [record], solver=method_of(made).fit)
     staged = inputs_by_reference([record])
@@ -87,9 +219,9 @@ def errors_of(record: Record, truth: Any, name: str) -> dict[str, Any]:
     second = pem.fit(made, staged, solver=method_of(made).fit)
     switched = any("two stages" in s for s in chosen.warnings)
     return {
-        "direct": relative(direct),
-        "two stages": relative(second),
-        "chosen": relative(chosen),
+        "direct": relative(direct, exact),
+        "two stages": relative(second, exact),
+        "chosen": relative(chosen, exact),
         "switched": switched,
         "seen": LogFacts((record,)).closed_loop,
     }
@@ -137,7 +269,7 @@ def false_alarms(seed: int, logs: int, samples: int = 1500) -> list[str]:
 def main() -> None:
     """Run the study and write its page."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--loops", type=int, default=60)
+    parser.add_argument("--loops", type=int, default=30)
     parser.add_argument("--samples", type=int, default=3000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("reports/closed_loop.md"))
@@ -163,16 +295,20 @@ def main() -> None:
             cells = []
             ways = ("direct", "two stages", "chosen")
             each = {way: np.array([run[way] for run in runs]) for way in ways}
-            cells += [
-                f"{100 * np.sqrt(np.mean(np.abs(e.mean(axis=0)) ** 2)):.1f}" for e in each.values()
-            ]
-            cells += [f"{100 * np.sqrt(np.mean(np.abs(e) ** 2)):.1f}" for e in each.values()]
+            sizes = [size(e) for e in each.values()]
+            cells += [bias for bias, _ in sizes] + [error for _, error in sizes]
             cells += [
                 f"{sum(run[key] for run in runs)} of {len(runs)}" for key in ("seen", "switched")
             ]
             lines.append(f"| {kind} | {name} | " + " | ".join(cells) + " |")
             print(lines[-1], flush=True)
-    lines += false_alarms(given.seed, 2 * given.loops)
+    lines += searched_orders(given.seed, given.loops, given.samples)
+    lines += unrecorded(given.seed, 100, given.samples)
+    lines += [
+        "",
+        "Loops of seeds 0 and 7 were looked at while this was made; these are others.",
+        *false_alarms(given.seed, 2 * given.loops),
+    ]
     text = "\n".join(lines) + "\n"
     given.out.write_text(text, encoding="utf-8")
 

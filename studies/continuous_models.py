@@ -94,9 +94,6 @@ def main() -> None:
         made = sysid.structure(record, "process", {}, {"type": kind})
         model = sysid.fit(record, made)
         found = {p.name: p for p in model.parameter_table()}
-        if "T2" in found:  # which of them is called T1 is the fit's choice
-            pair = sorted((found["T1"], found["T2"]), key=lambda p: -p.value)
-            found["T1"], found["T2"] = pair
         far = 0.0
         for name in KINDS[kind]:
             p = found[name]

@@ -38,7 +38,6 @@ class Following:
     )
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
         given = (("--for", self.seconds), ("--idle", self.idle), ("--every", self.every))
         for name, value in given:
             if value is not None and not (math.isfinite(value) and value > 0.0):

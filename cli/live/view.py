@@ -132,12 +132,10 @@ class View:
             yield self
 
     def waiting(self) -> None:
-        """Nothing has come so far."""
         if not self._quiet:
             render.warn(f"Waiting for {self._where} (Ctrl-C ends).")
 
     def state(self, state: "LiveState", units: dict[str, str]) -> None:
-        """A new state."""
         if self._quiet:
             return
         if self._draw is not None:

@@ -1,6 +1,6 @@
 """``sysid localize``: a robot's path from a log of its sensors."""
 
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,13 +16,14 @@ if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
 
 
-def _columns(given: Sequence[str]) -> dict[str, str]:
-    return pairs(given, "--sensor", "NAME=COLUMN, as gyro_z=imu_wz", str)
-
-
 def sensor_option(help: str) -> Any:
     """The option that says which column is which measurement."""
-    return option("NAME=COLUMN", help, parse=_columns, kind=list[str] | None)
+    return option(
+        "NAME=COLUMN",
+        help,
+        parse=partial(pairs, option="--sensor", advice="NAME=COLUMN, as gyro_z=imu_wz", read=str),
+        kind=list[str] | None,
+    )
 
 
 def sensor_reading() -> Any:

@@ -21,10 +21,6 @@ if TYPE_CHECKING:
     from sysid.workspace.store import Workspace
 
 
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(","))
-
-
 @dataclass(frozen=True)
 class Repeats:
     """How often a mission is driven, and what differs from run to run.
@@ -47,7 +43,7 @@ class Repeats:
         "LIST",
         "Quantities that vary; parameters, noise, start, obstacles, friction, soil, mass, models "
         "[as the mission says].",
-        parse=_names,
+        parse=lambda text: tuple(name.strip() for name in text.split(",")),
         kind=str | None,
     )
     scheduler: str | None = option(
@@ -60,7 +56,6 @@ class Repeats:
     )
 
     def __post_init__(self) -> None:
-        """Refuse options that belong to others."""
         if self.vary is not None and (self.runs, self.seed, self.measured) == (None,) * 3:
             raise UsageError("--vary belongs to --runs, or to the --seed of one run; add one")
         if self.scheduler is not None and self.runs is None:

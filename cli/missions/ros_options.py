@@ -43,7 +43,6 @@ class Topic:
     wait: float | None = _node("S", f"Time to wait for the other node [{WAIT:g}].")
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
         if self.topic_level not in (None, *LEVELS):
             raise UsageError(
                 f"--topic-level {self.topic_level} is unknown; choose {' or '.join(LEVELS)}"
@@ -75,7 +74,6 @@ class OverRos(Topic):
     ros: bool = _node(None, "Guide the robot of another node of ROS 1.", default=False)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
         Topic.__post_init__(self)
         for name in changed(self):
             if not self.ros:

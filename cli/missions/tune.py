@@ -11,13 +11,13 @@ from sysid.workspace.store import Workspace
 from .. import reading, render, targets
 from ..mission_options import accept_changes as changes_accepted
 from ..options import argument, command, group, option
-from .filter_tuning import tune_filter
 from .law_options import LawChoice
 from .localize import sensor_option, sensor_reading
 from .simulate import load_plant
 
 if TYPE_CHECKING:
     from sysid.data.reading.read_options import ReadOptions
+    from sysid.robot.mission.tuning.filter_noise import FilterTuning
     from sysid.robot.mission.tuning.tuned import GainSet, Tuning
 
 
@@ -94,7 +94,7 @@ def tune(
         for name, value in unused:
             if value is not None:
                 raise UsageError(f"--noise-from tunes a filter; omit --{name}")
-        tune_filter(mission, noise_from, sensor or {}, read, files.output, json)
+        _tune_filter(mission, noise_from, sensor or {}, read, files.output, json)
         return
     if sensor or read != ReadOptions():
         raise UsageError("options that read a log belong to --noise-from LOG")
@@ -123,11 +123,18 @@ def _show(name: str, tuning: "Tuning", facts: dict[str, Any]) -> None:
     ]
     plants = f", worst of {tuning.plants} plants" if tuning.plants > 1 else ""
     headings = ("set", *(words for words, *_ in _COLUMNS))
-    render.table(headings, rows, title=f"{name}: gains{plants}", caption=_caption(tuning))
-    axes = [f"margins, {axis}" for axis in tuning.best.margins]
-    render.table(
-        ("set", "gains", *axes), [(words, _gains(s), *_margins(s)) for words, s in sets.items()]
+    caption = (
+        f"V to {tuning.test.speed:.3g} m/s, ψ by 60° and back to -60°; off: steady-state error; "
+        "effort: ∫(V_cmd² + ψ_cmd²) dt; –: never; "
+        f"--json has all {len(tuning.front)} sets to choose from"
     )
+    render.table(headings, rows, title=f"{name}: gains{plants}", caption=caption)
+    axes = [f"margins, {axis}" for axis in tuning.best.margins]
+    rows = [
+        (words, ", ".join(f"{n} {value:g}" for n, value in s.gains.items()), *_margins(s))
+        for words, s in sets.items()
+    ]
+    render.table(("set", "gains", *axes), rows)
     render.say(tuning.sentence)
     render.cautions(facts["warnings"])
     render.files(facts, output="Mission", plot="Picture")
@@ -162,18 +169,6 @@ def _number(value: float | None, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
 
 
-def _caption(tuning: "Tuning") -> str:
-    test = tuning.test
-    return (
-        f"V to {test.speed:.3g} m/s, ψ by 60° and back to -60°; off: steady-state error; effort: "
-        f"∫(V_cmd² + ψ_cmd²) dt; –: never; --json has all {len(tuning.front)} sets to choose from"
-    )
-
-
-def _gains(chosen: "GainSet") -> str:
-    return ", ".join(f"{name} {value:g}" for name, value in chosen.gains.items())
-
-
 def _margins(chosen: "GainSet") -> list[str]:
     """Gain and phase margin of each axis."""
     return [
@@ -186,3 +181,58 @@ def _margins(chosen: "GainSet") -> list[str]:
 
 def _or_any(form: str, margin: float) -> str:
     return "any" if isinf(margin) else form.format(margin)
+
+
+def _tune_filter(
+    mission: Path,
+    log: Path,
+    sensors: dict[str, str],
+    read: "ReadOptions",
+    to: Path | None,
+    json: bool,
+) -> None:
+    """Estimate the noise, show it, and write the mission with it where that is asked."""
+    from sysid.robot.mission.spec import load_mission
+    from sysid.robot.mission.tuning.filter_noise import tuned_filter
+    from sysid.robot.mission.tuning.written import write_mission
+
+    given = load_mission(mission)
+    with render.progress(f"Following {log.name}"):
+        tuning = tuned_filter(log, given, sensors, read)
+    facts: dict[str, Any] = tuning.summary()
+    if to is not None:
+        noise = {"q": dict(tuning.q), "r": dict(tuning.r), "gate": tuning.gate}
+        law = type(given.navigation).model_validate(  # type: ignore[attr-defined]
+            {**given.navigation.model_dump(exclude_unset=True), **noise}  # type: ignore[attr-defined]
+        )
+        tuned = given.model_copy(update={"navigation": law})
+        facts["output"] = write_mission(mission, to, tuned, "navigation")
+    render.document(facts) if json else _show_noise(log.name, tuning, facts)
+
+
+def _show_noise(name: str, tuning: "FilterTuning", facts: dict[str, Any]) -> None:
+    rows = [
+        (
+            f"{kind}.{key}",
+            render.number(value, 3),
+            "at its bound" if f"{kind}.{key}" in tuning.at_bound else "",
+        )
+        for kind, values in (("q", tuning.q), ("r", tuning.r))
+        for key, value in values.items()
+    ]
+    render.table(("noise", "value", ""), [*rows, ("gate", render.number(tuning.gate, 4), "")])
+    before, after = facts["consistency"]["before"], facts["consistency"]["after"]
+    pairs = [
+        (key, render.number(before[key], 3), render.number(after[key], 3))
+        for key in ("nis_mean", "nees_mean", "nees_heading_mean")
+        if before.get(key) is not None and after.get(key) is not None
+    ]
+    errors = facts["errors"]
+    pairs += [
+        (key, render.number(value, 3), render.number(errors["after"][key], 3))
+        for key, value in errors["before"].items()
+    ]
+    render.table((name, "before", "after"), pairs)
+    render.say(tuning.sentence)
+    render.cautions(facts["warnings"])
+    render.files(facts, output="Mission")

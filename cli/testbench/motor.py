@@ -1,6 +1,6 @@
 """``sysid bench motor``: the constants of a motor from its experiments."""
 
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +15,9 @@ if TYPE_CHECKING:
 
 
 def _value(text: str) -> tuple[float, float | None]:
+    """``3.1±0.05`` as value and standard error, None without one."""
     value, _, error = text.replace("+-", "±").partition("±")
     return float(value), float(error) if error else None
-
-
-def _known(given: Sequence[str]) -> dict[str, tuple[float, float | None]]:
-    """``R=3.1±0.05`` as value and standard error, None without one."""
-    return pairs(given, "--known", "R=3.1 or R=3.1±0.05", _value)
 
 
 @command
@@ -32,7 +28,7 @@ def motor(
     known: dict[str, tuple[float, float | None]] | None = option(
         "NAME=VALUE",
         "A constant known from elsewhere: R=3.1 or R=3.1±0.05.",
-        parse=_known,
+        parse=partial(pairs, option="--known", advice="R=3.1 or R=3.1±0.05", read=_value),
         kind=list[str] | None,
     ),
     gear: float | None = option("TURNS", "Gear ratio: motor turns per output turn."),

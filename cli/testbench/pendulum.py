@@ -1,8 +1,8 @@
 """``sysid bench pendulum``: the inertia of a body from its swing on a bar."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from sysid.testbench.pendulum.study import PendulumStudy
 
 _hanging = in_panel("The suspended body [the thesis's robot]", advanced=True)
-
-
-def _std_errors(given: Sequence[str]) -> dict[str, float]:
-    return pairs(given, "--std-error", "NAME=VALUE such as l=0.002", float)
 
 
 @dataclass(frozen=True)
@@ -41,7 +37,7 @@ class Hung:
         "Standard error of one of these or of the period; l=0.002, repeat (or a,b) for more "
         "[1 mm, 1 g, 1e-4 kg m², 0.005 m/s², 5 ms].",
         "--std-error",
-        parse=_std_errors,
+        parse=partial(pairs, option="--std-error", advice="NAME=VALUE such as l=0.002", read=float),
     )
 
     def made(self) -> "tuple[Hanging, float | None]":

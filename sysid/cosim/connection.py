@@ -79,7 +79,6 @@ class QueuePort:
         self._out, self._come = out, come
 
     def send(self, message: Message) -> None:
-        """Put it where the other end takes it."""
         self._out.put(message)
 
     def receive(self, patience: float) -> Message:
@@ -97,7 +96,6 @@ class QueuePort:
             ) from None
 
     def poll(self) -> Message | None:
-        """The next message if there is one."""
         try:
             return self._come.get_nowait()
         except queue.Empty:

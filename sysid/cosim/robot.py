@@ -57,7 +57,6 @@ class Pace:
     patience: float = PATIENCE
 
     def __post_init__(self) -> None:
-        """Refuse what is no pace."""
         for name in ("speed", "patience"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -142,7 +141,7 @@ class _OtherHalf:
         begun = time.monotonic()
         for tick in ticks(dt, period):
             if not self._pace.lock_step:
-                wait(begun + tick.t / self._pace.speed - time.monotonic())
+                wait(max(begun + tick.t / self._pace.speed - time.monotonic(), 0.0))
             yield tick
             if self.outcome is not None:
                 return
@@ -189,11 +188,6 @@ class _RobotLoop(Loop):
         return state, row
 
 
-def _sleep(seconds: float) -> None:
-    if seconds > 0.0:
-        time.sleep(seconds)
-
-
 def play_robot(
     mission: Mission,
     plant: SteppablePlant,
@@ -202,7 +196,7 @@ def play_robot(
     level: Level = Level.REFERENCES,
     *,
     seed: int = 0,
-    wait: Callable[[float], None] = _sleep,
+    wait: Callable[[float], None] = time.sleep,
 ) -> MissionResult:
     """Play the robot of a mission for whoever guides it at the other end of a connection.
 

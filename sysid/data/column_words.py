@@ -28,7 +28,8 @@ COMMANDS = word_groups(
     "volt volts voltage spannung",
     "control ctrl effort drive power leistung",
     "rudder ruder ruderwinkel gouvernail steer steering lenkung lenkwinkel heater heizung heat "
-    "chauffage pump pumpe pompe valve ventil vanne fan lüfter relay esc servo damper klappe",
+    "chauffage pump pumpe pompe valve ventil vanne fan lüfter relay esc servo damper klappe "
+    "dosing dosierung",
     "u motor mot",
 )
 """Words of a command, the clearest first: the first group with one of a name's words counts."""
@@ -50,7 +51,7 @@ SPEED_UNITS = frozenset(("rpm", "rad/s", "deg/s", "rev/s", "m/s", "mm/s", "cm/s"
 MEASUREMENTS = word_groups(
     "y out output ausgang measured actual feedback istwert ist messwert pv",
     "temp temperature temperatur température level füllstand fuellstand pegel niveau",
-    "pressure druck pression flow durchfluss débit debit force kraft thrust schub torque "
+    "pressure druck pression ph flow durchfluss débit debit force kraft thrust schub torque "
     "drehmoment",
     "position pos angle winkel displacement weg theta phi abstand",
     "yawrate gyro gyr gierrate drehrate",
@@ -58,6 +59,9 @@ MEASUREMENTS = word_groups(
     "enc encoder ticks counts",
 )
 """Words of other measurements, in the same way."""
+
+VECTORS = word_set("acc accel acceleration gyro gyr mag magnetometer imu wind")
+"""Words of what has axes: a letter beside them is one of these (``AccY``), no output."""
 
 PROCESS_MEASUREMENTS = MEASUREMENTS[1:3]
 """Words of measurements that are not of motion."""
@@ -69,6 +73,12 @@ RESULT_UNITS = PROCESS_UNITS | word_set(
     "rad deg rev m cm mm um kPa hPa MPa mbar bar psi kg g kN m/s^2 m/s2 degF °F pH ppm lux lx"
 )
 """Units of what a sensor reads; those of commands and drives (V, A, Hz, Nm, %) are none."""
+
+DRIVE_UNITS = word_set("V mV")
+"""Units of what drives a plant where the name says nothing: ``armature [V]`` beside a speed."""
+
+AMBIENT = word_set("outdoor outside ambient outdoors surroundings aussen außen umgebung")
+"""Words of what surrounds a plant: last among its outputs."""
 
 _FLOW = re.compile(r"(t|kg|g|l|ml|gal|m\^?3|cm\^?3|m³)/(s|sec|min|h|hr)", re.I)
 
@@ -159,7 +169,7 @@ def meaning(name: str, unit: str = "") -> Meaning:
     for a command where nothing else is said (``motor_speed`` and ``Motor [rpm]`` are speeds).
     """
     base, unit = _base_and_unit(name, unit)
-    parts = words(base)
+    parts = _without_axis(words(base))
     side = next((SIDES[w] for w in parts if w in SIDES), "")
     if REFERENCES & set(parts) or is_set_point(base):
         return Meaning("reference", 0, side)
@@ -243,7 +253,13 @@ def may_drive(name: str, unit: str = "") -> bool:
     meant = meaning(name, unit)
     base, unit = _base_and_unit(name, unit)
     named = bool(DRIVES & {*words(base), unit.lower()})
+    named = named or (meant.quantity == "other" and unit in DRIVE_UNITS)
     return named and meant.quantity in ("measurement", "other")
+
+
+def is_ambient(name: str) -> bool:
+    """Whether a name is of what surrounds the plant, a disturbance rather than an output."""
+    return any(w in AMBIENT or w.startswith(("aussen", "außen", "umgebung")) for w in words(name))
 
 
 def ends_in_speed(name: str, meant: Meaning) -> bool:
@@ -256,6 +272,10 @@ def has_result_unit(name: str, unit: str = "") -> bool:
     """Whether the unit is of what a sensor reads, whatever the name says: ``Sway (deg)``."""
     unit = _base_and_unit(name, unit)[1]
     return unit in RESULT_UNITS or unit in SPEED_UNITS or bool(_FLOW.fullmatch(unit))
+
+
+def _without_axis(parts: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(w for w in parts if w != "y") if VECTORS & {*parts} else parts
 
 
 def _base_and_unit(name: str, unit: str) -> tuple[str, str]:

@@ -23,7 +23,6 @@ class Severity(IntEnum):
         return self.name.lower()
 
     def to_json(self) -> str:
-        """Its word."""
         return self.word
 
 
@@ -49,7 +48,6 @@ class Finding:
 
     @property
     def text(self) -> str:
-        """Sentence and advice in one string."""
         return f"{self.sentence} {self.advice}".strip()
 
 

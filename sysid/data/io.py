@@ -23,10 +23,10 @@ from sysid.data.reading.pose_reading import pose_in_si, usable_pose
 from sysid.data.reading.read_options import ReadOptions
 from sysid.data.reading.row_times import (
     ColumnReader,
-    moving_clocks,
     numbered_clock,
     row_times,
     signal_reader,
+    still_clock_advice,
 )
 from sysid.data.reading.stale import at_sensor_rate, slow_sensors
 from sysid.data.reading.table import Table
@@ -64,7 +64,6 @@ class LogFile:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The findings as sentences."""
         return tuple(f.text for f in self.findings)
 
 
@@ -121,14 +120,13 @@ def read_files(
         replace(
             log,
             records=tuple(next(at) for _ in log.records),
-            findings=(*log.findings, *(f for f in resampled if f.record in _named(log))),
+            findings=(
+                *log.findings,
+                *(f for f in resampled if f.record in {r.name for r in log.records}),
+            ),
         )
         for log in logs
     )
-
-
-def _named(log: LogFile) -> set[str]:
-    return {r.name for r in log.records}
 
 
 def read_file(path: str | Path, options: ReadOptions | None = None) -> LogFile:
@@ -197,7 +195,6 @@ def _read(
     together: tuple[Finding, ...],
     digest: str,
 ) -> LogFile:
-    """The log in a table."""
     given = options
     options, choice, pose_units = chosen(table, options)
     signals = (*choice.inputs, *choice.outputs, *choice.pose)
@@ -210,7 +207,7 @@ def _read(
     rows = usable_rows(table, clock.t, values, choice, options)
     policy: ResamplePolicy = "auto" if options.resample == "hold" else options.resample
     grid = plan_grid(
-        rows.t, policy, rows.place, table.where, lambda: moving_clocks(table, choice.clock)
+        rows.t, policy, rows.place, table.where, lambda: still_clock_advice(table, choice.clock)
     )
     inputs, outputs = signal_conversions(table, choice, options, rows.values)
     values, of_pose = pose_in_si(rows.values, choice, pose_units, table.where)

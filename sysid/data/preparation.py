@@ -55,7 +55,6 @@ class Preparation:
             raise UsageError(f"`decimate` needs a whole number of at least 1, got {self.decimate}")
 
     def apply(self, record: Record) -> Record:
-        """The prepared record."""
         if self.trim_start or self.trim_end:
             record = trim(record, self.trim_start, self.trim_end)
         if self.low_pass is not None:

@@ -171,12 +171,10 @@ class Record:
 
     @property
     def nu(self) -> int:
-        """Number of inputs."""
         return int(self.u.shape[1])
 
     @property
     def ny(self) -> int:
-        """Number of outputs."""
         return int(self.y.shape[1])
 
     @property
@@ -186,12 +184,10 @@ class Record:
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        """Names of the inputs."""
         return tuple(c.name for c in self.inputs)
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        """Names of the outputs."""
         return tuple(c.name for c in self.outputs)
 
     @property

@@ -34,7 +34,6 @@ class Null:
     stands_for: float = math.nan
 
     def __get_pydantic_core_schema__(self, source: Any, _: Any) -> Any:
-        """How pydantic reads it."""
         from pydantic_core import core_schema as kinds
 
         if source is not float:

@@ -196,7 +196,7 @@ def _released(table: Table, choice: Choice, given: str | None) -> tuple[Mask, tu
     read = ColumnReader(table)
     if given is not None and given != NONE:
         given = whole_name(given, table.names, "`enable`", table.where)
-    names = may_release(choice.ignored, given)
+    names = may_release(choice.ignored, given, choice.inputs)
     columns = {n: c for n in names if (c := read(n)) is not None}
     return released_rows(columns, given, len(table), table.where)
 

@@ -190,28 +190,45 @@ def fit_baseline(
         DataError: several inputs meet several outputs in another number.
         ModelError: the base cannot be fitted.
     """
-    on_rate, linear = integrates(LogFacts.of(data).records), None
+    on_rate = integrates(LogFacts.of(data).records)
     parts = _divided_rates(data, judging) if on_rate else divided(data, judging)
-    estimation = parts.estimation
-    first = _require_tracks(estimation)
+    first = _require_tracks(parts.estimation)
+    least, *other = (1,) if on_rate or _is_servo(first) else _least_delays(parts.facts)
+    base = _baseline(parts, effects, highest, on_rate, least)
+    if other and base.search.model.order == 1:
+        base = min(base, _baseline(parts, effects, highest, on_rate, *other), key=_left)
+    return base
+
+
+def _left(base: Base) -> float:
+    """Log of the squared error that a base leaves, whatever part of a sample readings are late."""
+    sampled = base.with_sampling(base.model) if base.search.model.order == 1 else base
+    return float(np.sum(np.log(sampled.model.errors.mean_squares()[0])))
+
+
+def _baseline(
+    parts: Parts, effects: Sequence[Effect], highest: int, on_rate: bool, least: int
+) -> Base:
+    """The baseline with a delay of at least so many samples."""
+    estimation, linear = parts.estimation, None
+    first = estimation[0]
     scales = full_drive(estimation)
     if first.is_robot_log:
-        order, delay, level = 1, 1, False
-        words = "its own command, first order, one sample of delay, no offset"
+        order, delay, level = 1, least, False
+        words = f"its own command, first order, {_late(delay)}, no offset"
         words = f"per track {words}" if first.ny > 1 else words
     else:
         # a body that a force moves: friction would otherwise hide in a higher order
         order, delay = 1, 1
         if not on_rate:
-            linear, delay = _linear(parts.facts.without_repeats)
+            linear, delay = _linear(parts.facts.without_repeats, least)
             order = int(np.max(linear.structure.order_values()["nf"]))
             if _is_servo(first):
                 order = max(order, LEAST_OF_SERVO)
                 delay = servo_delay(estimation, parts.facts.noise, delay)
         level = not may_lack_sign(estimation)
         order = min(order if level else LARGEST_ORDER, highest)
-        late = "one sample" if delay == 1 else f"{delay} samples"
-        words = f"output error of order {order} with {late} of delay"
+        words = f"output error of order {order} with {_late(delay)}"
         words += " and an offset" if level else ""
         words += f", the sum of {first.nu} inputs" * (first.nu > first.ny)
         words += f" for the rate of the output, which integrates, every {first.dt:.3g} s" * on_rate
@@ -395,12 +412,30 @@ def _require_tracks(records: Sequence[Record]) -> Record:
     return first
 
 
-def _linear(facts: LogFacts) -> tuple[Model, int]:
+def _least_delays(facts: LogFacts) -> tuple[int, ...]:
+    """0 where the command of a row acts on its reading: the log is written behind both; else 1.
+
+    Both where a nonlinearity leaves it open. In closed loop it is the controller that links them.
+    """
+    seen = [d for d in facts.delays or () if d.delay is not None]
+    if not seen or any(d.low for d in seen) or facts.at_own_rate.surely_closed_loop:
+        return (1,)
+    return (0,) if all(d.certain for d in seen) else (1, 0)
+
+
+def _late(delay: int) -> str:
+    """The delay in words."""
+    if delay == 0:
+        return "no delay (a row's command acts before its reading)"
+    return "one sample of delay" if delay == 1 else f"{delay} samples of delay"
+
+
+def _linear(facts: LogFacts, least: int) -> tuple[Model, int]:
     """The output-error model whose order the log asks for, and its delay in samples."""
     detrend = Detrend.means(facts.records)
     nk = chosen_delay(facts).nk
     delay = int(np.max(nk)) if isinstance(nk, list) else int(nk)
-    delay = max(delay, 1)
+    delay = max(delay, 1) if least else 0
     grid = [{"nb": n, "nf": n, "nk": delay} for n in range(1, LARGEST_ORDER + 1)]
     ranking = select_structure(("oe",), facts, FitOptions(stable=True), detrend, grid=grid)
     return ranking.entries[0].model, delay

@@ -14,7 +14,7 @@ from sysid.data.same_kind import require_same_kind
 from sysid.diagnosis.assembly import assemble
 from sysid.diagnosis.base_model import fit_baseline, full_drive, given_base
 from sysid.diagnosis.diagnosis import Diagnosis
-from sysid.diagnosis.first_order import or_on_first_order, possible
+from sysid.diagnosis.first_order import or_on_first_order
 from sysid.diagnosis.long_logs import searched_on
 from sysid.diagnosis.neutral import as_logged, counted_from, neutral_commands
 from sysid.diagnosis.pose.correct_sensor import correct_sensor, resolve_ties_by_pose
@@ -109,7 +109,7 @@ def _searched(
     say("original model", 0.02)
     searched = searched_on(estimation, holdout, model is not None)
     facts, holdout_facts = searched.facts, searched.holdout_facts
-    effects = possible(within(chain_effects(), measured), facts)
+    effects = within(chain_effects(), measured)
     if model is None:
         base = fit_baseline(facts, holdout_facts, effects)
     else:

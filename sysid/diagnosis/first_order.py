@@ -1,6 +1,5 @@
-"""Which base effects are searched on, and which effects."""
+"""Which base effects are searched on."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from sysid.data.column_words import may_move
@@ -10,15 +9,8 @@ from sysid.diagnosis.rules.ledger import confirmed
 from sysid.diagnosis.rules.outside_catalogue import stand_in, swings
 from sysid.diagnosis.search.forward_selection import Progress
 from sysid.diagnosis.session import SelectionResult
-from sysid.effects.base import Effect
 from sysid.effects.catalogue import chain_effects
 from sysid.errors import SysidError
-
-
-def possible(effects: Sequence[Effect], facts: LogFacts) -> tuple[Effect, ...]:
-    """Effects without those that gather over a log, where a log changes at one time."""
-    at_once = any(c.is_step for c in facts.changes)
-    return tuple(e for e in effects if not (at_once and e.hints.gathers))
 
 
 def or_on_first_order(
@@ -40,7 +32,7 @@ def or_on_first_order(
     if kept.selected and not session.far_above_noise(kept):
         return result
     try:
-        base = fit_baseline(facts, holdout, possible(chain_effects(), facts), highest=1)
+        base = fit_baseline(facts, holdout, chain_effects(), highest=1)
     except SysidError:
         return result
     first_order = replace(session, base=base).searched(base.search.model.effects, say)

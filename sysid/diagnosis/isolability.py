@@ -16,7 +16,6 @@ import numpy as np
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.base_model import Base, fit_baseline
-from sysid.diagnosis.first_order import possible
 from sysid.diagnosis.long_logs import searched_on
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.screen import screened
@@ -88,7 +87,7 @@ def isolability(records: Sequence[Record] | LogFacts) -> Isolability:
         ModelError: the baseline cannot be fitted.
     """
     searched = searched_on(LogFacts.of(records).records, None, given=False)
-    base = fit_baseline(searched.facts, None, possible(chain_effects(), searched.facts))
+    base = fit_baseline(searched.facts, None, chain_effects())
     return isolability_of(base)
 
 

@@ -2,7 +2,8 @@
 
 A dead zone, friction and a battery act on what a command is beyond the value at which nothing
 happens. Where a command never comes near zero, that value is read off the log: where the output
-rests, the end of a command that drives one way only, else the value that is given there most.
+rests, the end of a command that drives one way only, else the value that is given there most, or
+the middle of those that are.
 """
 
 from collections.abc import Sequence
@@ -23,6 +24,10 @@ RESTS = 0.02
 
 LEAST = 20
 """Resting samples that say where."""
+
+MOSTLY, ENDS = 0.5, (0.1, 0.9)
+"""One command given in most of the rest is the neutral one; else it is the middle of those between
+which the output rests."""
 
 
 def neutral_commands(records: Sequence[Record]) -> Array:
@@ -47,7 +52,9 @@ def _neutral(u: Array, y: Array) -> float:
         at = [np.isclose(resting, end).sum() for end in ends]
         return float(ends[int(np.argmax(at))]) if max(at) >= LEAST else 0.0
     values, counts = np.unique(resting, return_counts=True)
-    return float(values[np.argmax(counts)]) if counts.max() >= LEAST else 0.0
+    if counts.max() > MOSTLY * len(resting):
+        return float(values[np.argmax(counts)])
+    return float(np.mean(np.quantile(resting, ENDS)))
 
 
 def counted_from(neutral: Array, records: Sequence[Record]) -> tuple[Record, ...]:

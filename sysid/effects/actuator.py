@@ -13,6 +13,7 @@ from sysid.effects.base import (
     Memory,
     Place,
     Signal,
+    StartsFrom,
     State,
     Texts,
 )
@@ -355,12 +356,14 @@ EFFECTS = (
             "Large steps are ramps; small steps are not affected.",
             "Steps of very different size.",
         ),
-        (EffectParameter("rate", "drive/s", 1e12, 0.05, 100.0, (0.4, 1.0, 3.0, 8.0), kinks=True),),
+        # a furnace is driven up in hours
+        (EffectParameter("rate", "drive/s", 1e12, 1e-5, 100.0, (0.4, 1.0, 3.0, 8.0), kinks=True),),
         _rate_limit,
         memory=Memory(
             1,
         ),
         hints=Hints(
+            starts_from=StartsFrom.RAMPS,
             ties=("servo-speed-limit",),
             programmes=(TOP, REVERSALS),
         ),

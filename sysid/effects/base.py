@@ -47,6 +47,7 @@ class StartsFrom(Enum):
     LISTED = "the starting values of its parameters"
     CLIP_LEVEL = "the level at which readings pile up, for its first parameter"
     WAVES = "the strongest waves of the errors over the wheel's angle, for its waves"
+    RAMPS = "the steepest motion that lasts, for its first parameter"
     SIGNS = "cores fitted to readings whose signs are recovered, which it is taken to have lost"
 
 

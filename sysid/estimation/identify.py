@@ -16,8 +16,10 @@ from sysid.estimation.assessment.advice import notes_for
 from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
 from sysid.estimation.offsets.choice import known_policy
+from sysid.estimation.pem import INSTRUMENTS
 from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.ranking import Entry
+from sysid.estimation.selection.residual_check import valid_first
 from sysid.estimation.selection.select_structure import select_structure, structures_for
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
@@ -88,9 +90,8 @@ def identify(
     require_same_kind(validation, records[0])
     require_unseen(records, validation)
     inside, outside, labels = _parts(records, validation, request.split)
-    for part in (inside, outside):
-        if part:
-            require_samples(part, request.policy.skip)
+    for part in filter(None, (inside, outside)):
+        require_samples(part, request.policy.skip)
     require_enough(inside, outside, request.split)
     if request.split is not None:
         facts = LogFacts(inside, facts.reading)
@@ -135,12 +136,13 @@ def identify(
         )
         for entry, criteria in contest.with_criteria(inside)
     )
-    return Identification(judged, contest.reason, contest.failed, inside, outside)
+    leads = valid_first(judged, contest.reason, request.criterion)
+    return Identification(*leads, contest.failed, inside, outside)
 
 
 def _require_search(names: Sequence[str], options: FitOptions) -> None:
     usual = replace(options, method=Method.LEVENBERG_MARQUARDT, extra={})
-    if options.method in (usual.method, Method.IV4) or usual != FitOptions():
+    if options.method in (usual.method, *INSTRUMENTS) or usual != FitOptions():
         return
     if all(structure_class(n).traits.solved_at_once for n in names):
         raise UsageError(

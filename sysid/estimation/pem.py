@@ -16,7 +16,7 @@ from sysid.errors import DataError, UsageError
 from sysid.estimation.offsets.estimated_offset import FitWithOffset, fit_with_offset
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.robust_fit import bounded_errors, fitter
-from sysid.estimation.two_stage import biased_by_feedback, without_feedback
+from sysid.estimation.two_stage import biased_by_feedback, in_two_stages, without_feedback
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter
@@ -25,10 +25,12 @@ from sysid.methods.outcome import FitOutcome
 from sysid.methods.table import method_of
 from sysid.structures.base import Structure
 from sysid.structures.linear.base import LinearStructure
-from sysid.structures.linear.families import ARX
 from sysid.structures.model import Model, Provenance, Source
 from sysid.structures.motion import initial_state_window
 from sysid.version import __version__
+
+INSTRUMENTS = {Method.IV4: ("arx",), Method.SRIV: ("oe", "tf")}
+"""The structures that instrumental variables estimate."""
 
 
 def fit(
@@ -65,7 +67,7 @@ def fit(
     records = facts.records
     check_records(structure, records)
     offsets = offsets_of(structure, facts, detrend)
-    parameters = _constrained(structure, records[0], options)
+    parameters = constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
 
     def estimated(seen: LogFacts) -> Model:
@@ -86,14 +88,13 @@ def fit(
         return model_of(outcome, records, plain, options, offsets.detrend, offsets.operating_point)
 
     model = estimated(facts)
-    if solver is not None or not biased_by_feedback(model, facts, options):
+    referenced = all(r.references is not None for r in records)
+    if solver is not None or not referenced or not biased_by_feedback(model, facts, options):
         return model
-    staged = without_feedback(facts)
-    if staged is None:
+    seen = without_feedback(facts)
+    if seen is None:
         return model
-    seen, sentence = staged
-    model = estimated(seen)
-    return replace(model, warnings=(*model.warnings, sentence))
+    return in_two_stages(estimated(seen), facts, seen)
 
 
 def fit_prepared(
@@ -107,7 +108,7 @@ def fit_prepared(
     A piece of a log may hold a channel that never moves, and so does the constant of an offset.
     """
     records = tuple(records)
-    parameters = _constrained(structure, records[0], options)
+    parameters = constrained(structure, records[0], options)
     _check_length(structure, records, parameters)
     return fitter(structure, options)(structure, records, options, parameters, initial_guesses)
 
@@ -175,9 +176,7 @@ def check_data(records: Sequence[Record]) -> None:
             )
 
 
-def _constrained(
-    structure: Structure, record: Record, options: FitOptions
-) -> tuple[Parameter, ...]:
+def constrained(structure: Structure, record: Record, options: FitOptions) -> tuple[Parameter, ...]:
     """The structure's parameters with the user's bounds and fixed values."""
     if not structure.traits.takes_inputs and options.focus is Focus.SIMULATION:
         raise UsageError(
@@ -189,10 +188,14 @@ def _constrained(
             f"{structure.name} has a search of its own, on which `method` does not act; omit "
             "`method`, or choose another structure"
         )
-    if options.method is Method.IV4 and not isinstance(structure, ARX):
+    method, able = options.method.value, INSTRUMENTS.get(options.method, (structure.name,))
+    if structure.name not in able:
         raise UsageError(
-            f"`method='iv4'` fits arx, not {structure.name}: omit `method`, or fit arx alone"
+            f"`method='{method}'` fits {' and '.join(able)}, not {structure.name}: omit `method`, "
+            f"or fit {' or '.join(able)} alone"
         )
+    if options.method is Method.SRIV and options.robust:
+        raise UsageError("`method='sriv'` knows no `robust`: omit one of them")
     parameters = structure.parameters(record.inputs, record.outputs)
     names = [p.name for p in parameters]
     for name in (*options.fixed, *options.bounds):
@@ -284,6 +287,7 @@ def model_of(
         structure=structure,
         theta=theta,
         covariance=outcome.covariance,
+        determined=outcome.determined,
         parameters=parameters,
         dt=first.dt,
         inputs=first.inputs,

@@ -52,6 +52,11 @@ PLENTY = 100_000
 LEAST = 1e-6
 """Least standard error, as a share of the largest response: the response's own rounding."""
 
+AROUND, BELOW = 7, 0.5
+"""A standard error is at least this share of the median of so many frequencies around it, or in
+relation to the response where that is less. Of few averages an estimated variance may come out near
+zero by chance, and would own the fit; at a resonance or a zero only one of the two falls."""
+
 
 @dataclass(frozen=True, eq=False)
 class ResponseFit:
@@ -143,7 +148,12 @@ def _sigma(response: FrequencyResponse) -> Array:
     least = LEAST * float(size.max())
     if response.variance is None:
         return np.maximum(size, least)
-    return np.sqrt(np.maximum(np.nan_to_num(response.variance, posinf=1e30), least**2))
+    from scipy.ndimage import median_filter
+
+    sigma = np.sqrt(np.maximum(np.nan_to_num(response.variance, posinf=1e30), least**2))
+    size = np.maximum(size, least)
+    near = [median_filter(e, (AROUND, 1, 1), mode="nearest") for e in (sigma, sigma / size)]
+    return np.asarray(np.maximum(sigma, BELOW * np.minimum(near[0], near[1] * size)))
 
 
 def _fitted(structure: Any, response: FrequencyResponse) -> ResponseFit:
@@ -179,10 +189,13 @@ def _fitted(structure: Any, response: FrequencyResponse) -> ResponseFit:
     slopes = np.asarray(best.jac)
     covariance = inflated * np.linalg.pinv(slopes.T @ slopes)
     gone = np.abs(response.value - of(best.x)) / np.maximum(np.abs(response.value), 1e-300)
+    at: Any = slice(None)
+    if isinstance(structure, RealizedStructure):
+        at = structure.in_order(best.x, table)
     model = Model(
         structure=structure,
-        theta=best.x,
-        covariance=covariance,
+        theta=best.x[at],
+        covariance=covariance[at][:, at],
         parameters=table,
         dt=dt,
         inputs=response.inputs,

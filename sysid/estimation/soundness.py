@@ -1,12 +1,14 @@
-"""Reasons against a model: an unbounded free run, an unobservably slow mode, an unfinished search.
+"""Reasons against a model: an unbounded run, an unobservably slow mode, an unfinished search, bias.
 
-A model can be ahead by its figures and still be of no use for what comes next. Three things show
+A model can be ahead by its figures and still be of no use for what comes next. Four things show
 it:
 
 - its free run grows for ever, or nearly so: a pole outside the unit circle;
 - it has a mode slower than the longest record is long: over that record the mode is a level or a
   drift that it stands for, and elsewhere it does something else;
-- its parameter search ended before convergence.
+- its parameter search ended before convergence;
+- a controller was running, and it was fitted by free runs although its residuals are not white: the
+  input follows from them, and the parameters do, too (Forssell & Ljung 1999, Automatica 35, 1215).
 
 Such a model leads only where no settled one is as good.
 """
@@ -23,6 +25,9 @@ from sysid.errors import Termination
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
 from sysid.structures.motion import poles, time_constants
+
+BIASED = "biased_by_feedback"
+"""What the provenance of a model has that feedback biases, where that was asked."""
 
 INTEGRATING = 1.0005
 """Poles up to this radius are an integrator's, seen through noise."""
@@ -55,6 +60,11 @@ def doubts_about(model: Model) -> Doubts:
     doubts = list(motion_doubts(model.structure, model.theta, longest, model.dt))
     if model.termination is Termination.MAX_ITERATIONS:
         doubts.append("its parameter search ended before convergence")
+    if model.provenance.options.get(BIASED):
+        doubts.append(
+            "feedback biases it: a controller was running, its residuals are not white, and it was "
+            "fitted without noise model"
+        )
     return Doubts(not bounded_run(model.structure, model.theta), tuple(doubts))
 
 

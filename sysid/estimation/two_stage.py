@@ -7,8 +7,10 @@ Automatica 29, 1523):
 
     u = S r + (what v does),   û = Ŝ r,      y = G û + (what v does)
 
-û depends on r only, and so not on v. Ŝ is an ARX model of high order. With white v the direct fit
-is unbiased and has the smaller errors: it stays where its residuals are white.
+û depends on r only, and so not on v. Ŝ is an ARX model of high order. What the parameters err by
+follows from y − G u, not from the smaller y − G û that was minimised: the same noise moves Ŝ, as in
+two-stage least squares, whose instruments the slopes with û are. With white v the direct fit is
+unbiased and has the smaller errors: it stays where its residuals are white.
 """
 
 from collections.abc import Sequence
@@ -16,17 +18,24 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.criteria.coloured import ar_fit
 from sysid.data.facts import LogFacts
-from sysid.data.record import Record
+from sysid.data.filtering import lfilter
+from sysid.data.record import Array, Record
+from sysid.estimation.soundness import BIASED
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
-from sysid.fitting.uncertainty import portmanteau_white
+from sysid.fitting.uncertainty import portmanteau_white, uncertainty
 from sysid.structures.linear.long_arx import long_arx_output
 from sysid.structures.linear.predictor import RowLayout
-from sysid.structures.model import Model
+from sysid.structures.model import Model, with_option
+from sysid.structures.motion import initial_state_window
 
 EXPLAINED = 0.02
 """Share of an input's power that has to follow from the references."""
+
+STAGED = "inputs_by_reference"
+"""What the provenance of a model has whose inputs were replaced."""
 
 SENTENCE = (
     "A controller was running and the direct fit's residuals are not white: the input was replaced "
@@ -35,16 +44,22 @@ SENTENCE = (
 
 
 def biased_by_feedback(model: Model, facts: LogFacts, options: FitOptions) -> bool:
-    """Whether a direct fit is to be replaced: feedback, references, and residuals not white."""
+    """Whether feedback biases a fit: linear, direct, of free runs, and its residuals not white."""
     traits = model.structure.traits
     free_run = not traits.has_noise_model or options.focus is Focus.SIMULATION
-    if not (free_run and traits.linear and traits.takes_inputs):
+    if not (free_run and traits.linear and traits.takes_inputs and facts.closed_loop):
         return False
-    if any(r.references is None for r in facts.records) or not facts.closed_loop:
+    if STAGED in model.provenance.options:
         return False
     errors = [model.residuals(r) for r in facts.records]
     columns = [[e[np.isfinite(e[:, i]), i] for e in errors] for i in range(model.structure.ny)]
     return not all(portmanteau_white(c) for c in columns)
+
+
+def marked(model: Model, facts: LogFacts, options: FitOptions) -> Model:
+    """The model, with a note for who ranks it where feedback biases it (``soundness``)."""
+    biased = biased_by_feedback(model, facts, options)
+    return with_option(model, BIASED, True) if biased else model
 
 
 def inputs_by_reference(records: Sequence[Record]) -> tuple[Record, ...] | None:
@@ -71,6 +86,23 @@ def inputs_by_reference(records: Sequence[Record]) -> tuple[Record, ...] | None:
     )
 
 
+def whitened(records: Sequence[Record], model: Model) -> tuple[Record, ...]:
+    """L u and L y with L y = G L u + white: L is an autoregression of what a model leaves of y.
+
+    Slow errors differ by chance for as long as they last; those of the filtered records are
+    independent, so that orders are told apart as far as they can be.
+    """
+    s, theta = model.structure, model.theta
+    errors = [s.errors(theta, r.u, r.y, initial_state_window(s, theta)) for r in records]
+    spread = np.nanstd(np.concatenate(errors), axis=0)
+    columns = [c - np.nanmean(c) for e in errors for c in (e / np.maximum(spread, 1e-300)).T]
+    alpha = ar_fit(columns).alpha
+    return tuple(
+        replace(r, u=lfilter(alpha, [1.0], r.u, axis=0), y=lfilter(alpha, [1.0], r.y, axis=0))
+        for r in records
+    )
+
+
 def _as_system(record: Record, j: int) -> Record:
     """References → input j, with the constant 1."""
     assert record.references is not None
@@ -90,10 +122,44 @@ def _as_system(record: Record, j: int) -> Record:
     )
 
 
-def without_feedback(facts: LogFacts) -> tuple[LogFacts, str] | None:
-    """Facts of the records with û for u and a sentence on it; None where û is not to be had."""
+def without_feedback(facts: LogFacts) -> LogFacts | None:
+    """Facts of the records, which hold references, with û for u; None where û is not to be had."""
     staged = inputs_by_reference(facts.records)
-    if staged is None:
-        return None
-    names = ", ".join(facts.records[0].reference_names)
-    return LogFacts(staged, facts.reading), SENTENCE.format(names=names)
+    return None if staged is None else LogFacts(staged, facts.reading)
+
+
+def in_two_stages(model: Model, facts: LogFacts, seen: LogFacts) -> Model:
+    """A model that was fitted to inputs by references, with its errors and a sentence on it."""
+    names = facts.records[0].reference_names
+    noted = with_option(model, STAGED, list(names))
+    return replace(
+        noted,
+        covariance=_covariance(model, facts.records, seen.records),
+        warnings=(*model.warnings, SENTENCE.format(names=", ".join(names))),
+    )
+
+
+def _covariance(model: Model, logged: Sequence[Record], seen: Sequence[Record]) -> Array:
+    """Of θ, from slopes with û and errors with u; levels are among what is estimated.
+
+    Structures with a noise model, whose slopes are those one step ahead, keep theirs.
+    """
+    s, theta = model.structure, model.theta
+    if s.traits.has_noise_model:
+        return model.covariance
+    free = [k for k, p in enumerate(model.parameters) if p.fixed is None]
+    slopes, errors, stretches = [], [], []
+    for r, x in zip(logged, map(model.detrend.remove, seen), strict=True):
+        left = model.residuals(r)
+        for i in range(s.ny):
+            J = s.gradient_columns(theta, x.u, x.y, i)[:, free]
+            levels = np.tile(np.eye(s.ny)[i], (len(r), 1))
+            kept = np.isfinite(left[:, i]) & (np.arange(len(r)) >= s.first_sample())
+            slopes.append(np.hstack([J, levels])[kept])
+            errors.append(left[kept, i])
+            stretches.append((i, int(kept.sum())))
+    e = np.concatenate(errors)
+    found = uncertainty(np.concatenate(slopes), e, stretches, np.ones(len(e))).covariance
+    out, n, place = model.covariance.copy(), len(free), np.ix_(free, free)
+    out[place] = np.where(np.isinf(out[place]), out[place], found[:n, :n])
+    return out

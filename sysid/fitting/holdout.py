@@ -1,7 +1,8 @@
 """Hold out estimation data, so that validation data choose nothing."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,9 @@ that is ordered by level or sign; the shorter the pieces, the more their initial
 
 CLOSE = 0.01
 """Held-out errors that differ by less than this fraction are the same for all purposes."""
+
+STILL = 0.02
+"""An input that moves by less than this part of its spread within every block is still there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +77,29 @@ class HoldOut:
         )
         return HoldOut(train, holdout, whole, self.counted, self.words, self.one_step)
 
+    def same_cuts_of(self, whole: Sequence[Record]) -> "HoldOut":
+        """The same samples of other records held out."""
+        parts: tuple[list[Record], list[Record]] = [], []
+        for r, mask in zip(whole, self.counted, strict=True):
+            edges = [0, *(np.flatnonzero(np.diff(mask)) + 1).tolist(), len(r)]
+            for a, b in pairwise(edges):
+                parts[int(mask[a])].append(r.rows(a, b))
+        return replace(self, train=tuple(parts[0]), holdout=tuple(parts[1]), whole=tuple(whole))
+
     @property
     def samples(self) -> int:
         """Samples to fit on."""
         return sum(len(r) for r in self.train)
+
+    @property
+    def excited(self) -> bool:
+        """Whether an input moves in a held-out block: without, these judge levels and noise only.
+
+        The one step of a short record stands in what is fitted.
+        """
+        spread = np.std(np.concatenate([r.u for r in self.whole]), axis=0)
+        within = [np.std(r.u, axis=0) for r in self.holdout]
+        return not spread.size or bool(np.any(np.max(within, axis=0) > STILL * spread))
 
 
 def hold_out(records: Sequence[Record], dead_time: int = 0) -> HoldOut:
@@ -90,23 +113,16 @@ def hold_out(records: Sequence[Record], dead_time: int = 0) -> HoldOut:
         dead_time: the longest delay [samples]. Every piece loses as many at its head; records are
             cut less often where that would cost a piece more than half of its samples.
     """
-    train: list[Record] = []
-    holdout: list[Record] = []
     counted, cuts = [], []
     for r in records:
         n = len(r)
         cut = ONCE if len(records) >= MANY else _cut(n, dead_time)
-        edges = [round(share * n) for block in cut for share in block]
-        holdout += [r.rows(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-        bounds = [0, *edges, n]
-        fitted = zip(bounds[::2], bounds[1::2], strict=True)
-        train += [r.rows(a, b) for a, b in fitted if b > a]
         mask = np.zeros(n, dtype=bool)
-        for a, b in zip(edges[::2], edges[1::2], strict=True):
-            mask[a:b] = True
+        for a, b in cut:
+            mask[round(a * n) : round(b * n)] = True
         counted.append(mask)
         cuts.append(cut)
-    return HoldOut(tuple(train), tuple(holdout), tuple(records), tuple(counted), _words(cuts))
+    return HoldOut((), (), (), tuple(counted), _words(cuts)).same_cuts_of(records)
 
 
 def longest_of(nk: int | Sequence[Sequence[int]]) -> int:

@@ -59,12 +59,13 @@ NormalEquations = Callable[[Array, Array], tuple[Array, Array]]
 
 
 class Method(Enum):
-    """Which step an iteration takes; ``iv4`` takes none: instrumental variables of ARX."""
+    """Which step an iteration takes; ``iv4`` and ``sriv`` are instrumental variables."""
 
     LEVENBERG_MARQUARDT = "levenberg-marquardt"
     GAUSS_NEWTON = "gauss-newton"
     GRADIENT = "gradient"
     IV4 = "iv4"
+    SRIV = "sriv"
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,24 @@ PART = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
+class Determined:
+    """What is known of functions of parameters where single ones are not determined.
+
+    Attributes:
+        covariance: (n, n), finite: ∇gᵀ P ∇g is the variance of every function g that no open
+            direction changes.
+        open: (n, m), steps in the parameters' own units that change no error.
+    """
+
+    covariance: Array
+    open: Array
+
+    def fits(self, n: int) -> bool:
+        """Whether its parts are those of n parameters."""
+        return self.covariance.shape == (n, n) and self.open.ndim == 2 and len(self.open) == n
+
+
+@dataclass(frozen=True, eq=False)
 class Uncertainty:
     """Covariance of the estimates.
 
@@ -33,6 +51,7 @@ class Uncertainty:
         coloured: whether the sandwich form was used because the residuals are coloured.
         variance: residual variance per degree of freedom.
         plain: diagonal of (JᵀJ)⁻¹, (n,), where the data hold information.
+        determined: the same covariance before infinite variances entered it.
     """
 
     covariance: Array
@@ -40,6 +59,7 @@ class Uncertainty:
     coloured: bool
     variance: float
     plain: Array
+    determined: Determined
 
 
 def uncertainty(
@@ -91,8 +111,10 @@ def uncertainty(
         covariance *= m / dof * bent**2
     else:
         is_white = True
+    size = np.linalg.norm(J, axis=0)
+    known = Determined(covariance, null / np.where(size > 0.0, size, 1.0)[:, None])
     covariance = with_infinite(covariance, null)
-    return Uncertainty(covariance, null, not is_white, variance, np.diag(inverse))
+    return Uncertainty(covariance, null, not is_white, variance, np.diag(inverse), known)
 
 
 def half_and_null(J: Array) -> tuple[Array, Array]:

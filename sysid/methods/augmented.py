@@ -66,6 +66,7 @@ def fit(
         outcome,
         covariance=with_infinite(outcome.covariance, more),
         null=np.column_stack([outcome.null, more]),
+        determined=None,
     )
 
 

@@ -72,6 +72,34 @@ def by_multi_start(
     Raises:
         ModelError: no start gives a finite cost.
     """
+    setting, guesses, free = prepared(structure, records, options, parameters, initial_guesses)
+    structure = setting.structure
+    coarse = _cut(structure, -(-structure.sampling.substeps // COARSER))
+    setting = replace(setting, structure=coarse)
+    cut = hold_out(records) if structure.physics.ladder() else None
+    kept = None if cut is None else [~m for m in cut.counted]
+    p, reports = started(setting, guesses, free, kept)
+    notes: list[StartReport] = []
+    if cut is not None:
+        p, free, notes = _climbed(setting, p, free, cut.counted, tie_margin(cut.holdout))
+    setting = replace(setting, structure=structure)
+    huber = None
+    if options.robust:
+        problem = setting.problem(None)
+        huber = huber_widths(problem, problem.residual(p))
+    last = setting.descend(p, free, None, options.limit(), huber)
+    last, wider = _profiled(setting, last, free, huber)
+    return _outcome(setting, last, free, wider, (*reports, *notes))
+
+
+def prepared(
+    structure: Structure,
+    records: Sequence[Record],
+    options: FitOptions,
+    parameters: tuple[Parameter, ...],
+    initial_guesses: InitialGuesses,
+) -> tuple[Setting, list[tuple[str, Array]], Mask]:
+    """The setting of a fit, named admissible guesses, and which entries of θ are estimated."""
     assert isinstance(structure, GreyBox)
     structure = read_off(structure, records)
     bare = structure.parameters(records[0].inputs, records[0].outputs)
@@ -94,22 +122,7 @@ def by_multi_start(
         (n, _admissible(t, table, free)) for n, t in initial_guesses if len(t) == len(table)
     ]
     structure = cut_finely(structure, [t for _, t in guesses])
-    coarse = _cut(structure, -(-structure.sampling.substeps // COARSER))
-    setting = Setting(coarse, tuple(records), table, options, tuple(constrained))
-    cut = hold_out(records) if structure.physics.ladder() else None
-    kept = None if cut is None else [~m for m in cut.counted]
-    p, reports = started(setting, guesses, free, kept)
-    notes: list[StartReport] = []
-    if cut is not None:
-        p, free, notes = _climbed(setting, p, free, cut.counted, tie_margin(cut.holdout))
-    setting = replace(setting, structure=structure)
-    huber = None
-    if options.robust:
-        problem = setting.problem(None)
-        huber = huber_widths(problem, problem.residual(p))
-    last = setting.descend(p, free, None, options.limit(), huber)
-    last, wider = _profiled(setting, last, free, huber)
-    return _outcome(setting, last, free, wider, (*reports, *notes))
+    return Setting(structure, tuple(records), table, options, tuple(constrained)), guesses, free
 
 
 def cut_finely(structure: GreyBox[Any], guesses: Sequence[Array]) -> GreyBox[Any]:
@@ -314,12 +327,13 @@ def _outcome(
         for p, f, v in zip(s.parameters, free, theta, strict=True)
     )
     outcome = outcome_of(s.structure, table, theta, [_part(s, solution, free)], reports)
-    covariance = outcome.covariance.copy()
+    wider = np.ones(n)
     for k, error in errors.items():
-        wider = error / np.sqrt(covariance[k, k])
-        covariance[k, :] *= wider
-        covariance[:, k] *= wider
-    return replace(outcome, covariance=covariance)
+        wider[k] = error / np.sqrt(outcome.covariance[k, k])
+    factors, known = np.outer(wider, wider), outcome.determined
+    if known is not None:
+        known = replace(known, covariance=known.covariance * factors)
+    return replace(outcome, covariance=outcome.covariance * factors, determined=known)
 
 
 METHOD = Method(by_multi_start, takes_method=False)

@@ -113,7 +113,7 @@ def started(
     """Parameters (and initial states) from the best start, and what became of every start."""
     structure = s.structure
     output = ",".join(s.records[0].output_names)
-    names, thetas = _varied(s, guesses, free)
+    names, thetas = varied(s, guesses, free)
     problem = s.problem(kept)
     costs = [cost_of(problem.residual(problem.initial_guess(t))) for t in thetas]
     ends, spent = thetas, [0] * len(thetas)
@@ -153,7 +153,7 @@ def _distinct(order: Sequence[int], costs: Sequence[float]) -> list[int]:
     return kept
 
 
-def _varied(
+def varied(
     s: Setting, guesses: Sequence[tuple[str, Array]], free: NDArray[np.bool_]
 ) -> tuple[list[str], list[Array]]:
     """The guesses, then variations of the best ones by each constant's spread."""

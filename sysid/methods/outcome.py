@@ -1,7 +1,7 @@
 """What a fit gives: from solved problems to covariance, null directions and bounds."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from sysid.fitting.outliers import Outliers
 from sysid.fitting.problem import Parameter, Problem
 from sysid.fitting.searchable import StartReport
 from sysid.fitting.solvers import Solution
-from sysid.fitting.uncertainty import Uncertainty, uncertainty
+from sysid.fitting.uncertainty import Determined, Uncertainty, uncertainty
 from sysid.structures.base import Structure
 
 
@@ -25,6 +25,7 @@ class FitOutcome:
         theta: estimates, (n,).
         covariance: their covariance, (n, n), infinite where the data say nothing.
         null: directions without information, (n, n_null).
+        determined: what is known of functions of θ where ``null`` holds any.
         n_states: initial states that were estimated.
         at_bound: names of the parameters that ended on a bound.
         warnings: what the user should know.
@@ -42,6 +43,23 @@ class FitOutcome:
     starts: tuple[StartReport, ...] = ()
     warnings: tuple[str, ...] = ()
     outliers: tuple[Outliers, ...] = ()
+    determined: Determined | None = None
+
+    def permuted(self, at: Index) -> "FitOutcome":
+        """The same with the entries of θ that stand at ``at``, under the names as they are."""
+        if np.array_equal(at, np.arange(len(self.theta))):
+            return self
+        names = [p.name for p in self.parameters]
+        moved = {names[k]: names[i] for i, k in enumerate(at.tolist())}
+        known = self.determined
+        return replace(
+            self,
+            theta=self.theta[at],
+            covariance=self.covariance[np.ix_(at, at)],
+            null=self.null[at],
+            at_bound=tuple(moved[n] for n in self.at_bound),
+            determined=known and Determined(known.covariance[np.ix_(at, at)], known.open[at]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,20 +90,26 @@ def with_covariance(
     return Part(problem, solution, which, value)
 
 
-def assembled(parts: Sequence[Part], n: int) -> tuple[Array, Array]:
-    """Covariance of θ and its directions without information from those of the parts."""
-    covariance = np.zeros((n, n))
+def assembled(parts: Sequence[Part], n: int) -> tuple[Array, Array, Determined | None]:
+    """Covariance of θ, its directions without information and what is known beside them."""
+    covariance, known = np.zeros((n, n)), np.zeros((n, n))
     null: list[Array] = []
+    steps: list[Array] = []
     for part in parts:
         inside = part.free < len(part.problem.index)
         entries = part.problem.index[part.free[inside]]
-        covariance[np.ix_(entries, entries)] = part.uncertainty.covariance[np.ix_(inside, inside)]
-        for direction in part.uncertainty.null.T:
+        value, block = part.uncertainty, np.ix_(entries, entries)
+        covariance[block] = value.covariance[np.ix_(inside, inside)]
+        known[block] = value.determined.covariance[np.ix_(inside, inside)]
+        for direction, step in zip(value.null.T, value.determined.open.T, strict=True):
             if np.linalg.norm(direction[inside]) > 1e-3 * np.linalg.norm(direction):
-                spread = np.zeros(n)
-                spread[entries] = direction[inside]
+                spread, moved = np.zeros(n), np.zeros(n)
+                spread[entries], moved[entries] = direction[inside], step[inside]
                 null.append(spread / np.linalg.norm(spread))
-    return covariance, np.array(null).T if null else np.zeros((n, 0))
+                steps.append(moved)
+    if not null:
+        return covariance, np.zeros((n, 0)), None
+    return covariance, np.array(null).T, Determined(known, np.array(steps).T)
 
 
 def outcome_of(
@@ -102,7 +126,7 @@ def outcome_of(
         theta: estimates, (n,).
         warnings: what the user should know.
     """
-    covariance, null = assembled(parts, len(theta))
+    covariance, null, determined = assembled(parts, len(theta))
     return FitOutcome(
         structure,
         parameters,
@@ -119,6 +143,7 @@ def outcome_of(
         ),
         starts=tuple(starts),
         warnings=tuple(warnings),
+        determined=determined,
     )
 
 

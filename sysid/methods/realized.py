@@ -28,7 +28,8 @@ def fit(
         kept = [k for k, p in enumerate(parameters) if p.name in names]
         parameters = tuple(parameters[k] for k in kept)
         initial_guesses = [(n, theta[kept]) for n, theta in initial_guesses]
-    return by_search(as_fitted, records, options, parameters, initial_guesses)
+    found = by_search(as_fitted, records, options, parameters, initial_guesses)
+    return found.permuted(as_fitted.in_order(found.theta, parameters))
 
 
 METHOD = Method(fit)

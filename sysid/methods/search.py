@@ -9,6 +9,7 @@ from scipy.special import fdtri
 
 from sysid.data.record import Array, Index, Record, shortened
 from sysid.errors import DataError, ModelError, Termination
+from sysid.fitting.marquardt import Method as SolverMethod
 from sysid.fitting.marquardt import loss
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import (
@@ -18,6 +19,7 @@ from sysid.fitting.problem import (
     Parameter,
     Problem,
 )
+from sysid.fitting.refined_instruments import refined_instruments
 from sysid.fitting.robust import UNBOUNDED, huber_widths, weighted
 from sysid.fitting.searchable import InitialGuesses, Searchable, StartReport
 from sysid.fitting.solvers import Descent, Solution, levenberg_marquardt
@@ -217,22 +219,22 @@ class Search:
             width = huber
             if width is not None and isinstance(chosen, PriorStates):
                 width = np.append(width, np.full(problem.n_initial, UNBOUNDED))
-            return levenberg_marquardt(
-                chosen,
-                start,
-                Descent(
-                    free=self._free(problem, states),
-                    lower=lower,
-                    upper=upper,
-                    huber=width,
-                    max_evaluations=self.options.limit(),
-                    tolerance=self.options.precision(),
-                    patience=self.options.patience,
-                    method=self.options.method,
-                ),
+            how = Descent(
+                free=self._free(problem, states),
+                lower=lower,
+                upper=upper,
+                huber=width,
+                max_evaluations=self.options.limit(),
+                tolerance=self.options.precision(),
+                patience=self.options.patience,
+                method=self.options.method,
             )
+            if instruments:
+                return refined_instruments(chosen, start, how)
+            return levenberg_marquardt(chosen, start, how)
 
-        if not (states and problem.n_initial):
+        instruments = self.options.method is SolverMethod.SRIV
+        if instruments or not (states and problem.n_initial):
             return descend(problem, p0)
         size = self._output_size(problem)
         try:
@@ -371,14 +373,14 @@ def by_search(
     theta, parts, starts = search.run(initial_guesses)
     outcome = outcome_of(structure, parameters, theta, parts, starts)
     more = asked.open_directions(records)
+    if not more.size:
+        return outcome
     covariance, null = _with_open(more, outcome.covariance, outcome.null)
-    return replace(outcome, covariance=covariance, null=null)
+    return replace(outcome, covariance=covariance, null=null, determined=None)
 
 
 def _with_open(more: Array, covariance: Array, null: Array) -> tuple[Array, Array]:
     """Covariance and open directions with further ones, nothing said twice."""
-    if not more.size:
-        return covariance, null
     covered = np.max(np.abs(more), axis=1) > PART
     fresh = [d for d in null.T if np.any(np.abs(d[~covered]) > PART)]
     return with_infinite(covariance, more), np.column_stack([*fresh, *more.T])

@@ -52,6 +52,12 @@ class SelfTest:
         return np.where(moved > 0, moved, 1.0)
 
 
+def reach(values: Array) -> Array:
+    """What errors of columns are relative to: how far each goes, 1 where it is always zero."""
+    largest = np.max(np.abs(values), axis=0, initial=0.0)
+    return np.where(largest > 0.0, largest, 1.0)
+
+
 def make_selftest(model: Model) -> SelfTest:
     """Expected outputs by ``Model.simulate`` from rest, for levels that cover the domain.
 

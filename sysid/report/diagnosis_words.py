@@ -1,6 +1,7 @@
 """Sentences and figures of a diagnosis, for the terminal and the page."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -53,6 +54,10 @@ class Moved:
     after: float
     std_error: float
     steps: float
+
+
+FAR_OFF = -100.0
+"""A fit [%] below which a run has left the log altogether."""
 
 
 def headline(result: Diagnosis, ties: bool = True) -> str:
@@ -202,12 +207,17 @@ def fits_sentence(result: Diagnosis) -> str:
     for c in channel_lines(result):
         if not math.isfinite(c.fit_before):
             continue
-        after = f" → {c.fit_after:.1f}" if result.grown else ""
-        fits.append(f"{c.name} {c.fit_before:.1f}{after} %")
+        after = f" → {_in_words(c.fit_after)}" if result.grown else ""
+        fits.append(f"{c.name} {_in_words(c.fit_before)}{after} %")
         spread = c.rmse_before / max(1.0 - c.fit_before / 100.0, 1e-12)
         limits.append(f"{100.0 * (1.0 - c.noise_floor / spread):.1f}")
     limit = f" (noise {', '.join(limits)})" if limits else ""
     return f"Free-run fit: {', '.join(fits)}{limit}" if fits else ""
+
+
+def _in_words(percent: float) -> str:
+    """A fit; far below zero its size says nothing more."""
+    return f"{percent:.1f}" if percent > FAR_OFF else f"< {FAR_OFF:g}"
 
 
 def base_sentence(result: Diagnosis, before: str) -> str:
@@ -365,9 +375,13 @@ def evidence_sentence(effect: NamedEffect) -> str:
 
 def story(result: Diagnosis) -> str:
     """The sentence below the headline, unless it says the same."""
-    said = headline(result, ties=False).partition(";")[0]
-    text = result.story.removeprefix(said).lstrip(".:").strip()
-    return f"{text[:1].upper()}{text[1:]}"
+    text, said = result.story, headline(result, ties=False).partition(";")[0]
+    for beginning in (said, said.partition(":")[0]):
+        if re.match(rf"{re.escape(beginning)}(?!\w)", text):
+            text = text[len(beginning) :].lstrip(".:").strip()
+            break
+    column = not text.partition(" ")[0].isalpha()
+    return text if column else f"{text[:1].upper()}{text[1:]}"
 
 
 def score_words(score: float) -> str:

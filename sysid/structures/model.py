@@ -1,7 +1,7 @@
 """Model: a structure with parameters, their covariance, and provenance."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,6 +20,7 @@ from sysid.data.schema import DAMAGED, Null, checked, completed
 from sysid.errors import ModelError, Termination
 from sysid.fitting.problem import Parameter
 from sysid.fitting.searchable import StartReport
+from sysid.fitting.uncertainty import Determined
 from sysid.structures import model_text
 from sysid.structures.base import Structure
 from sysid.structures.linear.base import LinearStructure
@@ -91,6 +92,12 @@ class Provenance:
     version: str = ""
 
 
+def with_option(model: "Model", name: str, value: Any) -> "Model":
+    """The model with one more fact on how it was made."""
+    options = {**model.provenance.options, name: value}
+    return replace(model, provenance=replace(model.provenance, options=options))
+
+
 @dataclass(frozen=True)
 class _StoredParameter:
     """A parameter in a model file."""
@@ -130,6 +137,7 @@ class Model:
         ranges: lowest and highest value of each input and output seen, (nu + ny, 2).
         at_bound: names of the parameters that ended on a bound.
         null_directions: directions of θ without information, each as {name: weight}.
+        determined: what is known of functions of θ in spite of these, where the fit says it.
         warnings: what a user should know about this fit.
         operating_point: how the offsets in ``detrend`` were found, and their standard errors.
     """
@@ -156,6 +164,7 @@ class Model:
     operating_point: OperatingPoint = field(
         default_factory=OperatingPoint, metadata={"alias": "level"}
     )
+    determined: Determined | None = None
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit each other."""
@@ -168,6 +177,7 @@ class Model:
             and self.noise_covariance.shape == (ny, ny)
             and (len(self.detrend.u_offset), len(self.detrend.y_offset)) == (nu, ny)
             and len(self.ranges) in (0, nu, nu + ny)
+            and (self.determined is None or self.determined.fits(n))
             and all(len(e) in (0, k) for e, k in zip(errors, (nu, ny), strict=True))
         )
         if not fitting:
@@ -438,6 +448,8 @@ class Model:
             given: dict[str, Any] = {}
             if raw.get("level") is None:  # as version 0.1.0 wrote it
                 given["operating_point"] = OperatingPoint.of_detrend(detrend)
+            if "determined" not in raw:  # nor did 0.1.0 write that
+                given["determined"] = None
             model = completed(
                 Model,
                 raw,

@@ -20,7 +20,6 @@ class Circle(NamedTuple):
     radius: Real
 
     def contains(self, x: Real, y: Real, xp: Any) -> Real:
-        """Whether a point lies in it."""
         dx, dy = x - self.x, y - self.y
         return dx * dx + dy * dy <= self.radius * self.radius
 
@@ -32,7 +31,6 @@ class HalfPlane(NamedTuple):
     end: Corner
 
     def contains(self, x: Real, y: Real, xp: Any) -> Real:
-        """Whether a point lies in it."""
         (ax, ay), (bx, by) = self.start, self.end
         return (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0.0
 

@@ -48,6 +48,18 @@ def test_before_a_fit_a_file_is_enough(capsys: Capture) -> None:
     assert Path("when.svg").is_file()
 
 
+def test_what_only_shows_together_is_said_once_and_before_the_fit(capsys: Capture) -> None:
+    split = Path(FILE).read_text().replace("gain*u", "gain*share*u")
+    split = split.replace("  gain:", "  share: {start: 1, bounds: [0.1, 10]}\n  gain:")
+    Path("split.ode.yaml").write_text(split)
+    done = run(capsys, "fit", LOG, "-s", "split.ode.yaml")
+    err = " ".join(done.err.split())
+    assert done.code == 0
+    assert err.count("share, gain only show together on this log.") == 1
+    found = run(capsys, "fit", LOG, "-s", "split.ode.yaml", "--json").document["before_fit"]["ode"]
+    assert (found["rank"], found["unknowns"]) == (6, 7)
+
+
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [

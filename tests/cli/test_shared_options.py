@@ -32,6 +32,16 @@ def test_a_log_is_inspected_as_it_will_be_fitted(tmp_path: Path, capsys: Capture
     assert record["sample_time_s"] == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize("workspace", [("-w", "elsewhere"), ("--workspace=elsewhere",)])
+def test_a_command_that_keeps_nothing_takes_a_workspace_too(
+    tmp_path: Path, capsys: Capture, workspace: tuple[str, ...]
+) -> None:
+    log = robot_log(tmp_path / "log.csv", 200)
+    plain = run(capsys, "inspect", log, "--json").document
+    assert run(capsys, "inspect", *workspace, log, "--json").document == plain
+    assert run(capsys, "inspect", log, "-w").code == 2
+
+
 def test_texts_of_trimming_and_unwrapping() -> None:
     assert reading.seconds_to_trim("2:1.5") == (2.0, 1.5)
     assert reading.seconds_to_trim("2") == (2.0, 0.0)

@@ -100,7 +100,7 @@ ADVICE: dict[str, tuple[Logs, dict[str, Any], dict[str, Any]]] = {
     ", or the unit with": (log("sample,u,y", 20.0 * np.arange(N), U, Y), {}, {"ts": 0.02}),
     "reads every row as it was logged": (log("t,u,y", T, U, np.repeat(Y[::4], 4)), {}, {}),
     "the sampling is irregular": (log("t,u,y", UNEVEN**1.3, U, Y), {}, {}),
-    "time stays at": (log("t,u,y", np.floor(T), U, Y), {}, {"ts": 0.02}),
+    "or count the rows, without": (log("t,u,y", np.floor(T), U, Y), {}, {"ts": 0.02}),
     "time stays at 0 ": (
         log("t,ticks,u,y", 0.0 * T, T, U, Y), {}, {"ts": 0.02},
     ),

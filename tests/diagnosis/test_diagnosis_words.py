@@ -198,3 +198,21 @@ def test_a_log_that_no_input_moves_is_never_nothing_missing(here: Path, capsys: 
     assert "The log is too short for a diagnosis\nThe errors (y_level" in told.out, told.out[:300]
     for words in ("Nothing is missing", "No effect is missing", "hold one side"):
         assert words not in told.out
+
+
+def test_a_headline_is_not_taken_out_of_the_name_of_a_column() -> None:
+    shape = SimpleNamespace(place="speed")
+    text = "Shape known, physics open: speed_rpm follows pwm linearly."
+    result: Any = SimpleNamespace(
+        unfollowed="", effects=(), verdict="shape-found", shapes=(shape,), undecided="", story=text
+    )
+    assert headline(result) == "Shape known, physics open: speed"
+    assert diagnosis_words.story(result) == "speed_rpm follows pwm linearly."
+
+
+def test_a_run_that_left_the_log_is_said_to_be_far_off() -> None:
+    assert [diagnosis_words._in_words(v) for v in (97.46, -12.3, -2.4e30)] == [
+        "97.5",
+        "-12.3",
+        "< -100",
+    ]

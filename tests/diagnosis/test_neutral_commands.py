@@ -10,11 +10,13 @@ from sysid.diagnosis.neutral import neutral_commands
 GAIN, TAU, DT, DEAD = 0.4, 0.15, 0.02, 40.0
 
 
-def pulses(seed: int, neutral: float, low: float, samples: int = 1500) -> Record:
+def pulses(
+    seed: int, neutral: float, low: float, samples: int = 1500, share: float = 0.2
+) -> Record:
     """A motor behind pulses [µs] with a dead zone of 40 µs around the neutral one."""
     rng = np.random.default_rng(seed)
     levels = np.where(
-        rng.random(samples // 25) < 0.2, neutral, rng.uniform(low, 2000.0, samples // 25)
+        rng.random(samples // 25) < share, neutral, rng.uniform(low, 2000.0, samples // 25)
     )
     u, w, seen = np.repeat(levels, 25), 0.0, np.zeros(samples)
     for k, pulse in enumerate(u):
@@ -30,6 +32,14 @@ def pulses(seed: int, neutral: float, low: float, samples: int = 1500) -> Record
 @pytest.mark.parametrize(("neutral", "low"), [(1000.0, 1000.0), (1500.0, 1000.0)])
 def test_the_neutral_pulse_is_where_the_output_rests(neutral: float, low: float) -> None:
     assert neutral_commands([pulses(1, neutral, low)]) == pytest.approx([neutral])
+
+
+def test_where_the_neutral_pulse_is_never_given_it_is_the_middle_of_those_that_move_nothing() -> (
+    None
+):
+    # some 16 of 200 levels lie within the dead zone: their middle is known to a quarter of it
+    (found,) = neutral_commands([pulses(1, 1500.0, 1000.0, 5000, 0.0)])
+    assert found == pytest.approx(1500.0, abs=0.25 * DEAD)
 
 
 def test_a_command_that_comes_near_zero_is_counted_from_zero() -> None:

@@ -131,6 +131,15 @@ def test_what_decides(case: dict[str, object], origin: Origin) -> None:
     assert sum(o is origin for o in found) >= 3
 
 
+def test_models_that_explain_nothing_do_not_speak_against_an_offset() -> None:
+    """30 samples of dead time, of which an ARX from nk = 1 knows nothing: errors of 99 %."""
+    rng = np.random.default_rng(2)
+    u = np.repeat(rng.uniform(-1, 1, 60), 15)
+    at = np.exp(-0.25)
+    y = lfilter([*np.zeros(30), 1.0 - at], [1.0, -at], u) + 0.3 + 0.02 * rng.standard_normal(900)
+    assert choose_offsets([Record(u[:, None], y[:, None], 0.1)]).origin is Origin.ESTIMATED
+
+
 def test_policies() -> None:
     r = log(0, level=LEVEL)
     assert choose_offsets([r], "none").detrend.is_none

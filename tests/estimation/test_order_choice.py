@@ -253,3 +253,19 @@ def test_two_lags_sampled_fast_get_no_dead_time_they_have_not(delay: int) -> Non
     # in the first sample the answer is a thousandth of the step: a third of the noise
     assert isinstance(found, int)
     assert abs(found - delay) <= 1
+
+
+def test_a_step_of_few_rows_is_not_judged_by_its_flat_end() -> None:
+    """Of 60 rows the last 18 hold noise only; the truth is 3 rad/s, damping 0.6, 0.3 s late."""
+    u = np.where(np.arange(60) >= 5, 2.0, 0.0)
+    wn, zeta, dt = 3.0, 0.6, 0.1
+    pole = np.exp((-zeta + 1j * np.sqrt(1.0 - zeta**2)) * wn * dt)
+    den = np.poly([pole, pole.conj()]).real
+    k = 1.3 * den.sum() / 1.9  # a sampled lag of second order has two samples of numerator
+    y = lfilter([0.0, 0.0, 0.0, 0.0, k, 0.9 * k], den, u)
+    noisy = y + 0.015 * np.random.default_rng(512).standard_normal(60)
+    made = select_structure(["oe"], [Record(u, noisy, dt)], FitOptions())
+    (entry,) = made.entries
+    found = entry.model.poles()[0]
+    assert "No input moves in the last 30 % of the estimation data" in made.reason
+    assert abs(complex(found.real, abs(found.imag)) - pole) < 0.02  # 2.4 rad/s would be 0.05 away

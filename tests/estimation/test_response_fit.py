@@ -37,12 +37,26 @@ def test_numbers_are_found_with_true_errors() -> None:
     for seed in range(25):
         fit = fit_response(measured(plant(), 0.03, seed), "process", {"np": 2})
         table = {p.name: p for p in fit.model.parameter_table()}
-        slow, fast = sorted((table["T1"], table["T2"]), key=lambda p: -p.value)
-        for p, truth in ((table["K"], 2.0), (slow, 1.5), (fast, 0.4), (table["Td"], 0.33)):
+        for name, truth in {"K": 2.0, "T1": 1.5, "T2": 0.4, "Td": 0.33}.items():
+            p = table[name]
             inside.append(abs(p.value - truth) < 1.96 * p.std_error)
         assert 0.7 < fit.error < 1.3
     # 100 intervals of 95 %: 88 or fewer would happen once in 500 times
     assert sum(inside) > 88
+
+
+def test_a_variance_near_zero_by_chance_does_not_own_the_fit() -> None:
+    response = measured(plant(), 0.03, 3)
+    usual = fit_response(response, "process", {"np": 2}).model
+    value, variance = response.value.copy(), np.asarray(response.variance).copy()
+    value[40] *= 1.09  # three standard errors off
+    variance[40] = 1e-30
+    model = fit_response(
+        replace(response, value=value, variance=variance), "process", {"np": 2}
+    ).model
+    # with four times its weight it moves T1 by three errors; with its own by 22
+    errors = np.sqrt(np.diag(usual.covariance))
+    assert np.all(np.abs(model.theta - usual.theta) < 5.0 * errors)
 
 
 def test_a_sampled_response_is_found_exactly() -> None:

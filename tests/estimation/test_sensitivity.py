@@ -7,11 +7,13 @@ import pytest
 
 from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
+from sysid.estimation.information.before_fit import before_fit
 from sysid.estimation.information.experiments import mendings
 from sysid.estimation.information.profiles import profile
-from sysid.estimation.information.sensitivity import Sensitivity, sensitivity
+from sysid.estimation.information.sensitivity import Sensitivity, hidden, sensitivity
 from sysid.estimation.information.subject import Subject, subject_of_box, subject_of_model
 from sysid.estimation.pem import fit
+from sysid.fitting.options import FitOptions
 from sysid.structures.grey_box.file.physics import FilePhysics
 from sysid.structures.grey_box.file.structure import FromFile
 from sysid.structures.grey_box.physics import Sampling
@@ -36,6 +38,14 @@ inputs: {u: }
 states: {x: {}}
 parameters: {gain: {start: 2}, extra: {start: 0.5}}
 equations: {x: "gain*u - x + if(u > 1.5, extra, 0)"}
+outputs: {y: {equation: x}}
+"""
+
+CHANCE = """
+inputs: {u: }
+states: {x: {}}
+parameters: {gain: {start: 2}, bent: {start: 0}, wide: {start: 0.3, bounds: [0.05, 3]}}
+equations: {x: "gain*u - x + bent*tanh(u/wide)"}
 outputs: {y: {equation: x}}
 """
 
@@ -94,6 +104,40 @@ def test_what_only_shows_together_is_named() -> None:
         "No experiment that was tried separates gain, share: fix one of them, or measure another "
         "output."
     }
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (LAG, ""),
+        (SPLIT, "gain, share only show together on this log."),
+        (RARE, "extra does not act on this log."),
+        # where the search begins `wide` does nothing; elsewhere it does
+        (CHANCE, ""),
+        (CHANCE.replace("tanh(u/wide)", "wide*u"), "gain, bent, wide only show together"),
+    ],
+)
+def test_before_a_fit_it_is_said_what_no_point_tells_apart(text: str, sentence: str) -> None:
+    log = log_of(text, steps(400, 5))
+    told = before_fit(box(text), (log,), FitOptions())
+    assert told is not None
+    assert bool(told.sentences) == bool(sentence) == (told.rank < told.count)
+    assert all(s.startswith(sentence) for s in told.sentences)
+
+
+def test_before_a_fit_what_is_fixed_is_not_asked_about() -> None:
+    told = before_fit(box(SPLIT), (log_of(SPLIT, steps(400, 5)),), FitOptions(fixed={"share": 1.0}))
+    assert told is not None
+    assert told.null == ()
+
+
+def test_groups_that_only_show_together_are_told_apart() -> None:
+    null = np.linalg.qr(
+        np.array([[1.0, 0, 1], [1, 0, -1], [0, 1, 0], [0, 1, 0.0]]).dot(
+            np.array([[1.0, 1.0], [1.0, -1.0], [0.0, 0.0]])
+        )
+    )[0]
+    assert [set(d) for d in hidden("abcd", null)] == [{"a", "b"}, {"c", "d"}]
 
 
 def test_a_parameter_is_shown_when_it_acts() -> None:

@@ -1,8 +1,10 @@
 """Spectra of logs: the frequency response of a known plant, and coherence where noise is known."""
 
+from typing import Any
+
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import coherence, csd, lfilter, welch
 
 from sysid.data.record import Record
 from sysid.errors import DataError
@@ -32,3 +34,18 @@ def test_two_inputs_are_told_apart_and_noise_lowers_the_coherence() -> None:
 def test_a_short_log_has_no_spectrum() -> None:
     with pytest.raises(DataError, match="too few for a spectrum"):
         spectra([Record(np.zeros(40), np.zeros(40), DT)])
+
+
+def test_they_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(2)
+    u = rng.standard_normal(2000)
+    y = lfilter([0.0, 0.2, 0.1], [1.0, -1.3, 0.5], u) + 0.3 * rng.standard_normal(2000)
+    found = spectra([Record(u[:, None], y[:, None], DT)])
+    how: dict[str, Any] = {"fs": 1.0 / DT, "nperseg": 400, "window": "hann"}
+    power, cross = welch(u, **how)[1], csd(u, y, **how)[1]
+    inner = slice(0, 199)  # ours counts the Nyquist frequency twice, theirs once
+    np.testing.assert_allclose(found.inputs[inner, 0], power[1:200], rtol=1e-9)
+    np.testing.assert_allclose(found.response[inner, 0, 0], (cross / power)[1:200], rtol=1e-9)
+    np.testing.assert_allclose(
+        found.coherence[inner, 0], coherence(u, y, **how)[1][1:200], rtol=1e-9
+    )

@@ -6,12 +6,16 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from scipy import optimize, signal
 from scipy.linalg import expm
 
 import sysid
-from sysid.data.record import Array, Record
+from sysid.data.record import Array, Channel, Record
 from sysid.errors import UsageError
+from sysid.estimation import pem
 from sysid.estimation.assessment.step_response import step_responses
+from sysid.fitting.options import FitOptions
+from sysid.methods.outcome import FitOutcome
 from sysid.structures.continuous.process import Process
 from sysid.structures.continuous.transfer import ContinuousTransfer
 from sysid.structures.model import Model
@@ -77,6 +81,20 @@ def test_numbers_are_recovered_with_their_errors(kind: str) -> None:
     for p, wanted in zip(model.parameter_table(), theta, strict=True):
         assert abs(p.value - wanted) < 4.0 * p.std_error, p.name
         assert p.std_error < 0.05 * max(abs(wanted), 0.5)
+
+
+def test_time_constants_fall_unless_one_is_named() -> None:
+    s = Process((), 2, 1, DT, True, 2, 0, 0, 0)
+    theta = np.array([2.0, 0.4, 1.5, 0.1, 3.0, 0.2, 0.7, 0.0])
+    table = s.parameters((Channel("a"), Channel("b")), (Channel("y"),))
+    assert s.in_order(theta, table).tolist() == [0, 2, 1, 3, 4, 6, 5, 7]
+    named = (table[0], replace(table[1], fixed=0.4), *table[2:])
+    assert s.in_order(theta, named).tolist() == [0, 1, 2, 3, 4, 6, 5, 7]
+    found = FitOutcome(s, table, theta, np.diag(theta), np.eye(8)[:, 1:2], at_bound=("T2[y,b]",))
+    moved = found.permuted(s.in_order(theta, table))
+    assert moved.theta.tolist() == np.diag(moved.covariance).tolist()
+    assert moved.theta[1:3].tolist() == [1.5, 0.4]
+    assert (moved.null[2, 0], moved.at_bound) == (1.0, ("T1[y,b]",))
 
 
 def test_transfer_function_of_two_inputs_and_outputs() -> None:
@@ -176,3 +194,46 @@ def test_unknown_types_are_refused(text: str) -> None:
 def test_more_zeros_than_poles_are_refused() -> None:
     with pytest.raises(UsageError, match="fewer zeros"):
         ContinuousTransfer.from_orders({"np": 1, "nz": 1}, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "orders", "options", "truth"),
+    [
+        ("process", {}, {"type": "P2"}, [2.0, 1.5, 0.4]),
+        ("tf", {"np": 2, "nz": 1}, {"delay": "none"}, [3.0, 2.0, 4.0, 1.2]),
+    ],
+)
+def test_a_fit_is_the_least_squares_of_scipy_over_its_own_runs(
+    name: str, orders: dict[str, int], options: dict[str, str], truth: list[float]
+) -> None:
+    u, t = levels(300, 8), DT * np.arange(300)
+
+    def output(theta: Array) -> Array:
+        num, den = theta[:1], np.polymul([theta[1], 1.0], [theta[2], 1.0])
+        if name == "tf":
+            num, den = theta[1::-1], np.array([1.0, *theta[:1:-1]])
+        return np.asarray(signal.lsim((num, den), u, t, interp=False)[1])
+
+    y = output(np.array(truth))
+    y = y + 0.05 * np.std(y) * np.random.default_rng(1).standard_normal(300)
+    record = Record(u[:, None], y[:, None], DT)
+    asked = FitOptions(initial="zero")  # type: ignore[arg-type]
+    made = sysid.structure(record, name, orders, options)
+    model = pem.fit(made, [record], asked, detrend="none")
+
+    def errors_of(theta: Array) -> Array:
+        return y - output(theta)
+
+    peer: Any = optimize.least_squares(errors_of, truth)
+    errors = np.sqrt(np.diag(np.linalg.inv(peer.jac.T @ peer.jac)) * 2.0 * peer.cost / 297)
+    assert np.all(np.abs(model.theta - peer.x) < 1e-3 * errors)
+    np.testing.assert_allclose(np.sqrt(np.diag(model.covariance)), errors, rtol=0.01)
+
+
+def test_the_sampled_servo_of_astroem_and_wittenmark() -> None:
+    """1/(s (s + 1)) every second: (0.368 z + 0.264)/(z² − 1.368 z + 0.368), in e⁻¹ exactly."""
+    s = replace(Process.from_orders({}, 1, 1, {"type": "P1I"}), dt=1.0)
+    g = s.transfer(np.array([1.0, 1.0])).groups[0]
+    e = np.exp(-1.0)
+    np.testing.assert_allclose(g.num[0], [0.0, e, 1.0 - 2.0 * e], atol=1e-12)
+    np.testing.assert_allclose(g.den, [1.0, -1.0 - e, e], atol=1e-12)

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import StateSpace, lsim
+from scipy.integrate import solve_ivp
+from scipy.signal import StateSpace, lfilter, lsim
 
 from sysid.data.record import Array, Channel, Record
 from sysid.errors import DataError, SysidError, UsageError
 from sysid.estimation.assessment.advice import _information
+from sysid.estimation.assessment.delta_method import estimates
 from sysid.estimation.pem import fit
 from sysid.structures.grey_box.file.definition import definition_of
 from sysid.structures.grey_box.file.expressions import evaluate, parse
@@ -32,6 +34,17 @@ parameters:
   m: {unit: kg, start: 0.5, fixed: true}
 equations: {q: v, v: (force - k*q - d*v)/m}
 outputs: {position: {unit: m, equation: q}}
+"""
+
+MOTOR = """
+inputs: {u: V}
+states: {speed: {unit: rad/s}}
+parameters:
+  k: {unit: N*m/V, start: 0.05, bounds: [0.001, 10]}
+  J: {unit: kg*m^2, start: 0.01, bounds: [0.00001, 1]}
+  b: {unit: N*m*s/rad, start: 0.02, bounds: [0.0001, 1]}
+equations: {speed: (k*u - b*speed)/J}
+outputs: {omega: {unit: rad/s, equation: speed}}
 """
 
 DECAY = """
@@ -233,8 +246,41 @@ def test_parameters_that_only_show_together_are_said_with_what_would_help() -> N
     noisy = y + 1e-3 * np.random.default_rng(1).standard_normal(y.shape)
     log = Record(u, noisy, 0.1, (Channel("force", "N"),), (Channel("position", "m"),))
     model = fit(truth, [log])
-    (said,) = (s for s in _information(model) if "combination" in s)
+    (said,) = (s for s in _information(model) if "together" in s)
     assert "No experiment that was tried separates k, d, g, m" in said
+
+
+def test_what_only_shows_together_is_determined_together(tmp_path: Path) -> None:
+    """k, J and b have no error of their own; k/b and J/b have that of K and T of ``process``."""
+    rng = np.random.default_rng(3)
+    u = 5.0 * commands(600, 8, held=30)
+    at = np.exp(-0.01 / 0.4)
+    speed = lfilter([0.0, 2.0 * (1.0 - at)], [1.0, -at], u[:, 0])[:, None]
+    log = Record(
+        u,
+        speed + 0.05 * rng.standard_normal(speed.shape),
+        0.01,
+        (Channel("u", "V"),),
+        (Channel("omega", "rad/s"),),
+    )
+    model = fit(boxed(MOTOR, 0.0), [log])
+    assert np.all(np.isinf(np.diag(model.covariance)))
+    path = tmp_path / "model.json"
+    model.save(path)
+
+    def ratios(theta: Array) -> Array:
+        k, J, b = theta
+        return np.array([k / b, J / b, J])
+
+    gain, time, inertia = estimates(Model.load(path), ratios)
+    assert np.isinf(inertia.std_error)
+    assert (gain.value, time.value) == pytest.approx((2.0, 0.4), rel=0.01)
+    made = structure_class("process").from_orders({"np": 1}, 1, 1, {"delay": "none"})
+    other = {p.name: p for p in fit(made, [log], detrend="none").parameter_table()}
+    assert gain.value == pytest.approx(other["K"].value, abs=other["K"].std_error)
+    # the grey box estimates its first state, too: a sample of six hundred
+    assert gain.std_error == pytest.approx(other["K"].std_error, rel=0.05)
+    assert time.std_error == pytest.approx(other["T1"].std_error, rel=0.05)
 
 
 def test_every_experiment_may_have_a_parameter_of_its_own() -> None:
@@ -283,3 +329,22 @@ def test_a_damaged_file_is_refused(damage: dict[str, str]) -> None:
 def test_an_ode_is_no_name_to_fit() -> None:
     with pytest.raises(UsageError, match="no structure 'ode'"):
         structure_class("ode")
+
+
+def test_a_pendulum_swings_as_scipy_integrates_it() -> None:
+    made = structure_class(f"{EXAMPLES / 'pendulum'}.ode.yaml").from_orders({}, 1, 1)
+    assert isinstance(made, FromFile)
+    s = replace(made, sampling=Sampling(0.05, 8))
+    gravity, damping, dry, gain, slow = theta = np.array([30.0, 1.0, 0.5, 5.0, 0.05])
+    u = commands(25, 6)
+    x = s.physics.state_guess(theta, u, np.array([[0.4]]), 0.05)
+    assert x == pytest.approx([0.4, 0.0])
+    run = s.simulate(theta, u, x)[:, 0]
+    for k in range(len(u)):
+        assert run[k] == pytest.approx(x[0], abs=2e-3)  # the bend of dry friction within a substep
+
+        def moves(t: float, x: Array, k: int = k) -> list[float]:
+            friction = damping * x[1] + dry * np.tanh(x[1] / slow)
+            return [x[1], gain * u[k, 0] - friction - gravity * np.sin(x[0])]
+
+        x = solve_ivp(moves, (0.0, 0.05), x, method="LSODA", rtol=1e-8, atol=1e-9).y[:, -1]

@@ -11,6 +11,7 @@ from sysid.errors import DataError
 from sysid.testbench.motor.characterise import MotorBench, MotorOptions, characterise_motor
 from sysid.testbench.motor.equations import MotorConstants, steady_state
 from sysid.testbench.motor.events import from_counter, from_times
+from sysid.testbench.motor.joint import correlations
 from sysid.testbench.motor.tables import columns_of, read_bench_table
 
 TRUE = MotorConstants(R=2.4, Kem=0.004, Kc=0.0036, f=2e-7, C0=8e-5, J=1.5e-7, gear=60.0)
@@ -67,7 +68,7 @@ def test_all_experiments_tell_the_motor_within_their_errors(
     assert [t.kind.value for t in bench.tests] == [
         "blocked rotor", "no load", "stall", "external load",
     ]  # fmt: skip
-    matrix = bench.correlations()
+    matrix = correlations(bench.covariance)
     assert np.all(np.abs(matrix) <= 1.0 + 1e-12)
     assert np.allclose(matrix, matrix.T)
     f, dry = (list(bench.names).index(n) for n in ("f", "C0"))

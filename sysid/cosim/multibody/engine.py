@@ -106,7 +106,9 @@ class Engine:
         Raises:
             ModelError: the engine has lost the machine.
         """
-        self._put(state)
+        import mujoco
+
+        mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
         self._step(controls, t)
         return self._taken(), self.moved(t)
 
@@ -148,18 +150,13 @@ class Engine:
         for k, (x, y, _, vx, vy) in enumerate(self.moving):
             self.data.mocap_pos[k, :2] = x + vx * t, y + vy * t
         printed = mujoco.get_mju_user_warning()
-        mujoco.set_mju_user_warning(_unsaid)
+        mujoco.set_mju_user_warning(lambda message: None)
         try:
             for pair in controls:
                 self.data.ctrl[:] = pair
                 mujoco.mj_step(self.model, self.data)
         finally:
             mujoco.set_mju_user_warning(printed)
-
-    def _put(self, state: Array) -> None:
-        import mujoco
-
-        mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
 
     def _taken(self) -> Array:
         import mujoco
@@ -168,10 +165,6 @@ class Engine:
         state = np.empty(mujoco.mj_stateSize(self.model, kind))
         mujoco.mj_getState(self.model, self.data, state, kind)
         return state
-
-
-def _unsaid(message: str) -> None:
-    """Say nothing."""
 
 
 UPRIGHT = 0.5

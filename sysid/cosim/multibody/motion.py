@@ -101,7 +101,6 @@ class Multibody(Physics):
         return ("v_y", "touching")
 
     def report(self, state: MultibodyState, xp: Any) -> tuple[Real, ...]:
-        """Their values."""
         return (state.lateral, state.touching)
 
     def start(self, scene: Scene, xp: Any) -> MultibodyState:

@@ -63,12 +63,10 @@ class _Talk:
         self.came: queue.Queue[Message] = queue.Queue()
 
     def publish(self, topic: str, kind: Any) -> None:
-        """Offer a topic."""
         rospy = self.node.ros.rospy
         self.says[topic] = rospy.Publisher(topic, kind, queue_size=_QUEUE, tcp_nodelay=True)
 
     def subscribe(self, topic: str, kind: Any, take: Callable[[Any], None]) -> None:
-        """Listen to a topic."""
         rospy = self.node.ros.rospy
         self.listens[topic] = rospy.Subscriber(topic, kind, take, tcp_nodelay=True)
 
@@ -97,7 +95,6 @@ class _Talk:
                 raise SilenceError(self.why_silent(topic, patience if remaining <= 0.0 else gone))
 
     def why_silent(self, topic: str, seconds: float) -> str:
-        """A sentence on why nothing comes on a topic."""
         if self.listens[topic].get_num_connections() == 0:
             self.node.master.check()
             return (
@@ -156,11 +153,27 @@ class _Talk:
         self.node.end()
 
 
-class RobotPort:
+class _End:
+    """One end: what comes on a topic is taken in its order."""
+
+    def __init__(self, talk: _Talk, references: str, heard: str) -> None:
+        self._talk, self._references, self.said_end = talk, references, False
+        self._heard_on = heard
+
+    def receive(self, patience: float) -> Message:
+        return self._talk.wait(self._heard_on, patience)
+
+    def poll(self) -> Message | None:
+        with contextlib.suppress(queue.Empty):
+            return self._talk.came.get_nowait()
+        return None
+
+
+class RobotPort(_End):
     """The robot's end: says ``/clock`` and ``/odom``, hears what is asked."""
 
     def __init__(self, talk: _Talk, references: str) -> None:
-        self._talk, self._references, self.said_end = talk, references, False
+        super().__init__(talk, references, heard=references)
         ros = talk.node.ros
         talk.publish(CLOCK, ros.clock)
         talk.publish(ODOM, ros.odometry)
@@ -179,25 +192,15 @@ class RobotPort:
             says[CLOCK].publish(ros.clock(stamp))
             says[ODOM].publish(odometry_of(message.body, stamp, ros.odometry()))
 
-    def receive(self, patience: float) -> Message:
-        """What is asked next."""
-        return self._talk.wait(self._references, patience)
-
-    def poll(self) -> Message | None:
-        """What has been asked already."""
-        with contextlib.suppress(queue.Empty):
-            return self._talk.came.get_nowait()
-        return None
-
     def _heard(self, message: Any) -> None:
         self._talk.came.put(Asked(float(message.linear.x), float(message.angular.z)))
 
 
-class GuidancePort:
+class GuidancePort(_End):
     """The end of guidance: hears ``/clock`` and ``/odom``, says what it asks for."""
 
     def __init__(self, talk: _Talk, references: str) -> None:
-        self._talk, self._references, self.said_end = talk, references, False
+        super().__init__(talk, references, heard=ODOM)
         self._now: float | None = None
         ros = talk.node.ros
         talk.subscribe(CLOCK, ros.clock, self._ticked)
@@ -220,16 +223,6 @@ class GuidancePort:
             twist = ros.twist()
             twist.linear.x, twist.angular.z = message
             says[self._references].publish(twist)
-
-    def receive(self, patience: float) -> Message:
-        """Where the robot is next."""
-        return self._talk.wait(ODOM, patience)
-
-    def poll(self) -> Message | None:
-        """Where the robot was said to be already."""
-        with contextlib.suppress(queue.Empty):
-            return self._talk.came.get_nowait()
-        return None
 
     def _ticked(self, message: Any) -> None:
         self._now = float(message.clock.to_sec())

@@ -36,12 +36,10 @@ class Field:
 
     @property
     def moves(self) -> bool:
-        """Whether it is ever another number."""
         known = self.values[np.isfinite(self.values)]
         return len(known) > 1 and bool(np.ptp(known) > 0.0)
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for a JSON document."""
         known = self.values[np.isfinite(self.values)]
         low, high = (float(np.min(known)), float(np.max(known))) if len(known) else (None, None)
         return {"path": self.path, "min": low, "max": high, "moves": self.moves}
@@ -67,7 +65,6 @@ class Topic:
 
     @property
     def moving(self) -> tuple[Field, ...]:
-        """The numbers that move."""
         return tuple(f for f in self.fields if f.moves)
 
 
@@ -86,7 +83,6 @@ class Contents:
     topics: tuple[Topic, ...]
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for a JSON document."""
         topics = [
             {"name": t.name, "type": t.kind, "count": t.count, "rate_hz": t.rate,
              "fields": [f.summary() for f in t.fields]} for t in self.topics
@@ -122,7 +118,6 @@ class _Part:
     found: "dict[str, tuple[array[float], array[float]]]" = field(default_factory=dict)
 
     def add(self, t: float, content: Any) -> None:
-        """Note the numbers of a message."""
         self.t.append(t)
         for path, value in numbers(content):
             at, values = self.found.setdefault(path, (array("d"), array("d")))

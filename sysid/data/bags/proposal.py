@@ -61,7 +61,6 @@ class Proposal:
     why: str
 
     def summary(self) -> dict[str, Any]:
-        """Plain values for a JSON document."""
         sides = {"inputs": list(self.inputs), "outputs": list(self.outputs)}
         return {"map": self.map, **sides, "why": self.why}
 

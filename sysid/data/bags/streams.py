@@ -57,7 +57,6 @@ class Stream:
     frames: tuple[str, str] = ("", "")
 
     def rows(self, kept: NDArray[np.intp] | NDArray[np.bool_]) -> "Stream":
-        """Some of its messages."""
         return replace(
             self,
             received=self.received[kept],
@@ -93,7 +92,13 @@ def read_streams(path: Path, mapping: Sequence[Source]) -> Streams:
     with opened(path) as bag:
         topics = tuple(dict.fromkeys(s.topic for s in mapping))
         for topic in topics:
-            _check_topic(bag, topic)
+            if topic not in bag.types:
+                near = nearest(topic, sorted(bag.types))
+                raise UsageError(f"{bag.where} has no topic {topic}{near}")
+            if not bag.counts[topic]:
+                raise DataError(
+                    f"{bag.where}: {topic} holds no messages; map another topic, or record it"
+                )
         origin = bag.start if bag.start > FIRST_DATE else 0
         parts = {t: _Part(bag, t, [s for s in mapping if s.topic == t], origin) for t in topics}
         clock = array("d")
@@ -109,14 +114,6 @@ def read_streams(path: Path, mapping: Sequence[Source]) -> Streams:
         np.frombuffer(clock, dtype=np.float64).reshape(-1, 2) if clock else np.empty((0, 2))
     )
     return Streams(bag.where, origin / 1e9, streams, clock_samples)
-
-
-def _check_topic(bag: Bag, topic: str) -> None:
-    if topic not in bag.types:
-        near = nearest(topic, sorted(bag.types))
-        raise UsageError(f"{bag.where} has no topic {topic}{near}")
-    if not bag.counts[topic]:
-        raise DataError(f"{bag.where}: {topic} holds no messages; map another topic, or record it")
 
 
 @dataclass(eq=False)
@@ -135,7 +132,6 @@ class _Part:
     frames: tuple[str, str] = ("", "")
 
     def add(self, message: Message) -> None:
-        """Take the numbers out of a message."""
         content = message.content
         header = getattr(content, "header", None)
         if not self.readers:
@@ -162,7 +158,6 @@ class _Part:
                 raise UsageError(f"{self.bag.where}: {self.topic} ({kind}) {error}") from None
 
     def stream(self) -> Stream:
-        """All of it."""
         values = np.frombuffer(self.values, dtype=np.float64).reshape(-1, len(self.columns))
         for k, (name, _, path) in enumerate(self.columns):
             if not np.isfinite(values[:, k]).any():
@@ -188,7 +183,6 @@ class _Part:
 
 
 def _ns(stamp: object) -> int:
-    """A stamp in nanoseconds."""
     return int(getattr(stamp, "sec", 0)) * 10**9 + int(getattr(stamp, "nanosec", 0))
 
 

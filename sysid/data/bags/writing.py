@@ -63,7 +63,6 @@ class Messages:
         return {"layout": layout, "data": self.array(*by_label.values())}
 
     def array(self, *values: float) -> Any:
-        """Numbers as a message holds them."""
         import numpy as np
 
         return np.array(values, dtype=np.float64)

@@ -118,7 +118,6 @@ class Change:
 
     @property
     def is_step(self) -> bool:
-        """Whether it happens at one time."""
         return bool(np.isfinite(self.at))
 
 

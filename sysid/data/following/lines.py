@@ -105,7 +105,6 @@ class FileLines(Lines):
         return self._file.read(CHUNK)
 
     def close(self) -> None:
-        """Let go of the file."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -139,7 +138,6 @@ class PipeLines(Lines):
         return data
 
     def close(self) -> None:
-        """Let go of the pipe."""
         if self._own:
             os.close(self._descriptor)
 

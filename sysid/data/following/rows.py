@@ -100,12 +100,10 @@ class RowReader:
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
-        """Input channels."""
         return self._known.inputs
 
     @property
     def outputs(self) -> tuple[Channel, ...]:
-        """Output channels."""
         return self._known.outputs
 
     @property
@@ -273,7 +271,6 @@ class _Format:
 
     @property
     def width(self) -> int:
-        """Number of signals."""
         return len(self.inputs) + len(self.outputs)
 
     @property
@@ -282,7 +279,6 @@ class _Format:
         return np.array([c.scale for c in (*self.inputs, *self.outputs)])
 
     def is_header(self, line: str) -> bool:
-        """Whether a line is the header once more."""
         return tuple(split_line(line, self.layout.delimiter)) == self.layout.names
 
     def is_row(self, line: str) -> bool:

@@ -75,7 +75,6 @@ class Blocks:
                 yield self._table(rest + b"\n")
 
     def digest(self) -> str:
-        """The checksum of the file."""
         total = sha256()
         with open_regular(self.path) as file:
             while data := file.read(1 << 24):

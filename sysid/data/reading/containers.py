@@ -227,10 +227,6 @@ def _of_one_length(vectors: Mapping[str, Sequence[Any]]) -> Columns:
     }
 
 
-def _matlab(data: bytes, where: str) -> Columns:
-    return _of_arrays((name, np.squeeze(value)) for name, value in matlab_arrays(data, where))
-
-
 def _of_arrays(arrays: Iterable[tuple[str, Any]]) -> Columns:
     """Vectors, and the columns of matrices whose longer side is as long as most vectors are."""
     numbers = {n: np.asarray(v) for n, v in arrays if isinstance(v, np.ndarray)}
@@ -272,21 +268,12 @@ def _hdf5(data: bytes, where: str) -> Columns:
     return _of_arrays(arrays.items())
 
 
-def _is_hdf5(data: bytes, where: str) -> bool:
-    return b"\x89HDF" in (data[:4], data[HDF5_AT : HDF5_AT + 4])
-
-
-def _is_matlab(data: bytes, where: str) -> bool:
-    return data.startswith(b"MATLAB 5.0") or where.lower().endswith(".mat")
-
-
-def _is_json(data: bytes, where: str) -> bool:
-    return data[:64].lstrip(b"\xef\xbb\xbf \r\n\t").startswith((b"{", b"["))
-
-
 _KINDS: tuple[tuple[Callable[[bytes, str], bool], Callable[[bytes, str], Columns]], ...] = (
-    (_is_hdf5, _hdf5),
-    (_is_matlab, _matlab),
-    (_is_json, _json),
+    (lambda data, _: b"\x89HDF" in (data[:4], data[HDF5_AT : HDF5_AT + 4]), _hdf5),
+    (
+        lambda data, where: data.startswith(b"MATLAB 5.0") or where.lower().endswith(".mat"),
+        lambda data, where: _of_arrays((n, np.squeeze(v)) for n, v in matlab_arrays(data, where)),
+    ),
+    (lambda data, _: data[:64].lstrip(b"\xef\xbb\xbf \r\n\t").startswith((b"{", b"[")), _json),
 )
 """Whether a file is of a kind, by its first bytes or its name, and its reader."""

@@ -322,6 +322,12 @@ def _is_full(line: str, data: str) -> bool:
     return wanted > 2 and len([c for c in cells_of(line, sep) if c.strip()]) == wanted
 
 
+def _is_title(line: str) -> bool:
+    """Whether one word stands alone in front of delimiters, as at the end of a title block."""
+    cells = _tokens(line)
+    return len(cells) == 1 and line.lstrip().startswith(cells[0]) and not is_unit(cells[0])
+
+
 def _names_and_units(above: Sequence[Line], data: str) -> tuple[int | None, bool]:
     """Which of the lines above the data has the names, and whether the last one has units.
 
@@ -333,6 +339,7 @@ def _names_and_units(above: Sequence[Line], data: str) -> tuple[int | None, bool
     wanted = len(cells_of(data, sep))
     near = _ending(above)
     odd = [i for i in near if abs(len(cells_of(above[i][1], sep)) - wanted) > 1]
+    odd += [i for i in near if _is_title(above[i][1])]
     near = [i for i in near if i > max(odd, default=-1)]
     able = [i for i in near if _is_full(above[i][1], data) and _is_distinct(above[i][1])]
     able = [i for i in able if not _has_number(above[i][1])]

@@ -70,8 +70,11 @@ def two_states(values: Array) -> NDArray[np.bool_] | None:
     return np.asarray(values[there][last] > 0.5)
 
 
-def may_release(names: Sequence[str], given: str | None) -> tuple[str, ...]:
-    """The columns to look at."""
+def may_release(
+    names: Sequence[str], given: str | None, inputs: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """The columns to look at: where a brake is an input, what it does is to be modelled."""
     if given is not None:
         return () if given == NONE else (given,)
-    return tuple(n for n in names if releases(n))
+    braking = any(releases(n) == "brake" for n in inputs)
+    return tuple(n for n in names if releases(n) and not (braking and releases(n) == "brake"))

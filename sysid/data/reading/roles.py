@@ -17,6 +17,7 @@ from sysid.data.column_words import (
     family,
     has_result_unit,
     is_actuator,
+    is_ambient,
     is_set_point,
     may_drive,
     meaning,
@@ -111,7 +112,7 @@ def _roles(units: dict[str, str], given_u: Columns, given_y: Columns) -> Roles:
         called_u = [n for n in called_u if n not in aside]
     drives = [n for n in meant if may_drive(n, units[n])]
     measured = [n for n, m in meant.items() if m.quantity in ("speed", "measurement")]
-    effects = [n for n in measured if n not in (*drives, *called_u)]
+    effects = sorted((n for n in measured if n not in (*drives, *called_u)), key=is_ambient)
     unknown = [n for n, m in meant.items() if m.quantity == "other" and n not in drives]
     read = [n for n in unknown if has_result_unit(n, units[n])]
     unread = [n for n in unknown if n not in read]

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
 from sysid.data.reading.clock import (
@@ -43,13 +44,38 @@ class ColumnReader:
         return self.table.is_date(name)
 
 
-def moving_clocks(table: Table, column: TimeColumn | None) -> tuple[str, ...]:
-    """The other columns that rise in every row as a clock does, for a log whose clock stands."""
+MORE_DIGITS = "log it with more digits"
+
+MOST_SERIES = 50
+"""Names in a column beyond which it tells no machines apart."""
+
+
+def still_clock_advice(table: Table, column: TimeColumn | None) -> str:
+    """What to do about a clock that stands: rows of several machines, another clock, or neither."""
     read = ColumnReader(table)
-    columns = {n: read(n) for n in table.names if column is not None and n != column.name}
-    return tuple(
-        n for n, c in columns.items() if c is not None and is_steady(c) and np.all(np.diff(c) > 0)
-    )
+    others = [n for n in table.names if column is not None and n != column.name]
+    time = None if column is None else read(column.name)
+    for name in others:
+        keys, of = np.unique(table.texts(name), return_inverse=True)
+        if time is not None and 1 < len(keys) <= MOST_SERIES and _rises_in_each(time, of):
+            return (
+                f"column {name} tells {len(keys)} series apart ({', '.join(keys[:3])}) with a "
+                "time each: write the rows of each to a file of its own"
+            )
+    columns = {n: read(n) for n in others}
+    clocks = [
+        argument(time=n)
+        for n, c in columns.items()
+        if c is not None and is_steady(c) and np.all(np.diff(c) > 0)
+    ]
+    named = f"name the clock with {' or '.join(clocks[:3])}" if clocks else MORE_DIGITS
+    return f"{named}, or count the rows, without their gaps, at `ts` seconds each"
+
+
+def _rises_in_each(time: Array, of: NDArray[np.intp]) -> bool:
+    order = np.argsort(of, kind="stable")
+    same = np.diff(of[order]) == 0
+    return len(of) == len(time) and bool(np.all(np.diff(time[order])[same] > 0))
 
 
 def signal_reader(table: Table) -> Numbers:

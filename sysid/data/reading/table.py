@@ -153,7 +153,6 @@ class Table:
         return values
 
     def texts(self, name: str) -> list[str]:
-        """The cells of a column of the file as text."""
         return list(self._cells(name, len(self)))
 
     def _cells(self, name: str, rows: int) -> Iterator[str]:

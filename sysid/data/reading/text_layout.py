@@ -170,6 +170,12 @@ def _cleaned(lines: _Lines, sep: str, where: str, strict: bool, complete: bool) 
     names, rows, numbers, notes = _even_out(lines.names, rows, numbers, sep, where, complete)
     if not strict:
         without, first = without_words(rows, sep)
+        end = len(rows)
+        while end - 1 in without and cells_of(without[end - 1], sep)[0] == "nan":
+            end -= 1  # a footer: its rows begin with words, such as ``Mean;3.2``
+        rows, numbers, footer = _left_out(rows, numbers, range(end, len(rows)))
+        skipped += footer
+        first = {i: k for i, k in first.items() if k < end}
         said = ", ".join(
             f"{names[i]} ({split_line(rows[k], sep)[i]!r} in line {numbers[k]})"
             for i, k in first.items()
@@ -199,7 +205,6 @@ def _left_out(
 
 
 def _counts(rows: Sequence[str], sep: str) -> list[int]:
-    """How many cells each row has."""
     plain = sep != " " and not any('"' in r for r in rows)
     return [r.count(sep) + 1 if plain else len(cells_of(r, sep)) for r in rows]
 

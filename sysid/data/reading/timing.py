@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sysid.data.finding import Finding, Severity
 from sysid.data.record import Array
-from sysid.errors import DataError, UsageError, argument
+from sysid.errors import DataError, UsageError
 
 STAMP_UNITS = (86400.0, 3600.0, 60.0, 1.0)
 """Units of stamps [s] that are longer than a second, or one: shorter ones end in a decimal too."""
@@ -120,7 +120,7 @@ def plan_grid(
     policy: ResamplePolicy,
     place: Place,
     where: str,
-    moving: Callable[[], Sequence[str]] = tuple,
+    advice: Callable[[], str] = lambda: "log it with more digits",
 ) -> Grid:
     """Judge the instants ``t`` (N,) and say how to bring the samples onto a uniform grid.
 
@@ -131,12 +131,12 @@ def plan_grid(
         t: instants, any unit, finite.
         policy: what may be done about jitter and gaps.
         place: row → "file, line n" for messages.
-        moving: the columns that may be the clock instead, for a message.
+        advice: what to do about a clock that stands.
 
     Raises:
         DataError: time does not increase, or the policy forbids what would be needed.
     """
-    breaks = _increasing(t, policy, place, where, moving)
+    breaks = _increasing(t, policy, place, where, advice)
     bounds = [0, *(i + 1 for i in breaks), len(t)]
     inside = np.ones(len(t) - 1, dtype=bool)
     inside[list(breaks)] = False
@@ -229,7 +229,7 @@ def zero_order_hold_means(at: Array, u: Array, edges: Array) -> Array:
 
 
 def _increasing(
-    t: Array, policy: ResamplePolicy, place: Place, where: str, moving: Callable[[], Sequence[str]]
+    t: Array, policy: ResamplePolicy, place: Place, where: str, advice: Callable[[], str]
 ) -> tuple[int, ...]:
     """Intervals where the clock starts again or is set back; refuses any other non-increase."""
     d = np.diff(t)
@@ -240,11 +240,9 @@ def _increasing(
     if np.all(d < 0):
         raise DataError(f"{where}: time decreases throughout; sort the rows by time")
     if not np.any(d > 0) or np.count_nonzero(d == 0) > len(d) // 3:
-        clocks = " or ".join(argument(time=n) for n in moving()[:3])
-        named = f"name the clock with {clocks}" if clocks else "log it with more digits"
         raise DataError(
             f"{place(i + 1)}: time stays at {t[i]:.9g} (as {np.count_nonzero(d == 0)} rows "
-            f"do); {named}, or count the rows, without their gaps, at `ts` seconds each"
+            f"do); {advice()}"
         )
     if d[i] == 0:
         raise DataError(

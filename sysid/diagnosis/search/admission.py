@@ -43,8 +43,9 @@ def on_bound(p: ModelParameter, value: float) -> bool:
 
 
 def _at(p: ModelParameter, value: float, target: float) -> bool:
-    """Whether a parameter ended at a place, against its range and its usual size."""
-    return abs(value - target) < min(1e-3 * (p.upper - p.lower), 0.01 * p.scale)
+    """Whether a parameter ended at a place, against its range, its usual size and the place."""
+    near = min(1e-3 * (p.upper - p.lower), 0.01 * p.scale)
+    return abs(value - target) < min(near, 0.5 * abs(target) or near)
 
 
 def admissible(model: FullModel, origin: Array, candidate: CandidateModel) -> bool:

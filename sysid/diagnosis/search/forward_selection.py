@@ -72,9 +72,6 @@ class ForwardSelection(CandidateSearch):
             other, other_minor = self._grown(base, rival.model, effects, say, required)
             if self.best_of(base, (best, other)) is other:
                 best, minor = other, other_minor if other_minor is not None else minor
-        best = self.fitted(best)
-        say("dropping what is needless", 0.85)
-        best = self.pruned(base, best)
         selected = self.account(base, best, effects, judged)
         while len(selected) > 1 and (shrunk := self._shrunk(best, selected)):
             # a delay that is now how the log was sampled; what remains is fitted and judged again
@@ -91,7 +88,8 @@ class ForwardSelection(CandidateSearch):
         say: Progress,
         required: RequiredRatio,
     ) -> tuple[CandidateModel, tuple[tuple[str, Evidence], ...] | None]:
-        """A candidate with effects added one at a time; and what was minor when it grew no more."""
+        """A candidate with effects added one at a time, without those that others have made
+        needless; and what was minor when it grew no more."""
         minor, tidied = None, 1
         while len(model.effects) < BUDGET.most_effects and (needed := required(model)) > 0.0:
             if len(model.effects) > tidied:
@@ -108,7 +106,7 @@ class ForwardSelection(CandidateSearch):
             model = passed[0].model
             if self.stepwise & set(model.effects[:-1]):  # held while the newest effect was tried
                 model = self.fitted(model)
-        return model, minor
+        return self.pruned(base, self.fitted(model)), minor
 
     def _next(
         self, base: CandidateModel, model: CandidateModel, effects: Sequence[Effect], needed: float

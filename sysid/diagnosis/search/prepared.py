@@ -80,12 +80,12 @@ def prepare(
     """Stack records.
 
     Args:
-        delay: whole samples of dead time.
+        delay: whole samples of dead time; 0 where the command of a row acted before its reading.
         weights: weight of each sample of each record, (N, tracks).
         logs: which of several logs each record belongs to; all to the first when None.
     """
     facts = LogFacts.of(data)
-    records, shift = facts.records, max(delay - 1, 0)
+    records, shift = facts.records, delay - 1
     lengths = tuple(map(len, records))
     starts = np.cumsum([0, *lengths[:-1]])
     total = sum(lengths)
@@ -96,8 +96,10 @@ def prepare(
         if r.nu == 1:  # all outputs have it
             d = np.repeat(d, r.ny, axis=1)
         before = drive_before(d[0], r.y)
-        drive.append(np.vstack([np.repeat(before[None], shift, axis=0), d[: len(d) - shift]]))
-        moving.append(np.tile(np.where(before == drive[-1][0], 1.0, 0.0), (len(d), 1)))
+        rows = np.arange(len(d)) - shift
+        drive.append(np.where(rows[:, None] < 0, before, d[np.clip(rows, 0, len(d) - 1)]))
+        begins = drive[-1][0] if delay else d[0]
+        moving.append(np.tile(np.where(before == begins, 1.0, 0.0), (len(d), 1)))
     since = [np.zeros(1 + r.ny) if r.since is None else r.since for r in records]
     counted = [(np.cumsum(r.y, axis=0) - r.y) * r.dt for r in records]
     t = [r.dt * np.arange(len(r), dtype=np.float64)[:, None] for r in records]

@@ -37,6 +37,12 @@ SPANS = (1, 2, 3)
 RANKS = 2
 """Waves over the angle that a search starts from, the strongest first."""
 
+RAMPS, STEEP = (4, 16, 64), 0.98
+"""Samples over which slopes are taken, and their quantile: most of the time nothing ramps."""
+
+QUICK = 6.0
+"""By how much a lag shrinks where a ramp was taken for it."""
+
 
 def starts_of(
     model: FullModel, e: Effect, q: Array, errors: Array, data: Data, fixed_core: bool = False
@@ -75,6 +81,31 @@ def _starts_of(model: FullModel, e: Effect, q: Array, errors: Array, data: Data)
         rows.append(row)
     if is_of_servo(e):
         return [*rows, *_from_motion(model, e, q, data)]
+    if e.hints.starts_from is StartsFrom.RAMPS:
+        return [*rows, *_from_ramps(model, e, q, data)]
+    return rows
+
+
+def _from_ramps(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array]:
+    """The steepest slopes of the measurements over several spans, as rates of the drive.
+
+    The base takes ramps for a slow lag: each rate is also tried with a core that is quick.
+    """
+    rows = []
+    for span, power in product(RAMPS, (1.0, QUICK)):
+        row = q.copy()
+        for i in range(model.tracks):
+            gain, f, _ = model.core(q, i)
+            slopes = [
+                np.abs(y[span:] - y[:-span]) / (span * model.dt) for y in data.split(data.y[:, i])
+            ]
+            steepest = float(np.quantile(np.concatenate(slopes), STEEP)) if slopes else 0.0
+            at = model.index[e.id, e.parameters[0].name, i]
+            row[at] = model.parameters[at].within(steepest / max(abs(gain), 1e-300))
+            if power != 1.0:
+                poles = np.abs(np.roots([1.0, *f])) ** power
+                model.set_core(row, i, gain, np.asarray(np.poly(poles)[1:], dtype=np.float64))
+        rows.append(row)
     return rows
 
 

@@ -60,6 +60,12 @@ class FittedShape:
         return self.shape.in_time and self._terms.penalty is not None
 
     @property
+    def follows_anything(self) -> bool:
+        """Whether it is a drift that has, with the core, more numbers than the command has moves:
+        whatever these do to the output, it can do, too."""
+        return self.drifts and self.numbers + self.track.own.shape[1] > self.track.moves
+
+    @property
     def explained(self) -> float:
         """Held-out squared error that it takes away, mean over the samples."""
         old, new = (float(e.mean_squares()[1][0]) for e in (self.before, self.after))

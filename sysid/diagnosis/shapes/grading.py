@@ -3,9 +3,9 @@
 A name is withheld where a shape of another place of the chain, or of time, explains clearly more of
 the data: by the rule of acceptance, with the numbers of both counted. At the same place a curve
 that explains more is what the law misses: the name stands, and the curve shows the rest; only a
-shape with as few numbers as a law takes its place. A drift, a free curve of time, follows anything
-slow: it is told only where no other shape explains half as much, and withholds only names that
-explain less than four fifths of it.
+shape with as few numbers as a law takes its place. A drift, a free curve of time, withholds only
+names that explain less than four fifths of it. One of more numbers than the command has moves
+follows anything: it is told only where no other shape explains half as much.
 """
 
 from collections.abc import Sequence
@@ -94,8 +94,8 @@ def proven(fitted: Sequence[FittedShape], of_signals: Sequence[float]) -> tuple[
             s
             for s in passed
             if not s.shape.in_time
-            or (s.drifts and max(shown, of_signals[i]) < SHAPES.of_signals * s.share)
-            or (not s.drifts and of_signals[i] < s.share)
+            or (s.follows_anything and max(shown, of_signals[i]) < SHAPES.of_signals * s.share)
+            or (not s.follows_anything and of_signals[i] < s.share)
         ]
         if not passed:
             continue

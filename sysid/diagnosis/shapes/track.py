@@ -22,6 +22,9 @@ from sysid.diagnosis.search.selection import CandidateModel
 BLOCKS_OF_TIME, LEAST_BLOCK = 60, 8
 """Blocks of a log that terms of time are judged on, every third one; samples of each at least."""
 
+A_MOVE = 0.1
+"""Share of the command's range that a move of it takes at least."""
+
 Mask = NDArray[np.bool_]
 
 
@@ -89,6 +92,23 @@ class Track:
     def first(self) -> NDArray[np.int64]:
         """First row of each row's record, (N,)."""
         return np.repeat(self.starts[:-1], np.diff(self.starts)).astype(np.int64)
+
+    @cached_property
+    def moves(self) -> int:
+        """How often the command turns back by more than ``A_MOVE`` of its range, in the rows that
+        terms of time are fitted to and judged on."""
+        drive = self.drive[self.fitted_in_time | self.judged_in_time]
+        changed = drive[np.flatnonzero(np.diff(drive, prepend=np.nan))]
+        least = A_MOVE * float(np.ptp(drive))
+        turns, way = 0, 0
+        low = high = float(changed[0])
+        for value in changed.tolist():
+            low, high = min(low, value), max(high, value)
+            if way >= 0 and value < high - least:
+                turns, way, low = turns + 1, -1, value
+            elif way <= 0 and value > low + least:
+                turns, way, high = turns + 1, 1, value
+        return turns
 
     @cached_property
     def pole(self) -> float:

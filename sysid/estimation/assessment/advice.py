@@ -1,6 +1,6 @@
 """Automatic warnings about a fit, as sentences with advice."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from sysid.data.finding import Finding, Severity
 from sysid.data.record import Record
 from sysid.errors import Termination
 from sysid.estimation.assessment.figures import Figures
-from sysid.estimation.information.experiments import mendings
+from sysid.estimation.information.experiments import with_mending
 from sysid.estimation.information.subject import subject_of_model
 from sysid.estimation.soundness import INTEGRATING, largest_radius, motion_doubts
 from sysid.structures import motion
@@ -133,12 +133,13 @@ def _information(model: Model) -> list[str]:
     for direction in model.null_directions:
         if unvisited(direction):
             continue
+        if isinstance(model.structure, GreyBox):
+            sentences.append(_told_apart(model, direction))
+            continue
         names = sorted(direction, key=lambda n: -round(abs(direction[n]), 6))  # ties by order
         shown = ", ".join(names[:6]) + (" …" if len(names) > 6 else "")
         why = f"{together}, or too little is excited. The smallest such values were taken; a "
         why += "richer input (sysid excite) distinguishes them."
-        if isinstance(model.structure, GreyBox):
-            why = "they only show together. " + _told_apart(model, names)
         sentences.append(f"The data hold no information about a combination of {shown}: {why}")
     table = [p for p in model.parameter_table() if not p.fixed]
     vague = [p.name for p in table if np.isfinite(p.std_error) and p.std_error > abs(p.value)]
@@ -151,12 +152,10 @@ def _information(model: Model) -> list[str]:
     return sentences
 
 
-def _told_apart(model: Model, names: Sequence[str]) -> str:
-    """Which experiment would separate physical parameters; that none of those tried does."""
+def _told_apart(model: Model, direction: Mapping[str, float]) -> str:
+    """Physical parameters that only show together, as ``before_fit`` says it."""
     subject = subject_of_model(model)
-    asked = [n for n in subject.names if n in names]
-    found = mendings(subject, asked, [np.inf] * len(subject.names))
-    return " ".join(dict.fromkeys(m.sentence for m in found))
+    return with_mending(subject, [n for n in subject.names if n in direction])
 
 
 def _simulation(free_run: Figures, one_step: Figures) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.data.record import Array
 from sysid.data.schema import Null
+from sysid.fitting.uncertainty import Determined
 from sysid.structures.model import Model
 
 MANY = 60
@@ -83,22 +84,32 @@ def delta_root(model: Model, numbers: Callable[[Array], Array], centre: Array) -
     Returns:
         Infinite in the rows of numbers that a direction without information changes.
     """
-    covariance = np.asarray(model.covariance, dtype=np.float64)
-    known = np.isfinite(covariance)
-    names = [p.name for p in model.parameters]
+    known = _determined(model)
     columns = [np.zeros(len(centre))]
-    for axis, weight in _axes(np.where(known, covariance, 0.0)):
+    for axis, weight in _axes(known.covariance):
         slope = _slope(numbers, model.theta, axis)
         columns.append(np.sqrt(weight) * np.nan_to_num(slope, nan=0.0))
-    for direction in model.null_directions:
-        axis = np.array([direction.get(n, 0.0) for n in names])
-        size = float(np.linalg.norm(axis))
-        if size == 0.0:
-            continue
-        axis *= 1e-3 * max(float(np.linalg.norm(model.theta)), 1e-12) / size
-        moved = np.abs(_slope(numbers, model.theta, axis))
+    size = np.abs(model.theta)
+    size[size == 0.0] = max(float(size.max(initial=0.0)), 1e-12)
+    for step in known.open.T:
+        # slopes of a run are known to eight digits or so, and so is the direction
+        moved = np.abs(_slope(numbers, model.theta, 1e-3 * step / np.max(np.abs(step) / size)))
         columns.append(np.where(moved > 1e-6 * np.abs(centre), np.inf, 0.0))
     return np.column_stack(columns)
+
+
+def _determined(model: Model) -> Determined:
+    """What is known of functions of θ; of a fit that does not say it, what single entries allow."""
+    if model.determined is not None:
+        return model.determined
+    covariance = np.asarray(model.covariance, dtype=np.float64)
+    names = [p.name for p in model.parameters]
+    steps = [np.array([d.get(n, 0.0) for n in names]) for d in model.null_directions]
+    steps = [s for s in steps if np.any(s)]
+    return Determined(
+        np.where(np.isfinite(covariance), covariance, 0.0),
+        np.array(steps).T if steps else np.zeros((len(names), 0)),
+    )
 
 
 def _axes(covariance: Array) -> list[tuple[Array, float]]:

@@ -6,7 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.record import Array
-from sysid.estimation.information.sensitivity import DOUBTFUL, Information, information
+from sysid.estimation.information.sensitivity import (
+    DOUBTFUL,
+    Information,
+    hidden_words,
+    information,
+)
 from sysid.estimation.information.subject import Subject
 from sysid.fitting.profile import NORMAL
 from sysid.structures.motion import time_constants
@@ -69,6 +74,12 @@ def mendings(
         if np.all(np.isfinite(D)):
             found.append((words, information([D], n)))
     return tuple(_mending(subject, name, errors, found) for name in doubtful)
+
+
+def with_mending(subject: Subject, names: Sequence[str]) -> str:
+    """Which parameters only show together, and which experiment would separate them."""
+    found = mendings(subject, names, [np.inf] * len(subject.names))
+    return " ".join(dict.fromkeys([hidden_words(names), *(m.sentence for m in found)]))
 
 
 def _mending(

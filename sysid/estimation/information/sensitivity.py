@@ -7,7 +7,7 @@ parameter counts what the others cannot imitate: the residual r of its column of
 on all others; 1/‖r‖² is its variance, and r² says at which instants it comes in.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -27,8 +27,8 @@ MOST = 0.8
 LINKED = 0.95
 """Correlation beyond which two estimates are named as a pair."""
 
-ILL = 1e4
-"""Condition number of the scaled slopes from which the worst direction costs most digits."""
+TAKES_PART = 0.05
+"""Weight from which a parameter is named as one of a direction without information."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ class Sensitivity:
     Attributes:
         rank, count: of the slopes by parameters and initial states; directions without information
             are ``count − rank``.
-        null: these directions, as {name: weight}.
+        null: groups of parameters that take part in these, as {name: part}.
         t: instants of the first log [s].
         course: share of each parameter's information that has come in by then, (N, n).
     """
@@ -155,6 +155,37 @@ class Sensitivity:
             "condition": self.condition,
             "null_directions": list(self.null),
         }
+
+
+def rank_words(rank: int, count: int, condition: float) -> str:
+    """How well slopes tell unknowns apart, as a sentence."""
+    return f"Rank {rank} of {count} unknowns (initial states included), condition {condition:.3g}."
+
+
+def hidden(names: Sequence[str], null: Array) -> tuple[dict[str, float], ...]:
+    """Groups of parameters that only show together, as {name: part}, 1 where one never shows.
+
+    Groups that have nothing to do with each other are told apart, whatever basis ``null`` is in.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    part = np.linalg.norm(null, axis=1)
+    count, group = connected_components(np.abs(null @ null.T) > TAKES_PART**2, directed=False)
+    every = (
+        {
+            name: float(p)
+            for name, p, g in zip(names, part, group, strict=True)
+            if g == k and p > TAKES_PART
+        }
+        for k in range(count)
+    )
+    return tuple(d for d in every if d)
+
+
+def hidden_words(names: Collection[str]) -> str:
+    """Which parameters a direction without information hides, as a sentence."""
+    what = "only show together" if len(names) > 1 else "does not act"
+    return f"{', '.join(names)} {what} on this log."
 
 
 def sensitivity(subject: Subject, records: Sequence[Record]) -> Sensitivity:
@@ -189,16 +220,12 @@ def sensitivity(subject: Subject, records: Sequence[Record]) -> Sensitivity:
         )
     count = n + sum(D.shape[2] - n for D in slopes)
     total = np.maximum(power[0].sum(axis=0), 1e-300)
-    directions = tuple(
-        {name: float(w) for name, w in zip(names, v, strict=True) if abs(w) > 0.05}
-        for v in found.null.T
-    )
     return Sensitivity(
         tuple(parameters),
         count - found.null.shape[1],
         count,
         found.condition,
-        tuple(d for d in directions if d),
+        hidden(names, found.null),
         records[0].t,
         np.cumsum(power[0], axis=0) / total,
     )

@@ -1,22 +1,16 @@
-"""Frequency response without a model: Welch, Blackman–Tukey, and local polynomials, with bands.
+"""Frequency response without a model: Welch, Blackman–Tukey, and local models, with bands.
 
-A local polynomial takes the spectrum around a line of the Fourier transform as
-
-    Y(k+r) = (g₀ + g₁ r + g₂ r²) U(k+r) + t₀ + t₁ r + t₂ r² + V(k+r)
-
-so that the transient of a record that is no whole period is estimated instead of leaking into the
-response; what is left is the noise, whose variance gives the band (Schoukens, Vandersteen, Barbé &
-Pintelon 2009, IEEE Trans. Instrum. Meas. 58, 786; Pintelon & Schoukens 2012, ch. 7). A periodic
-input has power on lines far apart: its response is the ratio of the mean periods on these lines,
-and the spread among periods, or realisations of the phases, is the band (there, ch. 3 and 4).
+Around each frequency a polynomial or a rational function explains the lines of the Fourier
+transform (``local_models``). A periodic input has power on lines far apart: its response is the
+ratio of the mean periods on these lines, and the spread among periods, or realisations of the
+phases, is the band (Pintelon & Schoukens 2012, ch. 3 and 4).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtri, stdtrit
 
 from sysid.data.frequency_response import FrequencyResponse
@@ -24,12 +18,7 @@ from sysid.data.record import Array, Record
 from sysid.errors import DataError
 from sysid.estimation.assessment.spectra import spectra
 from sysid.estimation.look.distortion import periods_of
-
-DEGREE = 2
-"""Of the polynomials."""
-
-SPARE = 6
-"""Lines more than there are unknowns."""
+from sysid.estimation.look.local_models import Complex, LocalModel, half_width, local_model
 
 LINES = 150
 """Frequencies at most, evenly spread over their logarithm."""
@@ -37,12 +26,11 @@ LINES = 150
 TRUSTED = 0.3
 """A response whose standard error is below this share of it can be trusted."""
 
-SINGULAR = 1e-6
-"""Directions of a window's columns below this share of the strongest are not there."""
+BETTER = 0.8
+"""A rational function is taken where its squared errors at lines left out are below this share of a
+polynomial's: where both serve, the simpler one has the narrower choice."""
 
 SQRT2 = np.sqrt(2.0)
-
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +90,12 @@ class FrequencyEstimate:
 
 
 def frequency_response(records: Sequence[Record]) -> FrequencyEstimate:
-    """By periods where one input repeats itself in all records, else by local polynomials.
+    """By periods where one input repeats itself in all records, else by local models.
 
     Raises:
         DataError: the records are too short.
     """
-    return periodic(records) or local_polynomial(records)
+    return periodic(records) or local_models(records)
 
 
 def periodic(records: Sequence[Record]) -> FrequencyEstimate | None:
@@ -150,15 +138,21 @@ def periodic(records: Sequence[Record]) -> FrequencyEstimate | None:
     )
 
 
-def local_polynomial(records: Sequence[Record]) -> FrequencyEstimate:
-    """Responses by local polynomials; records share the variance of the noise.
+def local_models(records: Sequence[Record], rational: bool = True) -> FrequencyEstimate:
+    """Responses by local polynomials, or rational functions where these predict lines better.
 
-    At frequencies where the inputs do not tell the paths apart the error is infinite.
+    Of each frequency that of both is taken which errs less at lines that were left out of its fit;
+    records share the choice and the variance of the noise. At frequencies where the inputs do not
+    tell the paths apart the error is infinite.
+
+    Args:
+        rational: whether rational functions are tried.
 
     Raises:
         DataError: the records are too short.
     """
-    half = ((DEGREE + 1) * (records[0].nu + 1) + SPARE) // 2
+    nu = records[0].nu
+    half = half_width(nu, rational=False)
     longest = max(records, key=len)
     if len(longest) // 2 <= 2 * half + 1:
         raise DataError(
@@ -167,49 +161,72 @@ def local_polynomial(records: Sequence[Record]) -> FrequencyEstimate:
         )
     lines = np.unique(np.geomspace(1, len(longest) // 2 - 1, LINES).round())
     w = 2.0 * np.pi * lines / (len(longest) * longest.dt)
-    parts = [_of_record(r, half, w) for r in records if len(r) // 2 > 2 * half + 1]
-    value, spread, left, freedom, power = (list(p) for p in zip(*parts, strict=True))
+    found = _joined(records, w, rational=False)
+    if rational and len(longest) // 2 > 2 * half_width(nu, rational=True) + 1:
+        found = _better(found, _joined(records, w, rational=True))
+    coherence = np.clip(1.0 - found.variance / np.maximum(found.power, 1e-300), 0.0, 1.0)
+    noise = 2.0 * found.variance * longest.dt
+    words = "local models" if rational else "local polynomials"
+    return FrequencyEstimate(w, found.value, found.error, noise, coherence, found.freedom, words)
+
+
+@dataclass(frozen=True, eq=False)
+class _Joined:
+    """Local models of all records: by frequency first.
+
+    Attributes:
+        value, error: (n, ny, nu).
+        variance: of the noise, (n, ny).
+        freedom: (n,).
+        power: mean square of the outputs' lines, (n, ny).
+        unseen: mean square of errors at lines left out, (n, ny).
+    """
+
+    value: Complex
+    error: Array
+    variance: Array
+    freedom: Array
+    power: Array
+    unseen: Array
+
+
+def _better(found: _Joined, other: _Joined) -> _Joined:
+    """By frequency the other one where it predicts lines so much better, all outputs together."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        weights = [1.0 / s for s in spread]  # 0 where a record says nothing
-        total = np.sum(weights, axis=0)
-        mean = np.sum([g * k[:, None] for g, k in zip(value, weights, strict=True)], axis=0)
-        mean = np.where(total[:, None] > 0.0, mean / total[:, None], 0.0)
-        free = np.sum(freedom, axis=0)
-        variance = np.sum(left, axis=0) / free[:, None]
-        error = np.sqrt(variance[:, :, None] / total[:, None])
-    density = np.mean(power, axis=0)
-    coherence = np.clip(1.0 - variance / np.maximum(density, 1e-300), 0.0, 1.0)
-    noise = 2.0 * variance * longest.dt
-    return FrequencyEstimate(w, mean, error, noise, coherence, free, "local polynomials")
+        taken = np.log(other.unseen / found.unseen).mean(axis=1) < np.log(BETTER)
+    pairs = [(getattr(found, f.name), getattr(other, f.name)) for f in fields(found)]
+    return _Joined(*(np.where(taken.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in pairs))
 
 
-def _of_record(r: Record, half: int, w: Array) -> tuple[Complex, Array, Array, Array, Array]:
-    """Ĝ, its variance over the noise's, squared remainders, their freedom, power: by frequency."""
+def _joined(records: Sequence[Record], w: Array, rational: bool) -> _Joined:
+    half = half_width(records[0].nu, rational)
+    every = [_of_record(r, half, w, rational) for r in records if len(r) // 2 > 2 * half + 1]
+
+    def stacked(name: str) -> Any:
+        """By record and frequency."""
+        return np.array([[getattr(model, name) for model in models] for models in every])
+
+    freedom, lines = stacked("freedom").sum(axis=0), stacked("lines").sum(axis=0)
+    variance = stacked("left").sum(axis=0) / freedom[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weights = 1.0 / stacked("spread")  # 0 where a record says nothing
+        total = weights.sum(axis=0)
+        mean = np.where(total > 0.0, np.sum(stacked("value") * weights, axis=0) / total, 0.0)
+        error = np.sqrt(variance[:, :, None] / total)
+    unseen = stacked("unseen").sum(axis=0) / lines[:, None]
+    return _Joined(mean, error, variance, freedom, stacked("power").mean(axis=0), unseen)
+
+
+def _of_record(r: Record, half: int, w: Array, rational: bool) -> list[LocalModel]:
+    """The model at each frequency."""
     nu, samples = r.nu, len(r)
     F = np.fft.rfft(_centred(r), axis=0) / np.sqrt(samples)
-    count = len(F)
-    value = np.zeros((len(w), r.ny, nu), dtype=np.complex128)
-    spread, freedom = np.full((len(w), nu), np.inf), np.zeros(len(w))
-    left, power = np.zeros((len(w), r.ny)), np.zeros((len(w), r.ny))
-    places = np.arange(nu) * (DEGREE + 1)
-    for m, centre in enumerate(w * samples * r.dt / (2.0 * np.pi)):
+    count, found = len(F), []
+    for centre in w * samples * r.dt / (2.0 * np.pi):
         low = int(np.clip(round(float(centre)) - half, 1, max(count - 2 * half - 1, 1)))
         at = np.arange(low, min(low + 2 * half + 1, count))
-        steps = ((at - centre) / half)[:, None] ** np.arange(DEGREE + 1)
-        U, Y = F[at, :nu], F[at, nu:]
-        K = np.hstack([*(U[:, [j]] * steps for j in range(nu)), steps.astype(np.complex128)])
-        size = np.maximum(np.linalg.norm(K, axis=0), 1e-300)
-        left_vectors, values, right = np.linalg.svd(K / size, full_matrices=False)
-        known = values > SINGULAR * values[0]
-        inverse = (right[known].conj().T / values[known]) @ left_vectors[:, known].conj().T
-        theta = inverse @ Y
-        left[m] = np.sum(np.abs(Y - K / size @ theta) ** 2, axis=0)
-        freedom[m] = len(at) - int(known.sum())
-        power[m] = np.mean(np.abs(Y) ** 2, axis=0)
-        if known.all():
-            value[m] = (theta / size[:, None])[places].T
-            spread[m] = np.sum(np.abs(inverse[places]) ** 2, axis=1) / size[places] ** 2
-    return value, spread, left, freedom, power
+        found.append(local_model(F[at, :nu], F[at, nu:], (at - centre) / half, rational))
+    return found
 
 
 def _centred(r: Record) -> Array:

@@ -59,7 +59,7 @@ class Look:
     Attributes:
         paths: output by output, input by input.
         impulses: one an output.
-        frequency: by periods of the input, else by local polynomials.
+        frequency: by periods of the input, else by local models.
         noise_share: standard deviation of what inputs do not explain over the output's, (ny,).
         distortions: of each output; None where the inputs are not periodic.
         nonlinearity: of each output a test without periods; None where it cannot be made.

@@ -42,6 +42,10 @@ estimated without need costs next to nothing."""
 AGREES = 3.0
 """Standard errors within which an offset agrees with the rest at the head."""
 
+EXPLAINS = 0.5
+"""Held-out error relative to the spread, from which a model says nothing of an offset that is seen:
+without the dead time of a plant an ARX errs as much with the true offset as without."""
+
 LONGEST = 12
 """Order of the regression in which an offset is looked for: enough to whiten what disturbs."""
 
@@ -132,7 +136,7 @@ def _zero(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets |
     if regression is None or np.all(np.abs(regression.constant) < seen * regression.constant_error):
         return replace(none, why=words)
     zero, free = evidence.held_out_error(none), evidence.held_out_error(start)
-    if zero <= free:
+    if zero <= free and zero < EXPLAINS:
         return replace(
             none,
             why=f"{words}, and an offset does not lower the held-out error "

@@ -138,6 +138,7 @@ def without_offset(wide: LinearStructure, outcome: FitOutcome) -> FitOutcome:
         theta=outcome.theta[kept],
         covariance=outcome.covariance[np.ix_(kept, kept)],
         null=null[:, np.linalg.norm(null, axis=0) > 0.0] if null.size else null,
+        determined=None,
     )
 
 

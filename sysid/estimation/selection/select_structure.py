@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
+from sysid.criteria import table
 from sysid.data.facts import LogFacts
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Record
@@ -21,6 +22,7 @@ from sysid.estimation.selection.orders import (
 )
 from sysid.estimation.selection.ranking import Entry, common_criteria, ranked_entries, reason
 from sysid.estimation.soundness import bounded_run
+from sysid.estimation.two_stage import STAGED, inputs_by_reference, marked, whitened
 from sysid.fitting.holdout import HoldOut, hold_out, longest_of, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
@@ -32,8 +34,15 @@ PARALLEL_WORK = 1_000_000
 """Candidates × samples from which a second process pays for its start: the usual orders of one pair
 are half of it and take one process two seconds, as long as two take to import what they need."""
 
+OUTLIERS = (
+    "{} were outliers; delay, orders and offsets were chosen with values interpolated in their "
+    "place."
+)
+
 ANY = "any"
 """Stands for every delay."""
+
+STILL_WORDS = " No input moves in {}: orders chosen there would be those of a level."
 
 
 def default_structures(with_inputs: bool) -> tuple[str, ...]:
@@ -113,7 +122,8 @@ def select_structure(
         detrend: treatment of the records' offsets: a policy, or what was chosen before.
         grid: orders to try, for all or by structure; None, and where a structure is left out, for
             its default grid; a single entry is fitted without a search.
-        criterion: what ranks orders and structures.
+        criterion: what ranks orders and structures; one of the free run gives way to BIC where
+            no input moves in the samples that would be held out, such as a step's last third.
         progress: called with (share done, what).
 
     Raises:
@@ -130,15 +140,12 @@ def select_structure(
     closed = (searched or len(names) > 1) and facts.closed_loop
     offsets, chosen_delay = _offsets_and_delay(facts, detrend, search=not whole)
     nk, notes = chosen_delay.nk, chosen_delay.notes
-    replaced = facts.outliers.words
-    if replaced and searched:
-        notes = (
-            *notes,
-            f"{replaced} were outliers; delay, orders and offsets were chosen with values "
-            "interpolated in their place.",
-        )
+    if searched and facts.outliers.words:
+        notes = (*notes, OUTLIERS.format(facts.outliers.words))
     ahead = closed and _may_be_judged_one_step(names, options)
     cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
+    still = searched and not cut.excited and table.criterion(criterion).of_free_run
+    criterion, cut = ("bic", replace(cut, train=tuple(small))) if still else (criterion, cut)
     tasks, seen = [], {}
     for name in names:
         chosen = (
@@ -159,13 +166,17 @@ def select_structure(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
+    if closed:
+        grids = dict(tasks)
+        entries = [
+            _without_feedback(e, grids, seen, facts, options, offsets, criterion) for e in entries
+        ]
     entries = [replace(e, notes=(*notes, *e.notes)) for e in entries]
     order = ranked_entries(
         entries, records, options, criterion, tie_margin(cut.holdout), cut.one_step
     )
-    return StructureSelection(
-        order.entries, reason(order, criterion, cut.words, given=whole), failed
-    )
+    why = reason(order, criterion, cut.words, given=whole) + STILL_WORDS.format(cut.words) * still
+    return StructureSelection(order.entries, why, failed)
 
 
 def _entries(
@@ -201,6 +212,45 @@ def _entries(
         else:
             entries.append(Entry(model, search, perf_counter() - started + seconds, notes))
     return entries
+
+
+def _without_feedback(
+    entry: Entry,
+    grids: Mapping[str, Grid],
+    seen: Mapping[str, Data],
+    facts: LogFacts,
+    options: FitOptions,
+    offsets: Offsets,
+    criterion: str,
+) -> Entry:
+    """The entry of a log of a closed loop: where feedback biases its fit that is noted for the
+    ranking, and where its inputs were replaced its orders are searched on these, too.
+
+    On the inputs as logged a wrong order may follow the disturbance. The held-out error stays that
+    on the inputs as logged, as others have it.
+    """
+    if entry.search is None or STAGED not in entry.model.provenance.options:
+        return replace(entry, model=marked(entry.model, facts, options))
+    started, name = perf_counter(), entry.model.structure.name
+    data, estimated = seen[name]
+    whole = inputs_by_reference(data.whole)
+    if whole is None:
+        return entry
+    clean = data.same_cuts_of(whitened(whole, entry.model))
+    judged = replace(data.same_cuts_of(whole), whole=data.whole)
+    model, notes = entry.model, entry.notes
+    try:
+        search = search_orders(name, grids[name], clean, options, criterion, estimated=estimated)
+        best, *rest = search.candidates
+        logged = search_orders(name, [best.orders], judged, options, estimated=estimated).best
+        if best.orders != entry.search.best.orders:
+            structure = _structure(name, best.orders, facts.records, options)
+            model, notes = _fitted(structure, facts, options, offsets)
+    except (DataError, ModelError):
+        return entry
+    search = replace(search, candidates=(replace(best, error=logged.error), *rest))
+    model = marked(model, facts, options)
+    return Entry(model, search, entry.seconds + perf_counter() - started, notes)
 
 
 def _structure(

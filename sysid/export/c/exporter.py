@@ -8,7 +8,7 @@ from sysid.export.c.fields import numbers
 from sysid.export.c.loop.block import Block
 from sysid.export.c.loop.sources import loop_sources
 from sysid.export.c.precision import DOUBLE, in_single, single
-from sysid.export.c.report import LoopFacts, report
+from sysid.export.c.report import report
 from sysid.export.c.source import plant_sources
 from sysid.export.c.step import c_step
 from sysid.export.templates import fill
@@ -113,15 +113,14 @@ class C(Exporter):
         step = c_step(source.model)
         files = plant_sources(source.model, step, source.selftest, source.name, precision.plant)
         extra: dict[str, str] = {}
-        facts = None
+        made = None
         if source.loop is not None:
             made = loop_sources(source.loop, precision)
-            facts = LoopFacts(made.blocks, source.loop.control.period, made.not_again)
             files |= made.files
             extra = arduino_files(source.loop, files, made.blocks)
         files |= build_files(files) | extra
         files["simulink/plant_sfun.c"] = fill("c/plant_sfun.c", numbers=numbers(step.parameters))
-        files["report.md"] = report(source.model, step, precision, facts)
+        files["report.md"] = report(source.model, step, precision, made)
         if precision.double:
             return files
         return {n: in_single(t) if n.endswith((".c", ".h")) else t for n, t in files.items()}

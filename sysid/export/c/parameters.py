@@ -31,12 +31,12 @@ class Number:
     """One number of a plant.
 
     Attributes:
-        called: as sysid shows it.
-        unit: of it.
+        name: as sysid shows it, or its member of ``plant_parameters``: ``weight[3]``.
+        unit: of it, empty for none.
         value: as it was identified.
     """
 
-    called: str
+    name: str
     unit: str
     words: str
     value: float
@@ -85,7 +85,7 @@ def _theta_numbers(
     if base is not None:
         own_parameters = base.structure.parameters(inputs, outputs)
         for n in _theta_numbers(base.structure, own_parameters, base.theta, inputs, outputs):
-            yield replace(n, called=f"base.{n.called}", words=f"base, {n.words}")
+            yield replace(n, name=f"base.{n.name}", words=f"base, {n.words}")
 
 
 def plant_numbers(program: Program, model: Model, fixed: Iterable[int] | None) -> PlantNumbers:
@@ -122,7 +122,7 @@ def plant_numbers(program: Program, model: Model, fixed: Iterable[int] | None) -
             fields.append(Field(name, first.unit, first.words, 0, values))
             cells[group[0]] = program.parameter(f"{STRUCT}{name}", first.value)
             continue
-        words = f"{first.called} ... {last.called}"
+        words = f"{first.name} ... {last.name}"
         fields.append(Field(name, first.unit, words, len(group), values))
         for at, k in enumerate(group):
             array = f"{STRUCT}{name}"
@@ -137,7 +137,7 @@ def _groups(free: Sequence[int], every: Sequence[Number]) -> Iterator[list[int]]
     """Neighbours that are called alike, where they are many; else each by itself."""
 
     def alike(k: int) -> tuple[str, str]:
-        return _COUNT.sub("#", every[k].called), every[k].unit
+        return _COUNT.sub("#", every[k].name), every[k].unit
 
     for _, alike_entries in groupby(free, alike):
         group = list(alike_entries)
@@ -149,7 +149,7 @@ def _groups(free: Sequence[int], every: Sequence[Number]) -> Iterator[list[int]]
 
 def _shared_name(group: Sequence[Number]) -> str:
     """What numbers of a group are called without what counts them."""
-    return group[0].called if len(group) == 1 else _COUNT.sub("", group[0].called)
+    return group[0].name if len(group) == 1 else _COUNT.sub("", group[0].name)
 
 
 # ------------------------------------------------------------------------------ a step of cells
@@ -184,25 +184,8 @@ class _TracedBase(GivenBase):
         return self.around(traced_step(self.structure, self.traced, self.theta))
 
 
-@dataclass(frozen=True)
-class Tunable:
-    """A number of a plant that its C code lets change between two steps.
-
-    Attributes:
-        name: member of ``plant_parameters``, of an array with its index: ``weight[3]``.
-        unit: of it, empty for none.
-        value: as it was identified.
-        words: what it is, as sysid calls it.
-    """
-
-    name: str
-    unit: str
-    value: float
-    words: str
-
-
-def listed(fields: Sequence[Field]) -> tuple[Tunable, ...]:
+def listed(fields: Sequence[Field]) -> tuple[Number, ...]:
     """Every number of a struct of parameters."""
     return tuple(
-        Tunable(place, f.unit, value, f.words) for f in fields for place, value in places((f,))
+        Number(place, f.unit, f.words, value) for f in fields for place, value in places((f,))
     )

@@ -94,16 +94,7 @@ def _literal(value: float) -> str:
         value = _SMALLEST
     with np.errstate(over="ignore"):
         single = np.float32(value)
-    return (
-        "HUGE_VALF"
-        if np.isinf(single)
-        else f"{single!s}f"
-        if "." in str(single)
-        else _whole(single)
-    )
-
-
-def _whole(single: np.float32) -> str:
-    text = str(single)
-    mantissa, e, exponent = text.partition("e")
-    return f"{mantissa}.0{e}{exponent}f"
+    if np.isinf(single):
+        return "HUGE_VALF"
+    mantissa, e, exponent = str(single).partition("e")
+    return f"{mantissa}{'' if '.' in mantissa else '.0'}{e}{exponent}f"

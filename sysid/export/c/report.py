@@ -6,6 +6,7 @@ from dataclasses import astuple, dataclass
 
 from sysid.export.c.fields import Field, numbers
 from sysid.export.c.loop.block import Block
+from sysid.export.c.loop.sources import LoopSources
 from sysid.export.c.precision import Precision
 from sysid.export.c.step import PlantStep
 from sysid.export.templates import fill
@@ -92,26 +93,12 @@ def operations(lines: Sequence[str]) -> tuple[int, int]:
     return n.added + n.multiplied + n.divided + n.compared, n.calls + n.roots
 
 
-@dataclass(frozen=True)
-class LoopFacts:
-    """What a report says of a loop.
-
-    Attributes:
-        period: between two steps of the controller [s].
-        not_again: why the mission is not driven again in C, a sentence; empty where it is.
-    """
-
-    blocks: tuple[Block, ...]
-    period: float
-    not_again: str
-
-
 CONTROLLER = ("guidance", "control", "command")
 """The laws that ``controller_step`` calls."""
 
 
 def report(
-    model: Model, plant: PlantStep, precision: Precision, loop: LoopFacts | None = None
+    model: Model, plant: PlantStep, precision: Precision, loop: LoopSources | None = None
 ) -> str:
     """``report.md``.
 

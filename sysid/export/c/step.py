@@ -11,7 +11,7 @@ from sysid.errors import ModelError
 from sysid.export.c.fields import Field, places
 from sysid.export.c.parameters import (
     STRUCT,
-    Tunable,
+    Number,
     listed,
     plant_numbers,
     theta_numbers,
@@ -107,7 +107,7 @@ def c_step(model: Model) -> PlantStep:
     return _recorded(model, fixed) if len(fixed) < len(every) else plain
 
 
-def tunable_parameters(model: Model) -> tuple[Tunable, ...]:
+def tunable_parameters(model: Model) -> tuple[Number, ...]:
     """What of a plant may be changed at run time in C: name, unit, identified value, words.
 
     In the order of the members of ``plant_parameters`` in ``plant.h``, arrays entry by entry.

@@ -17,9 +17,10 @@ from sysid.export.c.step import tunable_parameters
 from sysid.export.fmu.archive import FMI_2, FMI_3, Version, archive, headers
 from sysid.export.fmu.description import Role, Unit, Variable, named_apart
 from sysid.export.fmu.loop_units import OF_THE_UNIT, LoopUnits, loop_units
-from sysid.export.fmu.replay import Replay, reach
+from sysid.export.fmu.replay import Replay
 from sysid.export.fmu.wiring import Wiring
 from sysid.export.templates import fill
+from sysid.plant.selftest import reach
 from sysid.robot.mission.loop import Loop, LoopState, Tick, on_ground, ticks
 from sysid.structures.model import Model
 from sysid.structures.motion import time_constants
@@ -189,20 +190,12 @@ def feedthrough(plant: Plant) -> tuple[tuple[int, ...], ...]:
             y = plant.readout(state, u)
             for j in range(len(u)):
                 for other in (rng.uniform(low[j], high[j]), np.nan):
-                    direct[:, j] |= _differs(plant.readout(state, _with(u, j, other)), y)
+                    changed = u.copy()
+                    changed[j] = other
+                    now = plant.readout(state, changed)
+                    direct[:, j] |= (now != y) & ~(np.isnan(now) & np.isnan(y))
             state, _ = plant.step(state, u)
     return tuple(tuple(map(int, np.flatnonzero(row))) for row in direct)
-
-
-def _with(u: Array, j: int, value: float) -> Array:
-    changed = u.copy()
-    changed[j] = value
-    return changed
-
-
-def _differs(one: Array, other: Array) -> Array:
-    differs: Array = (one != other) & ~(np.isnan(one) & np.isnan(other))
-    return differs
 
 
 def system_structure(units: LoopUnits, plant: Unit, loop: Loop) -> str:

@@ -112,7 +112,7 @@ def _controller(
         fill(
             "fmu/controller_unit.c",
             parameters=parameters,
-            start=_start(loop),
+            start={n: float(v) for n, v in flat(loop.start().estimate).items()},
             slack=DOUBLE.slack,
             full=PWM_FULL_SCALE,
             measurements=measurements,
@@ -204,8 +204,3 @@ def _parameters(
                     made.found[known[name]] = variable
                 lines.append(f"    {structs[block.name]}{place} = r[{known[name]}];")
     return lines
-
-
-def _start(loop: Loop) -> dict[str, float]:
-    body = loop.start().estimate
-    return {n: float(v) for n, v in flat(body).items()}

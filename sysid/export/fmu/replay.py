@@ -10,7 +10,7 @@ import numpy as np
 from sysid.data.record import Array
 from sysid.errors import ModelError
 from sysid.export.fmu.description import Role, Variable, named_apart
-from sysid.plant.selftest import SelfTest
+from sysid.plant.selftest import SelfTest, reach
 from sysid.structures.plant import Plant
 
 
@@ -67,12 +67,6 @@ def replay_from(text: str, where: str) -> Replay:
     if not np.all(np.isfinite(np.hstack([now, late]))):
         raise ModelError(f"{where} is damaged: export the plant again")
     return Replay(names["in"], names["now"], u, now, late, reach(now))
-
-
-def reach(values: Array) -> Array:
-    """What errors of columns are relative to: how far each goes, 1 where it is always zero."""
-    largest = np.max(np.abs(values), axis=0)
-    return np.where(largest > 0.0, largest, 1.0)
 
 
 _KINDS = ("in", "now", "late")

@@ -17,8 +17,8 @@ from sysid import processes
 from sysid.data.files import contents
 from sysid.data.record import Array
 from sysid.errors import ModelError
-from sysid.export.fmu.replay import reach
 from sysid.export.verification.runtimes import SECONDS, Result, run
+from sysid.plant.selftest import reach
 from sysid.plant.storage import Files
 
 DRIVE = "ros/drive.csv"

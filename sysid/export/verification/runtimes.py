@@ -119,12 +119,10 @@ class Compiled:
         """Write what is compiled beside the sources of a package."""
 
     def build(self, made: str, sources: Sequence[str]) -> list[str]:
-        """The command that compiles a program."""
         static = ["-static"] if self.emulator else []
         return [self.compiler, *FLAGS, *static, "-o", made, *sources, "-lm"]
 
     def command(self, made: str) -> list[str]:
-        """The command that runs it."""
         return [*([self.emulator] if self.emulator else []), f"./{made}"]
 
     def replay(self, folder: Path, files: Files, foreign: bool = False) -> Result:

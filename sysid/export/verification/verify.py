@@ -128,7 +128,9 @@ def verify(path: str | Path, trust: bool = False) -> Verification:
     package = read_package(path)
     files = files_of(path)
     plant = package.plant()
-    test = _selftest(plant, files, str(path))
+    if NAME not in files:
+        raise ModelError(f"{path} has no {NAME}: export the plant again")
+    test = read_csv(files[NAME], plant, str(path))
     replays = replays_of(files, plant, test)
     foreign = foreign_code(package, files)
     runtimes: tuple[Runtime, ...] = (
@@ -158,13 +160,6 @@ def _result(
     if worst.sources:
         return Result(runtime.name, failed=worst.words)
     return Result(runtime.name, skipped=worst.words)
-
-
-def _selftest(plant: Plant, files: Files, where: str) -> SelfTest:
-    """The self-test of a package."""
-    if NAME not in files:
-        raise ModelError(f"{where} has no {NAME}: export the plant again")
-    return read_csv(files[NAME], plant, where)
 
 
 def _replayed(plant: Plant, test: SelfTest) -> float:

@@ -102,7 +102,6 @@ class VehicleFit:
         return self.model.numbers(self.given)
 
     def number(self, name: str) -> VehicleNumber:
-        """A quantity by name."""
         return next(n for n in self.numbers if n.name == name)
 
     @cached_property
@@ -153,7 +152,6 @@ class VehicleFit:
 
     @cached_property
     def curves(self) -> SlipCurves:
-        """Slip as measured."""
         every = (*self.estimation, *self.holdout)
         return slip_curves(every, self._slipping, self.given or self.acting)
 

@@ -103,7 +103,6 @@ class Obstacle(Settings):
 
     @property
     def disc(self) -> Disc:
-        """The obstacle as the laws take it."""
         return Disc(self.x, self.y, self.radius, *self.velocity)
 
 
@@ -138,7 +137,6 @@ class LimitSpec(Settings):
 
     @property
     def given(self) -> Mapping[str, float]:
-        """The numbers of the file."""
         return {k: v for k in Limits._fields if (v := getattr(self, k)) is not None}
 
 
@@ -346,7 +344,6 @@ class Mission(Settings):
         return self.model_copy(update=changed)
 
     def with_geometry(self, geometry: Geometry) -> "Mission":
-        """The mission driven by a vehicle of other lengths."""
         vehicle = self.vehicle.model_copy(update={"r": geometry.r, "B": geometry.B})
         return self.model_copy(update={"vehicle": vehicle})
 

@@ -176,7 +176,6 @@ class Variation(Settings):
 
     @property
     def active(self) -> tuple[str, ...]:
-        """What varies."""
         return tuple(name for name in QUANTITIES if getattr(self, name))
 
 

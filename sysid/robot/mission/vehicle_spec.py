@@ -116,7 +116,6 @@ class Physics(Settings):
 
     @property
     def given(self) -> Mapping[str, Any]:
-        """The keys that were given."""
         return {k: v for k in PHYSICS if (v := getattr(self, k)) is not None}
 
     def completed(self, given: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -209,7 +208,6 @@ class VehicleSpec(Physics):
 
     @property
     def geometry(self) -> Geometry:
-        """The lengths as the kinematics take them."""
         return Geometry(self.r, self.B)
 
     @property

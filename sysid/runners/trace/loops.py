@@ -62,13 +62,12 @@ class Loop:
         if self.shape != group[0].shape:
             return False
         made = {loop.name: loop for loop in group}
+        steps = row_major(self.shape)
         return all(
-            a.array not in made or (not made[a.array].start and self._same_entry(a))
+            a.array not in made
+            or not (made[a.array].start or a.index or a.offset or a.strides != steps)
             for a in self.args
         ) and not any(a.reads in made for a in self.args)
-
-    def _same_entry(self, a: Access) -> bool:
-        return not a.index and not a.offset and a.strides == row_major(self.shape)
 
 
 def loop_lines(group: Sequence[Loop], later: set[str]) -> list[str]:

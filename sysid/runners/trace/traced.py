@@ -61,30 +61,24 @@ class Traced:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Its shape."""
         return tuple(self.cells.shape)
 
     @property
     def ndim(self) -> int:
-        """Number of axes."""
         return int(self.cells.ndim)
 
     @property
     def size(self) -> int:
-        """Number of entries."""
         return int(self.cells.size)
 
     @property
     def T(self) -> "Traced":
-        """Its axes in reverse order."""
         return Traced(self.cells.T)
 
     def reshape(self, *shape: Any) -> "Traced":
-        """The same cells in another shape."""
         return Traced(self.cells.reshape(*shape))
 
     def ravel(self) -> "Traced":
-        """The cells in a row."""
         return Traced(self.cells.ravel())
 
     def clip(self, low: Any, high: Any) -> "Traced":
@@ -93,27 +87,21 @@ class Traced:
         return clipped
 
     def min(self, axis: int | None = None) -> "Traced":
-        """The smallest of its entries."""
         return _reduced(self, axis, MINIMUM)
 
     def max(self, axis: int | None = None) -> "Traced":
-        """The largest of its entries."""
         return _reduced(self, axis, MAXIMUM)
 
     def any(self) -> "Traced":
-        """Whether one of its truths holds."""
         return Traced(taken_together(self.cells.ravel().tolist(), OPERATIONS["logical_or"]))
 
     def all(self) -> "Traced":
-        """Whether all of its truths hold."""
         return Traced(taken_together(self.cells.ravel().tolist(), OPERATIONS["logical_and"]))
 
     def swapaxes(self, one: int, other: int) -> "Traced":
-        """Two axes exchanged."""
         return Traced(self.cells.swapaxes(one, other))
 
     def tolist(self) -> Any:
-        """The entries as nested lists of arrays without axes."""
         return [part.tolist() for part in self] if self.ndim else self
 
     def astype(self, kind: Any) -> "Traced":
@@ -121,11 +109,9 @@ class Traced:
         return self
 
     def copy(self) -> "Traced":
-        """The same cells in an array of its own."""
         return Traced(self.cells.copy())
 
     def sum(self, axis: int | None = None) -> "Traced":
-        """The sum of its entries."""
         return _reduced(self, axis)
 
     def __len__(self) -> int:

@@ -54,7 +54,8 @@ class Augmented(Structure):
 
     Attributes:
         order: order n of the core.
-        delay: input delay of the core [samples], at least 1.
+        delay: input delay of the core [samples]; 0 where a reading is of the instant after its
+            command has acted for a sample.
         scales: full drive of each command.
         dt: sample time [s].
         effects: ids in order of acceptance.
@@ -202,8 +203,13 @@ class Augmented(Structure):
 
     def n_states(self, theta: Array) -> int:
         """Core, effects, dead time, angles and clock, before them those of the given model."""
-        rows = self.order + sum(e.memory.states for e in self.active) + self.delay - 1
+        rows = self.order + sum(e.memory.states for e in self.active) + self._waiting
         return self._given_states + self.width * (rows + 2) + 1
+
+    @property
+    def _waiting(self) -> int:
+        """Commands that wait before they act."""
+        return max(self.delay - 1, 0)
 
     @property
     def _given_states(self) -> int:
@@ -225,7 +231,7 @@ class Augmented(Structure):
             drive = drive_before(drive, y)
             before = drive_before(u[0] / np.array(self.scales) + 0.0 * w, y)
         state = rest_state(np, self.active, core, w, drive)
-        line = [before] * (self.delay - 1)
+        line = [before] * self._waiting
         zeros = np.zeros(self.width)
         return np.concatenate([head, _flat(np, state, line, np.zeros(1), (zeros, zeros))])
 
@@ -244,8 +250,13 @@ class Augmented(Structure):
         n_given = self._given_states
         step, x = self._chain(thetas), states[:, n_given:]
         out = np.zeros((len(thetas), len(u), self.ny))
-        for k, drive in enumerate(self._drive(u, states[0, :n_given])):
-            x, y = step(x, np.broadcast_to(drive, (len(thetas), self.width)))
+        shape = (len(thetas), self.width)
+        drives = self._drive(u, states[0, :n_given])
+        if self.delay == 0 and len(u):
+            x, _ = step(x, np.broadcast_to(drives[0], shape))
+            drives = np.vstack([drives[1:], drives[-1:]])
+        for k, drive in enumerate(drives):
+            x, y = step(x, np.broadcast_to(drive, shape))
             out[:, k] = y[:, : self.ny]
         return out
 
@@ -268,6 +279,8 @@ class Augmented(Structure):
             if len(scales) < self.width:
                 drive = xp.concatenate([drive] * self.width)
             following, y = chain(x[n_given:], drive)
+            if self.delay == 0:  # the reading that the next row would begin with
+                _, y = chain(following, drive)
             return xp.concatenate([head, following]), y[: self.ny]
 
         return advance
@@ -295,7 +308,7 @@ class Augmented(Structure):
     ) -> tuple[ChainState, list[Array], Array, tuple[Array, Array]]:
         """Core and effects, delayed commands, clock, angles; undoes ``_flat``."""
         tracks, n = self.width, self.order
-        count = n + sum(e.memory.states for e in self.active) + self.delay - 1
+        count = n + sum(e.memory.states for e in self.active) + self._waiting
         rows = [x[..., k * tracks : (k + 1) * tracks] for k in range(count)]
         clock, angles = x[..., count * tracks], x[..., count * tracks + 1 :]
         effect_states, at = [], n

@@ -119,13 +119,13 @@ def _refined(
         last = den
         left, right, sides = [], [], []
         for k, (u, y) in enumerate(rows):
-            own, top = _derivatives(y, den, dt)
-            inputs = [_derivatives(column, den, dt, hold=True)[0][:, : m + 1] for column in u.T]
+            own, top = derivatives(y, den, dt)
+            inputs = [derivatives(column, den, dt, hold=True)[0][:, : m + 1] for column in u.T]
             constant = [np.ones((len(y), 1))] if level else []
             left.append(np.hstack([-own, *inputs, *constant]))
             right.append(top)
             if instruments is not None:
-                clean = _derivatives(instruments[k], den, dt)[0]
+                clean = derivatives(instruments[k], den, dt)[0]
                 sides.append(np.hstack([-clean, *inputs, *constant]))
         L, r = np.concatenate(left), np.concatenate(right)
         Z = np.concatenate(sides) if sides else L
@@ -166,7 +166,7 @@ def _clean(u: Array, nums: Array, den: Array, dt: float) -> Array:
     return np.nan_to_num(out, nan=1e100, posinf=1e100, neginf=-1e100)
 
 
-def _derivatives(x: Array, den: Array, dt: float, hold: bool = False) -> tuple[Array, Array]:
+def derivatives(x: Array, den: Array, dt: float, hold: bool = False) -> tuple[Array, Array]:
     """s^i/A(s) x for i < n, (N, n), and sⁿ/A(s) x, (N,).
 
     Args:

@@ -1,12 +1,12 @@
 """``process``: gain, time constants, damping, a zero, an integrator and a dead time."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from sysid.data.record import Array, Channel
+from sysid.data.record import Array, Channel, Index
 from sysid.data.unit_words import ratio
 from sysid.errors import UsageError
 from sysid.fitting.problem import Parameter
@@ -123,6 +123,17 @@ class Process(ContinuousStructure):
         table += [Parameter("Tz", "s")] * self.nz
         table += [Parameter("Td", "s", 0.0)] * self.delayed
         return tuple(table)
+
+    def in_order(self, theta: Array, parameters: Sequence[Parameter]) -> Index:
+        """T1 is the largest time constant, T2 the next, where nobody has said which is which."""
+        at = np.arange(len(theta))
+        each = self.n_plain // (self.inputs * self.outputs)
+        for first in range(1, self.n_plain, each):
+            own = slice(first, first + self.np)
+            said = {(p.lower, p.upper, p.fixed) for p in parameters[own]}
+            if said == {(SHORTEST, np.inf, None)}:
+                at[own] = first + np.argsort(-theta[own], kind="stable")
+        return at
 
     def path(self, p: Any) -> tuple[Any, Any, Any]:
         p = list(p)

@@ -1,19 +1,20 @@
 """``tf``: transfer functions in s with dead time."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from sysid.data.record import Array, Channel
+from sysid.data.record import Array, Channel, Record
 from sysid.data.unit_words import ratio
 from sysid.errors import UsageError
-from sysid.fitting.problem import Parameter
+from sysid.fitting.problem import Focus, Initial, Parameter, Problem
 from sysid.structures.base import refuse_options
-from sysid.structures.continuous.instruments import Found
+from sysid.structures.continuous.instruments import Found, derivatives
 from sysid.structures.continuous.structure import ContinuousStructure
 from sysid.structures.linear.polynomial import linear_traits
+from sysid.structures.state_space.structure import RealizedErrors
 from sysid.structures.traits import Traits
 
 MOST = 10
@@ -98,6 +99,32 @@ class ContinuousTransfer(ContinuousStructure):
     def path_numbers(self, found: Found) -> Array:
         delay = [found.delay] if self.delayed else []
         return np.concatenate([found.num, found.den, delay])
+
+    def problems(
+        self, records: Sequence[Record], focus: Focus, initial: Initial, stable: bool
+    ) -> tuple[Problem, ...]:
+        data = [(r.u, r.y) for r in records]
+        states = initial is not Initial.ZERO
+        return (TransferErrors(self, data, states, ahead=False, stable=stable),)
+
+
+class TransferErrors(RealizedErrors):
+    """Errors of free runs, with what refined instrumental variables ask of them."""
+
+    def regressors(self, p: Array) -> Array:
+        """The Jacobian with y − Σ(other inputs) = x + ε for x in ∂ε/∂a_k = s^k/A(s) x."""
+        s, out = self.structure, self.jacobian(p)
+        assert isinstance(s, ContinuousTransfer)
+        paths = s.paths(p[: self.n_theta])
+        each, before = s.n_plain // len(paths), s.nz + 1
+        stops = np.cumsum(self.lengths)
+        for i, stop, e in zip(
+            self.channels, stops, np.split(self.residual(p), stops[:-1]), strict=True
+        ):
+            for k in range(i * s.inputs, (i + 1) * s.inputs):
+                a = slice(k * each + before, k * each + before + s.np)
+                out[stop - len(e) : stop, a] += derivatives(e, paths[k][1], s.dt)[0]
+        return out
 
 
 def delayed(name: str, options: Mapping[str, str] | None) -> bool:

@@ -198,6 +198,16 @@ class RowErrors(Problem):
     def initial_columns(self, p: Array) -> Array:
         return self._gradients(p, 0)
 
+    def regressors(self, p: Array) -> Array:
+        """The Jacobian with y − Σ(other inputs) = w + ε for w, of rows without noise model."""
+        out, at = self.jacobian(p), 0
+        for s, x in zip(self._signals(p), self._experiments, strict=True):
+            for j, F in zip(self.layout.filtered, s.fs, strict=True):
+                by_f = shifted(lfilter([1.0], F, s.e), lags(1, self.layout.nf[j]), 0)
+                out[at : at + len(x.y), self._f[j]] += by_f.T
+            at += len(x.y)
+        return out
+
     def _gradients(self, p: Array, shared: int) -> Array:
         """∂ε/∂(θ, initial states), or with ``shared`` = 0 of the states alone.
 

@@ -100,6 +100,10 @@ class RealizedStructure(LinearStructure, Searchable):
     def core_states(self) -> int:
         """States besides what waits in delays, whatever θ is."""
 
+    def in_order(self, theta: Array, parameters: Sequence[Parameter]) -> Index:
+        """Where each entry of θ stands now, of the same model written as it always is."""
+        return np.arange(len(theta))
+
     def for_fit(self, records: Sequence[Record], focus: Focus) -> Self:
         """The structure as it is fitted to such records with this focus."""
         return self

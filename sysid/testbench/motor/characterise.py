@@ -15,7 +15,7 @@ from sysid.testbench.motor.drive_fit import fit_all
 from sysid.testbench.motor.equations import PUBLISHED, MotorConstants
 from sysid.testbench.motor.experiments import CONSTANTS, Kind, KnownValue, SteadyTest
 from sysid.testbench.motor.files import BenchFiles, Given, read_bench_files
-from sysid.testbench.motor.joint import JointFit
+from sysid.testbench.motor.joint import JointFit, correlations
 from sysid.testbench.motor.plausibility import (
     LEAST_RATIO,
     MOST_RATIO,
@@ -122,13 +122,12 @@ class MotorBench:
         return max(float(np.max(np.abs(v))) for v in applied)
 
     def to_json(self) -> dict[str, Any]:
-        """Everything as JSON-able values."""
         return plain_object(
             {
                 "method": self.method,
                 "gear": self.gear,
                 "parameters": self.parameters,
-                "correlations": {"names": self.names, "matrix": self.correlations()},
+                "correlations": {"names": self.names, "matrix": correlations(self.covariance)},
                 "one_at_a_time": [
                     {"name": r.name, "value": r.value, "std_error": e, "how": r.how}
                     for r, e in self.routes
@@ -137,14 +136,6 @@ class MotorBench:
                 "notes": self.notes,
             }
         )
-
-    def correlations(self) -> Array:
-        """Correlations of the parameters in ``names``, (n, n)."""
-        s = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        size = np.where(s > 0.0, s, 1.0)
-        correlations = self.covariance / np.outer(size, size)
-        np.fill_diagonal(correlations, 1.0)
-        return np.asarray(correlations)
 
 
 def characterise_motor(files: Sequence[Path], options: MotorOptions | None = None) -> MotorBench:
@@ -243,7 +234,6 @@ class _Evaluation:
         return "joint" if self.files.drives else "separate"
 
     def bench(self) -> MotorBench:
-        """The result."""
         tests, notes = self.files.tests, list(self.files.notes)
         if is_the_thesis(tests):
             worst = 100.0 * max(abs(e) for e in printed_against(tests))

@@ -71,7 +71,6 @@ class SteadyTest:
         return self.of("torque") if self.motor_side else self.of("torque") / gear
 
     def changed(self, quantity: str, values: Array) -> "SteadyTest":
-        """The same test with other measurements of one quantity."""
         return replace(self, measurements={**self.measurements, quantity: values})
 
 

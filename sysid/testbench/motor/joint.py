@@ -77,17 +77,16 @@ class Group:
         freedom: degrees of freedom it comes from.
         floor: whether the resolution of the measurements decides it.
         residuals: measured less predicted, in SI.
-        at: voltage of each, empty for a log.
     """
 
-    name: str
-    kind: str
+    name: str = field(metadata={"alias": "file"})
+    kind: str = field(metadata={"alias": "experiment"})
     quantity: str
     noise: float
-    relative: float
-    freedom: float
-    floor: bool
-    residuals: tuple[float, ...]
+    relative: float = field(metadata={"alias": "noise_relative"})
+    freedom: float = field(metadata={"alias": "degrees_of_freedom"})
+    floor: bool = field(metadata={"alias": "at_resolution"})
+    residuals: tuple[float, ...] = field(metadata={"exclude": True})
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,29 +118,19 @@ class JointFit:
                 {"name": n, "value": v, "std_error": e, "unit": CONSTANTS[n][0]}
                 for n, v, e in zip(self.names, self.theta.tolist(), errors, strict=True)
             ],
-            "correlations": {"names": self.names, "matrix": self.correlations()},
-            "residuals": [
-                {
-                    "file": g.name,
-                    "experiment": g.kind,
-                    "quantity": g.quantity,
-                    "noise": g.noise,
-                    "noise_relative": g.relative,
-                    "degrees_of_freedom": g.freedom,
-                    "at_resolution": g.floor,
-                }
-                for g in self.groups
-            ],
+            "correlations": {"names": self.names, "matrix": correlations(self.covariance)},
+            "residuals": self.groups,
             "at_bound": self.at_bound,
             "termination": self.termination.code,
         }
 
-    def correlations(self) -> Array:
-        """Correlation matrix of the estimates, (n, n)."""
-        s = np.sqrt(np.diag(self.covariance))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            correlations = self.covariance / np.outer(s, s)
-        return np.where(np.isfinite(correlations), correlations, np.eye(len(s)))
+
+def correlations(covariance: Array) -> Array:
+    """Correlation matrix of estimates, (n, n); the unit matrix where one is not determined."""
+    s = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        matrix = covariance / np.outer(s, s)
+    return np.where(np.isfinite(matrix), matrix, np.eye(len(s)))
 
 
 def steady_part(test: SteadyTest, gear: float) -> Part:
@@ -265,7 +254,6 @@ class _Bench(Problem):
         self.scale = np.array([max(abs(float(getattr(fixed, n))), 1e-12) for n in names])
 
     def first(self) -> Array:
-        """Where the search begins."""
         starts = [part.start for part in self.parts]
         values = np.array([float(getattr(self.fixed, n)) for n in self.names])
         return np.concatenate([values, *starts])
@@ -276,7 +264,6 @@ class _Bench(Problem):
         return float(r @ r) if np.all(np.isfinite(r)) else np.inf
 
     def weighted(self, noise_levels: Array) -> "_Bench":
-        """The same problem with other noise levels."""
         made = _Bench(self.parts, self.names, self.fixed, self.tied)
         made.noise_levels = noise_levels
         return made
@@ -294,7 +281,6 @@ class _Bench(Problem):
         return Descent(free, lower, np.full(len(free), np.inf), tolerance=TOLERANCE)
 
     def constants(self, p: Array) -> MotorConstants:
-        """The motor that p describes."""
         values = dict(zip(self.names, p.tolist(), strict=False))
         if self.tied and "Kem" in values:
             values["Kc"] = values["Kem"]

@@ -101,7 +101,11 @@ def _torque_constant(tests: Sequence[SteadyTest], values: Values, gear: float) -
     some = _of(tests, Kind.STALL, "torque")
     if some and "R" in values:
         without = [_no_load_current(tests, t.voltage) for t in some]
-        stalled = [_stall_current(t, values["R"]) for t in some]
+        read = [t.of("current") for t in some]
+        stalled = [
+            np.where(np.isfinite(i), i, t.voltage / values["R"])
+            for t, i in zip(some, read, strict=True)
+        ]
         torque = [t.motor_torque(gear) for t in some]
         each = [c / (i - i0) for c, i, i0 in zip(torque, stalled, without, strict=True)]
         how = "stall: mean of torque over stall current minus no-load current"
@@ -132,11 +136,6 @@ def _no_load_current(tests: Sequence[SteadyTest], voltage: Array) -> Array:
     return np.array(
         [np.mean(r) if len(r) else np.polyval(line, v) for r, v in zip(read, voltage, strict=True)]
     )
-
-
-def _stall_current(test: SteadyTest, R: float) -> Array:
-    read = test.of("current")
-    return np.where(np.isfinite(read), read, test.voltage / R)
 
 
 def _loaded_rows(tests: Sequence[SteadyTest], values: Values, gear: float) -> Array | None:

@@ -4,7 +4,7 @@ They say which part of a log is a free swing (before it the body is held, after 
 it), give the fit its start, and check its result.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -46,7 +46,7 @@ class Counted:
         instants: how many there were.
     """
 
-    period: float
+    period: float = field(metadata={"alias": "period_s"})
     std_error: float
     instants: int
 

@@ -13,7 +13,7 @@ from sysid.data.documents import plain_object
 from sysid.data.finding import Finding, Severity
 from sysid.data.reading.read_options import ReadOptions
 from sysid.errors import DataError, UsageError
-from sysid.testbench.pendulum.crossings import Counted, FreeSwing, free_swing
+from sysid.testbench.pendulum.crossings import FreeSwing, free_swing
 from sysid.testbench.pendulum.inertia import (
     BOX,
     UNITS,
@@ -53,7 +53,6 @@ class LogResult:
     oscillation: Oscillation
 
     def summary(self) -> dict[str, Any]:
-        """The figures as a JSON object."""
         o, free = self.oscillation, self.free
         return {
             "name": self.swing.name,
@@ -61,10 +60,7 @@ class LogResult:
             "period_std_error": o.period_std_error,
             "small_swing_period_s": o.small_period,
             "small_swing_period_std_error": o.small_std_error,
-            "counted": {
-                "passages": _counted(free.from_passages),
-                "turning_points": _counted(free.from_turns),
-            },
+            "counted": {"passages": free.from_passages, "turning_points": free.from_turns},
             "periods": float(free.passages[-1] - free.passages[0]) / o.period,
             "amplitude_deg": dict(
                 zip(("first", "rms", "last"), (a / DEGREES for a in o.amplitudes), strict=True)
@@ -186,7 +182,6 @@ class PendulumStudy:
         )
 
     def summary(self) -> dict[str, Any]:
-        """All of it as a JSON object."""
         h = self.hanging
         slopes = h.sensitivities(self.period)
         return plain_object(
@@ -418,11 +413,3 @@ def _say_unit(o: Oscillation, say: Any) -> None:
         f"{how}, which the log does not confirm; it affects the amplitude correction only.",
         "Name the unit with `units`.",
     )
-
-
-def _counted(counted: Counted) -> dict[str, float]:
-    return {
-        "period_s": counted.period,
-        "std_error": counted.std_error,
-        "instants": counted.instants,
-    }

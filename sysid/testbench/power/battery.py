@@ -93,7 +93,6 @@ class Battery:
     fitted: Array = field(metadata={"exclude": True})
 
     def to_json(self) -> dict[str, Any]:
-        """The figures by name and unit."""
         mean, largest = self.currents
         return by_field(self) | {"mean_current_A": mean, "largest_current_A": largest}
 

@@ -71,7 +71,6 @@ class Direction:
     answer: Array = field(metadata={"exclude": True})
 
     def line(self, drive: Array) -> Array:
-        """The answer at commands of this direction."""
         line = self.gain * (drive - self.dead_band + self.jump)
         return np.where(drive > self.dead_band, line, 0.0)
 

@@ -183,12 +183,8 @@ def read_soil(path: Path) -> Soil:
         raise DataError(f"{source.where(place)}: {error}") from None
 
 
-def _presets() -> tuple[Preset, ...]:
-    text = files("sysid.vehicle.ground").joinpath("soils.json").read_text(encoding="utf-8")
-    return tuple(
-        Preset(n, soil.pop("title"), soil_of(soil)) for n, soil in json.loads(text).items()
-    )
-
-
-PRESETS = _presets()
+_FILE = files("sysid.vehicle.ground").joinpath("soils.json").read_text(encoding="utf-8")
+PRESETS = tuple(
+    Preset(n, soil.pop("title"), soil_of(soil)) for n, soil in json.loads(_FILE).items()
+)
 """Every preset, soft ground first."""

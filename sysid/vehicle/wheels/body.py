@@ -1,7 +1,7 @@
 """The body on the wheels, and mass, centre and inertia of all of it."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -103,6 +103,10 @@ class MassProperties:
     mass: float
     centre: Array
     tensor: Array
+
+    def share(self, part: float) -> "MassProperties":
+        """A part of mass and inertia here; all parts together are the whole."""
+        return replace(self, mass=part * self.mass, tensor=part * self.tensor)
 
 
 def combined(parts: Iterable[MassProperties]) -> MassProperties:

@@ -45,7 +45,6 @@ class Scale:
 
     @classmethod
     def of(cls, wheels: Sequence[Wheel]) -> "Scale":
-        """The scale of these wheels."""
         places = np.array([w.position for w in wheels])
         centre = places.mean(axis=0)
         spread = math.sqrt(float(((places - centre) ** 2).sum(axis=1).mean()))

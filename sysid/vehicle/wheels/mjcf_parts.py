@@ -77,7 +77,6 @@ class Row:
 
     @property
     def joints(self) -> list[str]:
-        """The joints about which the wheels turn."""
         return [f"{self.name}_{k}" for k in range(len(self.places))]
 
     @property

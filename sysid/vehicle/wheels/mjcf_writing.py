@@ -156,11 +156,10 @@ def _wheel(vehicle: Vehicle, wheel: Wheel, load: float) -> _Part:
         bodies = block("body", [turn, *inner], frame)
     else:
         hub = f" name={quoteattr(wheel.name + '_wheel')}{_pose((-wheel.offset, wheel.side, 0.0))}"
-        fork = MassProperties(FORK * properties.mass, properties.centre, FORK * properties.tensor)
         frame = f" name={quoteattr(wheel.name + '_fork')}{_pose(place, wheel.direction())}"
         inside = [
             _steering_joint(wheel, load),
-            _inertial(fork),
+            _inertial(properties.share(FORK)),
             *block("body", [turn, *inner], hub),
         ]
         bodies = block("body", inside, frame)
@@ -204,9 +203,7 @@ def _rolling(wheel: Wheel, properties: MassProperties, grip: str, share: float) 
         return _swedish(wheel, properties, grip)
     size = words((wheel.r, 0.5 * wheel_width(wheel), wheel.r))
     return [
-        _inertial(
-            MassProperties(share * properties.mass, properties.centre, share * properties.tensor)
-        ),
+        _inertial(properties.share(share)),
         f'<geom class="wheel" type="ellipsoid" size="{size}"{grip}/>',
     ]
 
@@ -222,10 +219,7 @@ def _swedish(wheel: Wheel, properties: MassProperties, grip: str) -> list[str]:
     half = math.sqrt(slim * wheel.r) / math.cos(wheel.roller)
     mass = ROLLERS_SHARE * properties.mass / ROLLERS
     moment = 0.4 * mass * slim**2  # of a ball
-    hub = 1.0 - ROLLERS_SHARE
-    lines = [
-        _inertial(MassProperties(hub * properties.mass, properties.centre, hub * properties.tensor))
-    ]
+    lines = [_inertial(properties.share(1.0 - ROLLERS_SHARE))]
     c, s = math.cos(wheel.roller), math.sin(wheel.roller)
     for k in range(ROLLERS):
         alpha = 2.0 * math.pi * k / ROLLERS - 0.5 * math.pi

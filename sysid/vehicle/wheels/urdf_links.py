@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,11 @@ class Pose:
     def then(self, inner: "Pose") -> "Pose":
         """The frame that lies so in this one."""
         return Pose(self.place + self.axes @ inner.place, self.axes @ inner.axes)
+
+    def placed(self, inside: MassProperties) -> MassProperties:
+        """Mass properties in this frame, in that of the base."""
+        centre = self.place + self.axes @ inside.centre
+        return replace(inside, centre=centre, tensor=self.axes @ inside.tensor @ self.axes.T)
 
 
 BASE = Pose(np.zeros(3), np.eye(3))
@@ -132,8 +137,7 @@ class Robot:
                 said = str(error.errors()[0]["msg"]) if hasattr(error, "errors") else str(error)
                 said = said.removeprefix("Value error, ")
                 raise self.wrong(entries.line, f"of link {link} {said}") from None
-        pose = self._origin(inertial)
-        return MassProperties(value, pose.place, pose.axes @ tensor @ pose.axes.T)
+        return self._origin(inertial).placed(MassProperties(value, np.zeros(3), tensor))
 
     def _named(self, elements: list[XmlElement]) -> dict[str, XmlElement]:
         by_name: dict[str, XmlElement] = {}

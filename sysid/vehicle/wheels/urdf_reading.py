@@ -87,7 +87,7 @@ class _Walk:
         properties = self.robot.properties(link)
         if properties is not None:
             carried = self._forks.setdefault(steering[0].name, []) if steering else self.body
-            carried.append(placed(properties, pose))
+            carried.append(pose.placed(properties))
         self.boxes += [(pose, s) for s in self.robot.shapes(link) if s.kind == "box"]
         for joint in self.robot.below(link):
             there = pose.then(joint.origin)
@@ -124,7 +124,7 @@ class _Walk:
             )
             return False
         given = [(self.robot.properties(link), there) for link, there in links]
-        masses = [placed(p, there) for p, there in given if p is not None]
+        masses = [there.placed(p) for p, there in given if p is not None]
         if steering is not None:
             masses += self._forks.pop(steering[0].name, [])
         self.wheels.append(self._wheel(joint, pose, shape, steering, masses))
@@ -222,12 +222,6 @@ class _Walk:
             if key in extra.attributes:
                 values[key] = self.robot.number(extra, extra.attributes[key], key)
         return values | ({"kind": "swedish"} if "roller" in values else {})
-
-
-def placed(properties: MassProperties, pose: Pose) -> MassProperties:
-    """Mass properties of a link, in the frame of the base."""
-    centre = pose.place + pose.axes @ properties.centre
-    return MassProperties(properties.mass, centre, pose.axes @ properties.tensor @ pose.axes.T)
 
 
 def rounded_angle(angle: float) -> float:

@@ -63,7 +63,7 @@ def _base(vehicle: Vehicle) -> list[str]:
     if body.size is not None:
         inner = _shape(_element("box", size=body.size), body.at)
     properties = vehicle.body_properties()
-    inner += _inertial(properties) if properties is not None else []
+    inner += _inertial(properties, properties.centre) if properties is not None else []
     return _element("link", inner, name=BASE)
 
 
@@ -79,7 +79,7 @@ def _wheel(wheel: Wheel) -> list[str]:
     straight = wheel.model_copy(update={"heading": 0.0, "angle": 0.0})
     properties, fork = wheel_properties(straight), FORK if parent != BASE else 0.0
     if properties is not None:
-        shape += _inertial(_share(properties, 1.0 - fork, np.zeros(3)))
+        shape += _inertial(properties.share(1.0 - fork), np.zeros(3))
     joint = _joint(parent, link, place, heading, "0 1 0")
     if wheel.max_speed is not None:
         joint += _element("limit", effort=_NO_LIMIT, velocity=wheel.max_speed)
@@ -101,17 +101,12 @@ def _steering(wheel: Wheel) -> list[str]:
         joint += _element("limit", lower=low, upper=high, effort=_NO_LIMIT, velocity=_NO_LIMIT)
     properties = wheel_properties(wheel.model_copy(update={"heading": 0.0, "angle": 0.0}))
     middle = np.array([-wheel.offset, wheel.side, 0.0])
-    mass = _inertial(_share(properties, FORK, middle)) if properties is not None else []
+    mass = _inertial(properties.share(FORK), middle) if properties is not None else []
     kind = "continuous" if limits is None else "revolute"
     return [
         *_element("link", mass, name=link),
         *_element("joint", joint, name=f"{wheel.name}_steering", type=kind),
     ]
-
-
-def _share(properties: MassProperties, share: float, centre: Array) -> MassProperties:
-    """A share of a wheel's mass and inertia, so that all shares together are the wheel's."""
-    return MassProperties(share * properties.mass, centre, share * properties.tensor)
 
 
 def _joint(parent: str, child: str, place: Sequence[float], heading: float, axis: str) -> list[str]:
@@ -129,12 +124,12 @@ def _shape(geometry: list[str], at: Sequence[float], rpy: Sequence[float] = _LEV
     return [*_element("visual", inner), *_element("collision", inner)]
 
 
-def _inertial(properties: MassProperties) -> list[str]:
+def _inertial(properties: MassProperties, centre: Array) -> list[str]:
     pairs = itertools.combinations_with_replacement(range(3), 2)
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     entries: Any = {n: properties.tensor[k] for n, k in zip(names, pairs, strict=True)}
     inner = [
-        *_element("origin", xyz=properties.centre, rpy=_LEVEL),
+        *_element("origin", xyz=centre, rpy=_LEVEL),
         *_element("mass", value=properties.mass),
         *_element("inertia", **entries),
     ]

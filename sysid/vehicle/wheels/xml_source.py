@@ -31,7 +31,6 @@ class XmlElement:
     text: str = ""
 
     def all(self, tag: str) -> list["XmlElement"]:
-        """The children of a name."""
         return [child for child in self.children if child.tag == tag]
 
     def first(self, tag: str) -> "XmlElement | None":

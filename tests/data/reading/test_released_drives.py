@@ -48,6 +48,17 @@ def test_every_row_is_kept_where_it_is_asked_for(tmp_path: Path) -> None:
     assert len(whole) == 300
 
 
+def test_a_brake_that_is_an_input_leaves_no_row_out(tmp_path: Path) -> None:
+    path = written(tmp_path, "BrakeLight", 1 - ON)
+    head, *rows = path.read_text().splitlines()
+    bars = [f"{r},{12.5 * float(r[-1]):g}" for r in rows]
+    path.write_text("\n".join([f"{head},BrakePressure", *bars]) + "\n")
+    outputs = ("speed_rad_s",)
+    both = ReadOptions(inputs=("u_V", "BrakePressure"), outputs=outputs)
+    assert [len(r) for r in read_file(path, both).records] == [300]
+    assert len(read_file(path, ReadOptions(inputs=("u_V",), outputs=outputs)).records) == 2
+
+
 def test_a_column_of_any_name_can_be_given(tmp_path: Path) -> None:
     path = written(tmp_path, "state", ON)
     options = ReadOptions(inputs=("u_V",), outputs=("speed_rad_s",))

@@ -190,6 +190,14 @@ def test_a_clock_too_coarse_is_left_where_the_sample_time_is_given(tmp_path: Pat
     assert read_file(path, ReadOptions(ts=0.02)).records[0].dt == 0.02
 
 
+def test_two_machines_in_one_table_are_said(tmp_path: Path) -> None:
+    k, u, y = motor(120)
+    pump = np.array(["P1", "P2"])[k % 2].tolist()
+    path = put(tmp_path, "t,pump,u,y\n" + lines([whole(k // 2), pump, whole(u), point(y)]))
+    with pytest.raises(DataError, match=r"column pump tells 2 series apart \(P1, P2\)"):
+        read_file(path)
+
+
 def test_rows_that_begin_with_empty_cells_are_no_titles(tmp_path: Path) -> None:
     k, u, y = motor(60)
     body = lines([point(0.02 * k), whole(u), point(y)])

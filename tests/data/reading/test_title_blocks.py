@@ -42,6 +42,10 @@ SIGNALS = {"inputs": ("CH1",), "outputs": ("CH2",)}
 BLOCKS: dict[str, tuple[str, dict[str, object]]] = {
     "labview": (LABVIEW.format(e="") + table(), {}),
     "labview, trailing tabs": (LABVIEW.format(e="\t") + table(end="\t"), {}),
+    "labview, tabs behind every title": (
+        LABVIEW.format(e="\t").replace("_Header***\nX", "_Header***\t\t\t\nX") + table(end="\t"),
+        {},
+    ),
     "labview, a comment in the first row": (
         LABVIEW.format(e="\t") + table().replace("\n", "\tpump on\n", 1),
         {},

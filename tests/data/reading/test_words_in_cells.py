@@ -39,7 +39,7 @@ def read(folder: Path, cells: dict[int, dict[int, str]], **options: object) -> L
         ({50: {2: "OVL"}}, 1, "y ('OVL' in line 52)"),
         ({50: {2: "I/O"}, 60: {2: "Bad"}, 61: {1: "Bad"}}, 3, "u ('Bad' in line 63)"),
         ({50: {0: "reset"}}, 1, "line 52 'nan;"),
-        ({N - 1: {0: "mean", 3: ""}}, 1, "line 301 'nan;"),
+        ({N - 1: {0: "mean", 3: ""}}, 1, "line 301 'mean;"),
     ],
 )
 def test_a_row_is_bad_only_by_the_columns_used(

@@ -51,6 +51,7 @@ CASES: dict[str, tuple[Plant, float, str]] = {
     "load engages": (lambda t, d, a, m: (d, 0.77 if t > AT else 1.0, 0.0), 1.3, "plant-step"),
     "load steps": (lambda t, d, a, m: (d, 1.0, 2.0 if t > AT else 0.0), 1.0, "load-step"),
     "gain drifts": (lambda t, d, a, m: (d, 1.0 - 0.25 * np.sin(t / 22.0), 0.0), 1.0, "gain-drift"),
+    "load drifts": (lambda t, d, a, m: (d, 1.0, 0.05 * t), 1.0, "load-drift"),
     "spring": (lambda t, d, a, m: (d, 1.0, 0.8 * a), 1.0, "linear-mode"),
     "hysteresis": (play, 1.0, "command-play"),
 }

@@ -45,7 +45,6 @@ class _Watched:
         return getattr(self.law, name)
 
     def step(self, state: Any, inputs: Any, dt: float, xp: Any) -> tuple[Any, Any]:
-        """The law's step."""
         after, output = self.law.step(state, inputs, dt, xp)
         self.rows.append({**self.inputs(inputs, dt), **self.outputs(output)})
         return after, output

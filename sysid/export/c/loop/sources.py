@@ -13,6 +13,7 @@ from sysid.export.c.loop.laws_of_mission import laws
 from sysid.export.c.loop.recorded_run import CLOSED, RecordedRun, not_again, record_run
 from sysid.export.c.precision import Precision
 from sysid.export.templates import fill
+from sysid.plant.selftest import reach
 from sysid.robot.mission.contracts import TurnsTracks
 from sysid.robot.mission.loop import Loop
 from sysid.robot.mission.tracks.robot_plant import RobotPlant
@@ -27,11 +28,13 @@ class LoopSources:
     """The files of a closed loop, and what they were made from.
 
     Attributes:
+        period: between two steps of the controller [s].
         not_again: why the mission is not driven again in C, a sentence; empty where it is.
     """
 
     files: dict[str, str]
     blocks: tuple[Block, ...]
+    period: float
     not_again: str
 
 
@@ -48,7 +51,7 @@ def loop_sources(loop: Loop, precision: Precision) -> LoopSources:
     run, why = record_run(loop), not_again(loop, blocks)
     files["loop_data.h"] = _data(blocks, run, not why)
     files["loop_selftest.c"] = _selftest(loop, blocks, run, precision, not why)
-    return LoopSources(files, tuple(blocks.values()), why)
+    return LoopSources(files, tuple(blocks.values()), loop.control.period, why)
 
 
 def _block(loop: Loop, law: Law) -> Block | None:
@@ -108,12 +111,6 @@ def _controller_files(loop: Loop, blocks: dict[str, Block]) -> dict[str, str]:
 # ------------------------------------------------------------------------------ the self-test
 
 
-def _ranges(values: Array) -> Array:
-    """What errors of columns are relative to: how far each reaches, 1 where it is always zero."""
-    reach = np.max(np.abs(values), axis=0, initial=0.0)
-    return np.where(reach > 0.0, reach, 1.0)
-
-
 def _rows(block: Block, run: RecordedRun) -> Array:
     columns = run.rows[block.name]
     names = [f.name for f in (*block.inputs, *block.outputs)]
@@ -122,9 +119,9 @@ def _rows(block: Block, run: RecordedRun) -> Array:
 
 def _data(blocks: dict[str, Block], run: RecordedRun, closed: bool) -> str:
     tables = [(name, _rows(blocks[name], run)) for name in run.rows]
-    reached = [(n, rows, _ranges(rows[:, len(blocks[n].inputs) :])) for n, rows in tables]
+    reached = [(n, rows, reach(rows[:, len(blocks[n].inputs) :])) for n, rows in tables]
     if closed:
-        reached.append(("loop", run.closed, _ranges(run.closed)))
+        reached.append(("loop", run.closed, reach(run.closed)))
     return fill("c/loop_data.h", closed_rows=len(run.closed), columns=CLOSED, tables=reached)
 
 

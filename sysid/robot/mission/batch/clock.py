@@ -52,7 +52,6 @@ class Clock:
         self.patterns: list[Pattern] = []
 
     def block(self, k: int) -> Block:
-        """Block number k."""
         while len(self._rows) <= k:
             rows = list(islice(self._ticks, BLOCK))
             self._rows.append(rows)

@@ -118,6 +118,5 @@ class PhysicsSampler:
         return changed_keys
 
     def scene(self, scene: Scene, values: Sequence[Any]) -> Scene:
-        """The scene of a run."""
         varied = self.mission.with_physics(self.overrides(values))
         return scene._replace(car=varied.car, floor=floor_of(varied.physics))

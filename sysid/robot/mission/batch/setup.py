@@ -43,7 +43,6 @@ class PlantVariant:
 
     @staticmethod
     def of(plant: VariedPlant, mission: Mission, variation: Variation) -> "PlantVariant":
-        """The plant wired for a mission."""
         nominal = plant.plant(plant.theta)
         robot, warnings = as_robot(nominal, mission)
         check_robot(mission, robot)

@@ -77,7 +77,6 @@ class Escaping(AroundLaw):
     out: "VirtualObstacles | AlongWall"
 
     def start(self, scene: Scene, xp: Any) -> EscapeState:
-        """Nothing has happened yet."""
         watch = Watch(scene.to_goal(scene.start, xp), scene.start.x, scene.start.y)
         turn = self.law.start(scene, xp)
         return EscapeState(turn, watch, int(Hold.NOTHING), self.out.start(xp))
@@ -141,7 +140,6 @@ class VirtualObstacles:
     field: PotentialField
 
     def start(self, xp: Any) -> VirtualState:
-        """None yet."""
         return VirtualState(((FAR, FAR),) * VIRTUAL_OBSTACLES, 0, xp.inf, 0.0, False, False)
 
     def step(
@@ -227,7 +225,6 @@ class AlongWall:
     distance: float
 
     def start(self, xp: Any) -> WallState:
-        """Nothing is followed."""
         return WallState(False, 1.0, xp.inf, 0.0, 0.0, 0.0, False)
 
     def step(

@@ -71,7 +71,6 @@ class MissionRuns:
 
     @property
     def n(self) -> int:
-        """Number of runs."""
         return len(self.seeds)
 
     @property

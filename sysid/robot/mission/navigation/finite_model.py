@@ -47,7 +47,6 @@ class Hypothesis(Settings):
         return self
 
     def process(self, common: Process) -> Process:
-        """The motion under this hypothesis."""
         response = None
         if self.lag is not None and self.top_speed is not None:
             response = Response(self.lag, self.top_speed)
@@ -55,7 +54,6 @@ class Hypothesis(Settings):
         return replace(common, speed=speed, response=response, slip=self.slip)
 
     def geometry(self, vehicle: Geometry) -> Geometry:
-        """The lengths under this hypothesis."""
         return Geometry(self.radius or vehicle.r, self.width or vehicle.B)
 
 

@@ -226,7 +226,6 @@ class Group:
         return variance
 
     def expected(self, s: States, setting: Setting, xp: Any) -> list[Expected]:
-        """What each should be."""
         expectations = []
         for name in self.names:
             table = ADDED_UP if self.adds_up and name in ADDED_UP else EXPECTED

@@ -38,7 +38,6 @@ class Runs(NamedTuple):
     seeds: tuple[int, ...]
 
     def rows(self, at: Any) -> "Runs":
-        """Some of them."""
         return Runs(self.gains[at], self.theta[at], tuple(self.seeds[k] for k in at))
 
     def parts(self, size: int) -> list["Runs"]:

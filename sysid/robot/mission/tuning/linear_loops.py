@@ -102,7 +102,6 @@ class SampledLoop:
         return (gain, 2 * math.pi / at) if math.isfinite(gain) else None
 
     def margins(self, gains: Gains) -> Margins:
-        """The margins with a controller."""
         loop = self.plant * self.controller(gains)
         gain, _ = _gain_margin(self.omega, loop)
         phase, crossover = _phase_margin(self.omega, loop)

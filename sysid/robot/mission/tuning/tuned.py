@@ -90,7 +90,6 @@ class Tuning:
 
     @property
     def best(self) -> GainSet:
-        """The proposed set."""
         return self.front[self.proposed]
 
     @property
