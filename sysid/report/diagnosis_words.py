@@ -263,7 +263,7 @@ def left_sentence(result: Diagnosis) -> str:
     sizes = ", ".join(
         f"{rms:.2g}{f' {unit}' if len(units) > 1 else ''}" for _, unit, rms, _ in outputs
     )
-    unit = f" {units[0]}" if len(units) == 1 else ""
+    unit = f" {units[0]}" if len(units) == 1 and units[0] else ""
     mostly = f", mostly {place}" if where else ""
     return f"Left: {percent(rest)}{mostly}; {sizes}{unit} RMS"
 
