@@ -42,6 +42,13 @@ OUTLIERS = (
 ANY = "any"
 """Stands for every delay."""
 
+EARLIER = 4
+"""Samples before the delay of the regression from which on delays are tried in a record of steps:
+the first samples of a response of second order are lost in noise."""
+
+SHORT = 2000
+"""Samples up to which they are tried: a search of five delays takes five times as long."""
+
 STILL_WORDS = " No input moves in {}: orders chosen there would be those of a level."
 
 
@@ -76,6 +83,9 @@ def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ..
 
 
 Progress = Callable[[float, str], None]
+
+Delays = int | list[list[int]]
+"""One delay [samples], or a matrix (outputs × inputs)."""
 
 Data = tuple[HoldOut, tuple[bool, ...]]
 """What a structure's search sees, and by output whether it estimates an offset."""
@@ -146,11 +156,10 @@ def select_structure(
     cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
     still = searched and not cut.excited and table.criterion(criterion).of_free_run
     criterion, cut = ("bic", replace(cut, train=tuple(small))) if still else (criterion, cut)
+    delays = _around(nk, cut.samples) if still else (nk,)
     tasks, seen = [], {}
     for name in names:
-        chosen = (
-            list(given[name]) if name in given else _grid(name, nu, ny, cut.samples, nk, options)
-        )
+        chosen = list(given.get(name, ())) or _grid(name, nu, ny, cut.samples, delays, options)
         try:
             made = [_structure(name, orders, records, options) for orders in chosen]
         except UsageError as error:
@@ -291,6 +300,13 @@ def _offsets_and_delay(
     return choose_offsets(facts, known, delay.nk) if isinstance(known, str) else known, delay
 
 
+def _around(nk: Delays, samples: int) -> Sequence[Delays]:
+    """Delays to try where one step shows the delay: what regression says of it is rough."""
+    if samples > SHORT or not isinstance(nk, int):
+        return (nk,)
+    return range(max(nk - EARLIER, 1), nk + 2)
+
+
 def _fitted(
     structure: Structure, facts: LogFacts, options: FitOptions, detrend: Offsets
 ) -> tuple[Model, tuple[str, ...]]:
@@ -311,11 +327,12 @@ def _fitted(
 
 
 def _grid(
-    name: str, nu: int, ny: int, samples: int, nk: int | list[list[int]], options: FitOptions
+    name: str, nu: int, ny: int, samples: int, delays: Sequence[Delays], options: FitOptions
 ) -> list[dict[str, Any]]:
     cls = structure_class(name)
     said = cls.orders_said(options.structure_options or {})
-    grid = [dict(o) for o in ((said,) if said else cls.candidate_orders(nu, ny, samples, nk))]
+    tried = [o for nk in delays for o in cls.candidate_orders(nu, ny, samples, nk)]
+    grid = [dict(o) for k, o in enumerate((said,) if said else tried) if said or o not in tried[:k]]
     if not grid:
         raise DataError(f"{samples} samples are too few for {name}; record more or give orders")
     return grid
