@@ -143,7 +143,6 @@ def select_structure(
     facts = LogFacts.of(data)
     records, small = facts.records, facts.sample
     check_data(records)
-    nu, ny = records[0].nu, records[0].ny
     given = _by_structure(names, grid)
     whole = len(given) == len(names)
     searched = not whole or any(len(g) > 1 for g in given.values())
@@ -159,7 +158,9 @@ def select_structure(
     delays = _around(nk, cut.samples) if still else (nk,)
     tasks, seen = [], {}
     for name in names:
-        chosen = list(given.get(name, ())) or _grid(name, nu, ny, cut.samples, delays, options)
+        chosen = list(given.get(name, ())) or _grid(
+            name, records[0].nu, records[0].ny, cut.samples, delays, options
+        )
         try:
             made = [_structure(name, orders, records, options) for orders in chosen]
         except UsageError as error:
@@ -176,9 +177,9 @@ def select_structure(
     if progress:
         progress(1.0, "done")
     if closed:
-        grids = dict(tasks)
         entries = [
-            _without_feedback(e, grids, seen, facts, options, offsets, criterion) for e in entries
+            _without_feedback(e, dict(tasks), seen, facts, options, offsets, criterion)
+            for e in entries
         ]
     entries = [replace(e, notes=(*notes, *e.notes)) for e in entries]
     order = ranked_entries(
