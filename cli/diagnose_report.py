@@ -197,7 +197,7 @@ def _shrunk(result: "Diagnosis") -> None:
 
 
 def _path(result: "Diagnosis") -> None:
-    from sysid.report.diagnosis_words import path_table
+    from sysid.report.diagnosis_path import path_table
 
     rows = [[cell if cell is None else _short(cell) for cell in r] for r in path_table(result.path)]
     if rows:

@@ -43,8 +43,8 @@ LOCAL = """
 
 Logs as above, and of one or two resonances (pole radius 0.97 to 0.998: most are narrower than a
 window). Error: size of Ĝ − G over that of G at all frequencies, median and middle half of the logs.
-Either: by frequency that of both which errs less at lines left out of its fit. Seeds below 300 of
-another generator chose its numbers.
+Either: by frequency that of both which errs less at lines left out of its fit. Its numbers were
+chosen on other logs (300 of another generator, seeds 0 to 11 of this one).
 """
 
 

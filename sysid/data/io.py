@@ -369,7 +369,7 @@ def _reading_notes(
             Severity.NOTE,
             f"{table.where}: {name} "
             + (
-                "serves only to detect whether a controller was running."
+                "serves to detect a controller, and to keep its bias out of fits (oe, tf, process)."
                 if name in references
                 else "is a set point that never moves: a controller may have written the input."
             ),

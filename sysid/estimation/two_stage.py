@@ -28,7 +28,7 @@ from sysid.fitting.problem import Focus
 from sysid.fitting.uncertainty import portmanteau_white, uncertainty
 from sysid.structures.linear.long_arx import long_arx_output
 from sysid.structures.linear.predictor import RowLayout
-from sysid.structures.model import Model, with_option
+from sysid.structures.model import Model
 from sysid.structures.motion import initial_state_window
 
 EXPLAINED = 0.02
@@ -56,10 +56,16 @@ def biased_by_feedback(model: Model, facts: LogFacts, options: FitOptions) -> bo
     return not all(portmanteau_white(c) for c in columns)
 
 
+def _with_option(model: Model, name: str, value: object) -> Model:
+    """The model with one more fact on how it was made."""
+    options = {**model.provenance.options, name: value}
+    return replace(model, provenance=replace(model.provenance, options=options))
+
+
 def marked(model: Model, facts: LogFacts, options: FitOptions) -> Model:
     """The model, with a note for who ranks it where feedback biases it (``soundness``)."""
     biased = biased_by_feedback(model, facts, options)
-    return with_option(model, BIASED, True) if biased else model
+    return _with_option(model, BIASED, True) if biased else model
 
 
 def inputs_by_reference(records: Sequence[Record]) -> tuple[Record, ...] | None:
@@ -131,7 +137,7 @@ def without_feedback(facts: LogFacts) -> LogFacts | None:
 def in_two_stages(model: Model, facts: LogFacts, seen: LogFacts) -> Model:
     """A model that was fitted to inputs by references, with its errors and a sentence on it."""
     names = facts.records[0].reference_names
-    noted = with_option(model, STAGED, list(names))
+    noted = _with_option(model, STAGED, list(names))
     return replace(
         noted,
         covariance=_covariance(model, facts.records, seen.records),

@@ -10,6 +10,7 @@ from sysid.report import diagnosis_panels as panels
 from sysid.report import diagnosis_picture as picture
 from sysid.report import diagnosis_words as words
 from sysid.report import style
+from sysid.report.diagnosis_path import path_lines, path_table
 from sysid.report.page import Check, Page, Section
 from sysid.report.panels import Panels
 
@@ -243,12 +244,12 @@ def _mission(diagnosis: Diagnosis) -> Section:
     path = diagnosis.path
     return Section(
         f"On the mission {path.get('mission', '')}".rstrip(),
-        tuple(p for line in words.path_lines(path) for p in panels.path(*line)),
+        tuple(p for line in path_lines(path) for p in panels.path(*line)),
         (*filter(None, (path.get("sentence"),)), *(path.get("warnings") or ())),
         ("", "measured", "before", "after"),
         tuple(
             (what, *(v if isinstance(v, str) else _number(v) for v in values))
-            for what, *values in words.path_table(path)
+            for what, *values in path_table(path)
         ),
         within=True,
     )

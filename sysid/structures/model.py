@@ -1,7 +1,7 @@
 """Model: a structure with parameters, their covariance, and provenance."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -90,12 +90,6 @@ class Provenance:
     data: tuple[Source, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
     version: str = ""
-
-
-def with_option(model: "Model", name: str, value: Any) -> "Model":
-    """The model with one more fact on how it was made."""
-    options = {**model.provenance.options, name: value}
-    return replace(model, provenance=replace(model.provenance, options=options))
 
 
 @dataclass(frozen=True)

@@ -140,6 +140,17 @@ def test_models_that_explain_nothing_do_not_speak_against_an_offset() -> None:
     assert choose_offsets([Record(u[:, None], y[:, None], 0.1)]).origin is Origin.ESTIMATED
 
 
+@pytest.mark.parametrize(("name", "origin"), [("arx", Origin.ZERO), ("process", Origin.ESTIMATED)])
+def test_an_offset_that_is_not_seen_is_estimated_in_continuous_time(
+    name: str, origin: Origin
+) -> None:
+    r = log(1, both=True, rest=0)
+    structure = structure_class(name).from_orders(
+        {"na": 1, "nb": 1} if name == "arx" else {"np": 1}, 1, 1
+    )
+    assert choose_offsets([r]).for_structure(structure, [r]).origin is origin
+
+
 def test_policies() -> None:
     r = log(0, level=LEVEL)
     assert choose_offsets([r], "none").detrend.is_none

@@ -94,8 +94,8 @@ def _omega_unit(records: Sequence[Record]) -> Iterator[Finding]:
         unit = "ticks/360" if ratio > 2 else "rev/s"
         hint = " (with your encoder's ticks per turn)" if ratio > 2 else ""
     text = (
-        f"ω reaches {measured:.4g}, but the robot's sprockets turn at about {expected:.3g} "
-        f"rad/s at {100 * drive:.0f} % drive."
+        f"Is {first.output_names[0]} in rad/s? It reaches {measured:.4g}, the bundled robot's "
+        f"{expected:.3g} at {100 * drive:.0f} % drive."
     )
     advice = (
         "If the log is not in rad/s, give its unit, for example "

@@ -262,7 +262,7 @@ def _unclear(
         f"{side} can be {_listed(every, 8, ' or ')}{alone if 'input' in side else ''}"
         for side, every in asked.items()
     )
-    return f"{where}: {'; '.join(parts)}; name the columns{_example(families)}"
+    return f"{where}: {'; '.join(parts)}; name the columns, one or several{_example(families)}"
 
 
 def _example(families: Roles) -> str:

@@ -46,6 +46,8 @@ EXPLAINS = 0.5
 """Held-out error relative to the spread, from which a model says nothing of an offset that is seen:
 without the dead time of a plant an ARX errs as much with the true offset as without."""
 
+DRIVE = "a drive rests without command"
+
 LONGEST = 12
 """Order of the regression in which an offset is looked for: enough to whiten what disturbs."""
 
@@ -129,9 +131,10 @@ def _zero(evidence: "_Evidence", rest: Rest | None, start: Offsets) -> Offsets |
     elif _both_sides(records):
         words, seen = "the log has both signs", SEEN_BALANCED
     elif records[0].is_robot_log:
-        words, seen = "a drive rests without command", SEEN_BALANCED
+        words, seen = DRIVE, SEEN_BALANCED
     else:
         return None
+    none = replace(none, unseen=not at_rest and words != DRIVE)
     regression = evidence.regression(none)
     if regression is None or np.all(np.abs(regression.constant) < seen * regression.constant_error):
         return replace(none, why=words)

@@ -9,6 +9,7 @@ from sysid.data.operating_point import OperatingPoint, Origin
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
 from sysid.structures.base import Structure, counts_from_zero, lacks_constant
+from sysid.structures.continuous.structure import ContinuousStructure
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +23,7 @@ class Offsets:
             structure; the offset it stands for is added to ``detrend`` afterwards.
         y_error: standard errors of removed output offsets, empty where they are no estimates.
         at_rest: whether ``detrend`` is where the log rests at its head.
+        unseen: whether zero is kept only because no offset is seen in an ARX.
         why: why so, as the end of a sentence.
     """
 
@@ -30,6 +32,7 @@ class Offsets:
     estimated: tuple[bool, ...] = ()
     y_error: tuple[float, ...] = ()
     at_rest: bool = False
+    unseen: bool = False
     why: str = ""
 
     @staticmethod
@@ -67,6 +70,9 @@ class Offsets:
         nu, ny = structure.nu, structure.ny
         if structure.traits.physical:
             return Offsets.none(nu, ny)
+        if self.unseen and isinstance(structure, ContinuousStructure):
+            # of a plant with dead time an ARX sees little, and here the starts depend on it
+            return replace(self, origin=Origin.ESTIMATED, estimated=(True,) * ny, why="")
         chosen = self.origin in (Origin.MEANS, Origin.LINES)
         if structure.traits.linear or chosen or self.origin is Origin.ZERO:
             return self

@@ -143,7 +143,6 @@ def select_structure(
     facts = LogFacts.of(data)
     records, small = facts.records, facts.sample
     check_data(records)
-    nu, ny = records[0].nu, records[0].ny
     given = _by_structure(names, grid)
     whole = len(given) == len(names)
     searched = not whole or any(len(g) > 1 for g in given.values())
@@ -155,13 +154,19 @@ def select_structure(
     ahead = closed and _may_be_judged_one_step(names, options)
     cut = replace(hold_out(small, longest_of(nk)), one_step=ahead)
     still = searched and not cut.excited and table.criterion(criterion).of_free_run
-    delays: Sequence[Delays] = (nk,)
-    if still:
-        criterion, cut, delays = "bic", replace(cut, train=tuple(small)), _around(nk, small)
+    criterion, cut = ("bic", replace(cut, train=tuple(small))) if still else (criterion, cut)
+    delays = _around(nk, cut.samples) if still else (nk,)
     tasks, seen = [], {}
     for name in names:
-        chosen = list(given.get(name, ())) or _grid(name, nu, ny, cut.samples, delays, options)
-        made = _made(name, chosen, records, options, given_among=name in given and len(names) > 1)
+        chosen = list(given.get(name, ())) or _grid(
+            name, records[0].nu, records[0].ny, cut.samples, delays, options
+        )
+        try:
+            made = [_structure(name, orders, records, options) for orders in chosen]
+        except UsageError as error:
+            if name in given and len(names) > 1:
+                raise UsageError(f"{error}; or name fewer structures with `structures`") from None
+            raise
         treatment = offsets.for_structure(made[0], small)
         seen[name] = (cut.of(treatment.detrend.remove), treatment.estimated)
         tasks.append((name, chosen))
@@ -172,9 +177,9 @@ def select_structure(
     if progress:
         progress(1.0, "done")
     if closed:
-        grids = dict(tasks)
         entries = [
-            _without_feedback(e, grids, seen, facts, options, offsets, criterion) for e in entries
+            _without_feedback(e, dict(tasks), seen, facts, options, offsets, criterion)
+            for e in entries
         ]
     entries = [replace(e, notes=(*notes, *e.notes)) for e in entries]
     order = ranked_entries(
@@ -182,18 +187,6 @@ def select_structure(
     )
     why = reason(order, criterion, cut.words, given=whole) + STILL_WORDS.format(cut.words) * still
     return StructureSelection(order.entries, why, failed)
-
-
-def _made(
-    name: str, grid: Grid, records: Sequence[Record], options: FitOptions, *, given_among: bool
-) -> list[Structure]:
-    """The structures of a grid; orders given to one of several may not be for it."""
-    try:
-        return [_structure(name, orders, records, options) for orders in grid]
-    except UsageError as error:
-        if given_among:
-            raise UsageError(f"{error}; or name fewer structures with `structures`") from None
-        raise
 
 
 def _entries(
@@ -308,9 +301,9 @@ def _offsets_and_delay(
     return choose_offsets(facts, known, delay.nk) if isinstance(known, str) else known, delay
 
 
-def _around(nk: Delays, records: Sequence[Record]) -> Sequence[Delays]:
+def _around(nk: Delays, samples: int) -> Sequence[Delays]:
     """Delays to try where one step shows the delay: what regression says of it is rough."""
-    if sum(map(len, records)) > SHORT or not isinstance(nk, int):
+    if samples > SHORT or not isinstance(nk, int):
         return (nk,)
     return range(max(nk - EARLIER, 1), nk + 2)
 

@@ -21,8 +21,9 @@ ROUNDS, FEW = 10, 3
 CUT_OFFS = (0.02, 0.08, 0.3)
 """First filters: λ as a share of the Nyquist frequency."""
 
-DEAD_TIMES = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200)
-"""Dead times that are tried first [samples]."""
+DEAD_TIMES = (*range(13), 14, 16, 18, 21, 24, 28, 33, 40, 50, 60, 75, 90, 110, 135, 165, 200)
+"""Dead times that are tried first [samples]. With a zero the error has several minima over them,
+the deepest no wider than the fastest time constant."""
 
 LONGEST = 5_000
 """Samples of a record from which starts are found."""
@@ -69,11 +70,13 @@ def found_paths(
     rows = [(u[:LONGEST], y[:LONGEST]) for u, y in rows]
     shortest = min(len(y) for _, y in rows)
     tried: dict[int, FoundRow] = {}
+    every = [_filter(s, n, dt) for s in CUT_OFFS]
 
     def at(d: int) -> float:
         if d not in tried:
             best = min(tried.values(), key=lambda f: f.cost, default=None)
-            first = [best.paths[0].den] if best else [_filter(s, n, dt) for s in CUT_OFFS]
+            # the filter of a wrong dead time may lead into the wrong minimum
+            first = [best.paths[0].den, every[1]] if best else every
             tried[d] = _at_dead_time(rows, first, m, dt, d, level, FEW)
         return tried[d].cost
 
@@ -87,11 +90,7 @@ def found_paths(
         low, high = (low, best) if new < best else (best, high) if new > best else (below, above)
         best = new
     kept = sorted(tried, key=at)[:KEPT]
-    every = [_filter(s, n, dt) for s in CUT_OFFS]
-    full = [
-        _at_dead_time(rows, [tried[d].paths[0].den, *others], m, dt, d, level, ROUNDS)
-        for d, others in zip(kept, (every, [], []), strict=False)
-    ]
+    full = [_at_dead_time(rows, [tried[d].paths[0].den], m, dt, d, level, ROUNDS) for d in kept]
     return tuple(sorted(full, key=lambda f: f.cost))
 
 
