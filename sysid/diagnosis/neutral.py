@@ -27,7 +27,10 @@ LEAST = 20
 
 MOSTLY, ENDS = 0.5, (0.1, 0.9)
 """One command given in most of the rest is the neutral one; else it is the middle of those between
-which the output rests."""
+which the output rests: many are, where a dead zone is wide or something else holds the machine."""
+
+PULSES, NEUTRAL_PULSE = (800.0, 2200.0), 1500.0
+"""Pulses of hobby drives [µs], and the one that is neutral by their convention."""
 
 
 def neutral_commands(records: Sequence[Record]) -> Array:
@@ -54,7 +57,9 @@ def _neutral(u: Array, y: Array) -> float:
     values, counts = np.unique(resting, return_counts=True)
     if counts.max() > MOSTLY * len(resting):
         return float(values[np.argmax(counts)])
-    return float(np.mean(np.quantile(resting, ENDS)))
+    low, high = np.quantile(resting, ENDS)
+    pulses = PULSES[0] <= size.min() and size.max() <= PULSES[1]
+    return NEUTRAL_PULSE if pulses and low <= NEUTRAL_PULSE <= high else float(0.5 * (low + high))
 
 
 def counted_from(neutral: Array, records: Sequence[Record]) -> tuple[Record, ...]:

@@ -34,12 +34,13 @@ def test_the_neutral_pulse_is_where_the_output_rests(neutral: float, low: float)
     assert neutral_commands([pulses(1, neutral, low)]) == pytest.approx([neutral])
 
 
-def test_where_the_neutral_pulse_is_never_given_it_is_the_middle_of_those_that_move_nothing() -> (
-    None
-):
-    # some 16 of 200 levels lie within the dead zone: their middle is known to a quarter of it
-    (found,) = neutral_commands([pulses(1, 1500.0, 1000.0, 5000, 0.0)])
-    assert found == pytest.approx(1500.0, abs=0.25 * DEAD)
+@pytest.mark.parametrize(("neutral", "within"), [(1500.0, 0.0), (1300.0, 0.5 * DEAD)])
+def test_a_neutral_pulse_that_is_never_given_is_the_middle_of_those_that_move_nothing(
+    neutral: float, within: float
+) -> None:
+    # some 16 of 200 levels lie within the dead zone; 1500 is neutral by convention where it does
+    (found,) = neutral_commands([pulses(2, neutral, neutral - 500.0, 5000, 0.0)])
+    assert found == pytest.approx(neutral, abs=within)
 
 
 def test_a_command_that_comes_near_zero_is_counted_from_zero() -> None:
