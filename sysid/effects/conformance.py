@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -72,14 +71,6 @@ def _instant(effect: Effect, rng: np.random.Generator) -> tuple[Signal, Context,
     return signal, context, (signal,) * effect.memory.states
 
 
-def _times(
-    factor: float, signal: Signal, context: Context, state: State
-) -> tuple[Signal, State, Context]:
-    """An instant at which all signals are so many times as large."""
-    moved = {n: factor * getattr(context, n) for n in (*_PER_TRACK, "torque_other", "driven")}
-    return factor * signal, tuple(factor * s for s in state), replace(context, **moved)
-
-
 def _other_track_moved(context: Context, rng: np.random.Generator) -> Context:
     """The same instant for the first track, another one for the second."""
     change = np.array([0.0, 1.0])
@@ -93,36 +84,3 @@ def _stepped(
     constants = effect.constants
     more = constants(np, parameters, DT, np.full(2, KEPT)) if constants else {}
     return effect.step(np, signal, state, {**parameters, **more}, context)
-
-
-SCALED = -17.0
-"""Factor on all signals of a step that is tried for superposition: beyond limits and edges."""
-
-
-@cache
-def superposes(effect: Effect, chosen: frozenset[tuple[str, float]] = frozenset()) -> bool:
-    """Whether the step is linear but for a constant: a linear model of higher order does the same.
-
-    f(a x) = a f(x) + (1 − a) f(0) at random instants, for each start of its parameters; of an
-    effect with several laws, for each start of the law that the choices stand for, of all without
-    them.
-    """
-    if effect.place is Place.SAMPLES or not effect.parameters:
-        return False
-    rng = np.random.default_rng(2)
-    for trial in range(TRIALS * max(len(p.starts) for p in effect.parameters)):
-        values = {
-            p.name: p.starts[min(trial // TRIALS, len(p.starts) - 1)] for p in effect.parameters
-        }
-        if not chosen <= values.items():
-            continue
-        parameters = {name: np.full(2, value) for name, value in values.items()}
-        signal, context, state = _instant(effect, rng)
-        state = tuple(rng.uniform(-1.0, 1.0, 2) for _ in state)
-        one, scaled, none = (
-            _stepped(effect, y, s, parameters, c)[0]
-            for y, s, c in (_times(f, signal, context, state) for f in (1.0, SCALED, 0.0))
-        )
-        if np.max(np.abs(scaled - SCALED * one - (1.0 - SCALED) * none)) > ROUNDING:
-            return False
-    return True

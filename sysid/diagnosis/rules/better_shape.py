@@ -4,15 +4,12 @@ from sysid.diagnosis.diagnosis import RejectedEffect
 from sysid.diagnosis.search.selection import Selection
 from sysid.diagnosis.session import DiagnosisSession
 from sysid.diagnosis.shapes.grading import better_shape
-from sysid.diagnosis.shapes.linear import LINEAR_MODE
-from sysid.diagnosis.validation.linear_rival import linear_motion
 
 
 def shape_instead(session: DiagnosisSession, selection: Selection) -> RejectedEffect | None:
     """An effect that a shape of another place, or of time, explains better; alone, or all together.
 
-    Of all together the weakest goes first: the others are asked again. A linear effect (a lag, a
-    delay) is a case of linear motion, however little its law fits: that is no rival of it.
+    Of all together the weakest goes first: the others are asked again.
     """
     selected = selection.selected
     tracks = [p.track for p in session.base.search.model.parameters]
@@ -20,10 +17,7 @@ def shape_instead(session: DiagnosisSession, selection: Selection) -> RejectedEf
     single = [((n,), n.rest) for n in weakest_first]
     together = [(weakest_first, selection.base)] if len(selected) > 1 else []
     for names, without in (*together, *single):
-        rivals = session.shapes(without)
-        if all(linear_motion(session.base, selection, n) for n in names):
-            rivals = tuple(s for s in rivals if s.shape.id != LINEAR_MODE)
-        shape = better_shape(rivals, selection, names, without, tracks)
+        shape = better_shape(session.shapes(without), selection, names, without, tracks)
         if shape is not None:
             sentence, _ = shape.says()
             return RejectedEffect(names[0].id, f"a shape without physics explains more: {sentence}")

@@ -15,9 +15,7 @@ from sysid.data.facts import LogFacts
 from sysid.data.record import Array, Record
 from sysid.diagnosis.base_model import Base
 from sysid.diagnosis.policies import RULE
-from sysid.diagnosis.search.selection import SelectedEffect, Selection
-from sysid.effects.catalogue import about
-from sysid.effects.conformance import superposes
+from sysid.diagnosis.search.selection import Selection
 from sysid.errors import SysidError
 from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.pem import fit
@@ -66,14 +64,6 @@ class LinearRival:
             f"A linear model of higher order explains {', '.join(shares)} above the noise: the "
             "model lacks a state, such as a spring, an elastic part or a store of energy"
         )
-
-
-def linear_motion(base: Base, selection: Selection, named: SelectedEffect) -> bool:
-    """Whether an accepted effect is a case of linear motion, by the law that the data chose."""
-    e, model = about(named.id), base.search.model
-    if not e.laws or e not in model.effects:
-        return superposes(e)
-    return superposes(e, frozenset(model.chosen(e, selection.final.q).items()))
 
 
 def linear_rival(base: Base) -> LinearRival:

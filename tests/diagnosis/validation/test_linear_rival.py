@@ -10,8 +10,6 @@ from sysid.diagnosis.base_model import Base, divided, fit_baseline
 from sysid.diagnosis.search.evidence import Evidence
 from sysid.diagnosis.search.selection import SelectedEffect, Selection
 from sysid.diagnosis.validation.linear_rival import linear_rival
-from sysid.effects.catalogue import catalogue
-from sysid.effects.conformance import superposes
 
 DT, TAU, GAIN, NOISE = 0.02, 0.15, 24.0, 0.1
 
@@ -78,21 +76,3 @@ def test_dry_friction_is_no_linear_motion(sprung: Base) -> None:
     final = replace(sprung.model, errors=replace(sprung.model.errors, holdout=quiet))
     after = replace(naming(sprung, "coulomb-friction"), final=final)
     assert rival.words(after, np.array([NOISE]), ("omega_l",)) == ""
-
-
-@pytest.mark.parametrize("id", ["input-delay", "actuator-lag", "sensor-bias"])
-def test_a_linear_step_superposes(id: str) -> None:
-    assert superposes(catalogue()[id])
-
-
-def test_each_law_of_an_effect_is_judged_by_itself() -> None:
-    e = catalogue()["cross-coupling"]
-    assert [superposes(e, frozenset(law.choices.items())) for law in e.laws] == [True, True, False]
-    assert not superposes(e)
-
-
-@pytest.mark.parametrize(
-    "id", ["dead-zone", "rate-limit", "coulomb-friction", "gravity-load", "sensor-saturation"]
-)
-def test_a_curved_step_does_not(id: str) -> None:
-    assert not superposes(catalogue()[id])
