@@ -252,8 +252,13 @@ class _Assembly:
         )
 
     def poor(self) -> str:
-        """That the augmented model does not follow the log, and what its checks say of why."""
-        parts, errors = self.session.base.parts, self.selection.final.errors.holdout
+        """That the augmented model does not follow the log, with proven shapes neither, and what its
+        checks say of why."""
+        parts = self.session.base.parts
+        shown = {s.output: s.share for s in self.shapes}
+        names = parts.holdout[0].output_names
+        left = np.sqrt([1.0 - shown.get(name, 0.0) for name in names])
+        errors = [left * e for e in self.selection.final.errors.holdout]
         if not not_followed(parts.holdout, errors, self.session.floor, ()):
             return ""
         try:
