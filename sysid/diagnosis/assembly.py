@@ -252,8 +252,8 @@ class _Assembly:
         )
 
     def poor(self) -> str:
-        """That the augmented model does not follow the log, with proven shapes neither, and what its
-        checks say of why."""
+        """That the augmented model does not follow the log, with proven shapes neither, and what
+        its checks say of why."""
         parts = self.session.base.parts
         shown = {s.output: s.share for s in self.shapes}
         names = parts.holdout[0].output_names
