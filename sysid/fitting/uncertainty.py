@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import chdtri
 
 from sysid.criteria.coloured import coloured_gram
 from sysid.data.record import Array
@@ -167,6 +166,8 @@ def half_of(inverse: Array) -> Array:
 
 def portmanteau_white(residuals: Sequence[Array]) -> bool:
     """Ljung & Box (1978) over 25 lags at 1 %, pooled over the stretches."""
+    from scipy.special import chdtri  # a mission waits for no solver
+
     n = sum(len(e) for e in residuals)
     power = sum(float(e @ e) for e in residuals)
     if power <= 0.0 or n <= 2 * WHITE_LAGS:

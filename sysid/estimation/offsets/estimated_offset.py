@@ -86,9 +86,15 @@ def fit_with_offset(
     assert isinstance(outcome.structure, LinearStructure)
     wide = outcome.structure
     places, _ = wide.constant_places()
-    if not np.all(np.isfinite(np.diag(outcome.covariance)[places])):
+    if not np.all(np.isfinite(np.diag(outcome.covariance)[places])) or not _rests(wide, outcome):
         return None
     return narrowed(wide, outcome, facts, offsets)
+
+
+def _rests(wide: LinearStructure, outcome: FitOutcome) -> bool:
+    """Whether the fit has a steady state: what integrates rests nowhere."""
+    shift, *_ = _balance(wide, outcome, np.ones(wide.ny))(np.zeros(wide.nu - 1))
+    return all(bool(np.all(np.isfinite(part))) for part in shift)
 
 
 def narrowed(
