@@ -8,7 +8,7 @@ shows: free run from a state estimated at the head of the test part.
 import os
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -110,9 +110,13 @@ MEASURED: Mapping[str, Measured] = {
         partial(rows, "mr_damper/damper.csv", (0, 2000), (2000, 3499)), ("oe", "armax")
     ),
     "dryer": Measured(
-        partial(rows, "dryer/dryer.csv", (0, 300), (799, 900)), ("arx", "oe"), factor=None
+        partial(rows, "dryer/dryer.csv", (0, 300), (799, 900)),
+        ("arx", "oe", "process"),
+        factor=None,
     ),
-    "winding": Measured(partial(share, "winding/winding.csv", 0.5), ("arx", "oe"), factor=None),
+    "winding": Measured(
+        partial(share, "winding/winding.csv", 0.5), ("arx", "oe", "ss"), factor=None
+    ),
     "arm": Measured(
         partial(share, "cdplayer_arm/cdplayer.csv", 0.5, 1.0), ("arx", "oe"), factor=None
     ),
@@ -165,9 +169,22 @@ def names(hidden: str) -> Value:
     return tuple(sorted(effect.id for effect in sysid.diagnose(log, held).effects))
 
 
+def names_behind(hidden: str) -> Value:
+    """The same of logs whose rows were written behind their command, as much firmware does."""
+    files = hide(Request(HIDDEN[hidden], seed=3, duration=30.0)).files
+    behind = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("est.csv", "val.csv"):
+            (Path(folder) / name).write_text(files[name], encoding="utf-8")
+            log = sysid.read_log(Path(folder) / name)
+            behind.append(replace(log.rows(0, len(log) - 1), y=log.y[1:]))
+    return tuple(sorted(effect.id for effect in sysid.diagnose(*behind).effects))
+
+
 ROWS: Mapping[str, Callable[[], Value]] = {
     **{f"{n}/{s}": partial(measured, n, s) for n, x in MEASURED.items() for s in x.structures},
     **{f"{n}/{s}": partial(bundled, n, s) for n, each in BUNDLED.items() for s in each},
     **{f"names/{hidden}": partial(names, hidden) for hidden in HIDDEN},
+    "names/friction-behind": partial(names_behind, "friction"),
 }
 """Name → what computes it."""

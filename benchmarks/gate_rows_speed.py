@@ -162,6 +162,45 @@ def iterative(structure: str) -> Callable[[Path], SpeedRow]:
     return prepared
 
 
+TOOLBOX: Mapping[str, tuple[str, Mapping[str, int], Mapping[str, str]]] = {
+    "process": ("P1D", {}, {"type": "P1D"}),
+    "ss": ("order 2", {"n": 2}, {}),
+}
+"""Structures of the toolbox, each with its words, orders and options."""
+
+
+def beside_oe(structure: str) -> Callable[[Path], SpeedRow]:
+    """A structure of the toolbox over an output-error fit of the same log."""
+    words, orders, options = TOOLBOX[structure]
+
+    def prepared(folder: Path) -> SpeedRow:
+        log = record(*signals(2000))
+        return SpeedRow(
+            f"speed/{structure}",
+            f"fit of {structure}, {words}, to 2000 samples over its fit by OE(2,2)",
+            lambda: sysid.fit(log, sysid.structure(log, structure, orders, options)),
+            lambda: sysid.fit(log, "oe", "nb=2 nf=2 nk=1"),
+            own_time,
+            3,
+            2,
+        )
+
+    return prepared
+
+
+def looking(folder: Path) -> SpeedRow:
+    """Impulse and frequency responses with their bands over every check of the log."""
+    log = record(*signals(2000))
+    return SpeedRow(
+        "speed/look",
+        "look at 2000 samples over inspect of them",
+        lambda: sysid.look(log),
+        lambda: sysid.inspect(log),
+        own_time,
+        2,
+    )
+
+
 def cold_fit(folder: Path) -> SpeedRow:
     """The command from a cold start over the imports that nobody who fits can do without."""
     log = str(sysid_datasets.path("prbs"))
@@ -224,6 +263,8 @@ ROWS: Mapping[str, Callable[[Path], SpeedRow]] = {
     "speed/arx": arx,
     "speed/orders": orders,
     **{f"speed/{structure}": iterative(structure) for structure in ITERATIVE},
+    **{f"speed/{structure}": beside_oe(structure) for structure in TOOLBOX},
+    "speed/look": looking,
     "speed/cold-fit": cold_fit,
     "speed/mission": mission,
     "speed/diagnosis": diagnosis,
