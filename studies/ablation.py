@@ -92,12 +92,6 @@ SWITCHES: Mapping[str, Switch] = MappingProxyType(
             lambda self, base, model: model,
             lambda found, self, base, model: found is not model,
         ),
-        "rule: shrunk delays": Switch(
-            forward_selection.ForwardSelection,
-            "_shrunk",
-            lambda *_: [],
-            lambda found, *_: bool(found),
-        ),
     }
 )
 

@@ -415,10 +415,13 @@ def _require_tracks(records: Sequence[Record]) -> Record:
 def _least_delays(facts: LogFacts) -> tuple[int, ...]:
     """0 where the command of a row acts on its reading: the log is written behind both; else 1.
 
-    Both where a nonlinearity leaves it open. In closed loop it is the controller that links them.
+    Both where a nonlinearity leaves it open. In closed loop it is the controller that links them;
+    readings without a sign show no delay.
     """
     seen = [d for d in facts.delays or () if d.delay is not None]
-    if not seen or any(d.low for d in seen) or facts.at_own_rate.surely_closed_loop:
+    if not seen or any(d.low for d in seen) or may_lack_sign(facts.records):
+        return (1,)
+    if facts.at_own_rate.surely_closed_loop:
         return (1,)
     return (0,) if all(d.certain for d in seen) else (1, 0)
 

@@ -376,7 +376,7 @@ def test_pictures_are_drawn(tmp_path: Path, capsys: Capture) -> None:
         assert "Clearance of the centre" in (tmp_path / ".sysid" / "missions" / page).read_text()
     refused = run(capsys, "report", "mission.yaml", "arx")
     assert refused.code == 2
-    assert "name one mission alone" in refused.err
+    assert "name one mission or one diagnosis alone" in refused.err
     svg = dict.fromkeys(("fit.svg", "path.svg", "runs.svg"), b"<?xml")
     heads = {**svg, "ranking.png": b"\x89PNG"}
     for name, head in heads.items():

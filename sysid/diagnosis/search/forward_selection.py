@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.diagnosis.policies import BUDGET, RULE, VERDICT
-from sysid.diagnosis.search.admission import beyond_sampling, tied
+from sysid.diagnosis.search.admission import tied
 from sysid.diagnosis.search.candidates import CandidateSearch, common_samples
 from sysid.diagnosis.search.evidence import Evidence, alike
 from sysid.diagnosis.search.moves import beside_either, swapped, together
@@ -73,10 +73,6 @@ class ForwardSelection(CandidateSearch):
             if self.best_of(base, (best, other)) is other:
                 best, minor = other, other_minor if other_minor is not None else minor
         selected = self.account(base, best, effects, judged)
-        while len(selected) > 1 and (shrunk := self._shrunk(best, selected)):
-            # a delay that is now how the log was sampled; what remains is fitted and judged again
-            best = self.without(best, max(shrunk, key=lambda n: n.evidence.delta_bic).id)
-            selected = self.account(base, best, effects, judged)
         say("done", 1.0)
         return Selection(base, best, selected, minor, first)
 
@@ -245,12 +241,6 @@ class ForwardSelection(CandidateSearch):
         at = [self.model.parameters[k].track for k in self.model.of(id) if model.q[k] != rest.q[k]]
         touched = np.array([i in at or -1 in at for i in range(self.model.tracks)])
         return replace(model, effects=(*rest.effects, id), touched=touched)
-
-    def _shrunk(
-        self, model: CandidateModel, selected: Sequence[SelectedEffect]
-    ) -> list[SelectedEffect]:
-        """Delays and lags that are no later than sampling makes them."""
-        return [n for n in selected if not beyond_sampling(self.model, n.id, model.q).any()]
 
     def _in_place(
         self,

@@ -93,20 +93,27 @@ def _from_ramps(model: FullModel, e: Effect, q: Array, data: Data) -> list[Array
     """
     rows = []
     for span, power in product(RAMPS, (1.0, QUICK)):
-        row = q.copy()
+        row, rates = q.copy(), np.zeros(model.tracks)
         for i in range(model.tracks):
             gain, f, _ = model.core(q, i)
-            slopes = [
-                np.abs(y[span:] - y[:-span]) / (span * model.dt) for y in data.split(data.y[:, i])
-            ]
-            steepest = float(np.quantile(np.concatenate(slopes), STEEP)) if slopes else 0.0
-            at = model.index[e.id, e.parameters[0].name, i]
-            row[at] = model.parameters[at].within(steepest / max(abs(gain), 1e-300))
+            rates[i] = _steepest(data, i, span) / (model.dt * max(abs(gain), 1e-300))
             if power != 1.0:
                 poles = np.abs(np.roots([1.0, *f])) ** power
                 model.set_core(row, i, gain, np.asarray(np.poly(poles)[1:], dtype=np.float64))
+        if not rates.all():
+            continue
+        for k in model.of(e.id):
+            p = model.parameters[k]
+            row[k] = p.within(rates.max() if p.track < 0 else rates[p.track])
         rows.append(row)
     return rows
+
+
+def _steepest(data: Data, track: int, span: int) -> float:
+    """The steepest change a sample of a track's measurements over a span; 0 in shorter records."""
+    parts = data.split(data.y[:, track])
+    slopes = np.concatenate([np.abs(y[span:] - y[:-span]) / span for y in parts])
+    return float(np.quantile(slopes, STEEP)) if len(slopes) else 0.0
 
 
 def _other_cores(model: FullModel, q: Array) -> list[Array]:

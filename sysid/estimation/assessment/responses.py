@@ -31,6 +31,9 @@ LEVELS = 25
 SHOWN = 1.5
 """A step is shown for so many times the time in which its slowest output settles."""
 
+FAR = 1e6
+"""Standard errors beyond which more of them say the same."""
+
 CHI_SQUARED = 5.991
 """Of two degrees of freedom, 95 %."""
 
@@ -93,7 +96,7 @@ class FrequencyCurve:
         g = np.stack([self.response.real, self.response.imag], axis=1)
         axes = np.maximum(axes, 1e-9 * axes[:, :1] + 1e-300)
         beside = np.einsum("nik,ni->nk", half, g) / axes
-        zero = np.sum(beside**2, axis=1) <= CHI_SQUARED
+        zero = np.sum(np.minimum(np.abs(beside), FAR) ** 2, axis=1) <= CHI_SQUARED
         gap = np.where(np.isfinite(self.root).all(axis=(1, 2)), 0.0, np.inf)
         low, high = np.where(zero, 0.0, size.min(axis=1)), size.max(axis=1)
         back = np.where(zero, -np.pi, angle.min(axis=1))

@@ -218,28 +218,6 @@ def test_both_of_a_pair_are_named(pair: str, seed: int, tmp_path: Path) -> None:
         assert any(id in entry for entry in found)
 
 
-@pytest.mark.slow
-def test_a_delay_that_has_shrunk_below_a_sample_is_taken_back(tmp_path: Path) -> None:
-    # a moving average over six samples looks like a delay and a lag
-    asked = Request(("actuator-lag",), seed=3, style="multisine", duration=60.0)
-    for name, text in hide(asked).files.items():
-        head, *rows = text.splitlines()
-        table = np.array([[float(v) for v in row.split(",")] for row in rows])
-        u = np.vstack([np.zeros((5, 2)), table[:, 1:3]])
-        table[:, 1:3] = np.mean([u[k : len(u) - 5 + k] for k in range(6)], axis=0).round()
-        pole, y = float(np.exp(-DT / 0.2)), np.zeros((len(table), 2))
-        for k in range(1, len(table)):
-            y[k] = pole * y[k - 1] + (1.0 - pole) * 20.0 * table[k - 1, 1:3] / 20000.0
-        noise = np.random.default_rng(len(table)).normal(0.0, 0.1, y.shape)
-        table[:, 1:3], table[:, 3:5] = u[5:], y + noise
-        lines = [",".join(f"{v:.6g}" for v in row) for row in table]
-        (tmp_path / name).write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
-    found = diagnose([read_log(tmp_path / "est.csv")], [read_log(tmp_path / "val.csv")])
-    (named,) = found.effects
-    assert named.id == "actuator-lag"
-    assert [p.name for p in named.parameters] == ["lag[omega_l]", "lag[omega_r]"]
-
-
 def test_a_given_model_begins_at_rest_only_where_the_machine_does() -> None:
     none, some = np.zeros(2), np.array([0.0, 1.5])
     rests, moves = np.array([[0.1, -0.05], [6.0, 9.0]]), np.array([[0.1, 2.0], [6.0, 9.0]])
