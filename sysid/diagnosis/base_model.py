@@ -8,9 +8,9 @@ import numpy as np
 from sysid.data.checks.integral import POSITIONS, integrates
 from sysid.data.column_words import may_move
 from sysid.data.facts import LogFacts
-from sysid.data.filtering import lfilter
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Record
+from sysid.diagnosis.base_starts import core_of, starts
 from sysid.diagnosis.integrating import rates, step_of
 from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.samples import SampleEffects, inspect_rates, inspect_samples, with_steps_of
@@ -30,7 +30,6 @@ from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.structures.augmented.given_base import GivenBase, begins_at_rest
-from sysid.structures.linear.families import OE
 from sysid.structures.model import Model
 
 LARGEST_ORDER = 3
@@ -247,10 +246,10 @@ def _baseline(
         parts.weights,
         RULE.in_loop if in_loop else RULE.held_out,
     )
-    starts = _starts(model, estimation, scales)
+    begun = starts(model, estimation, scales)
     if linear is not None:
-        starts = np.vstack([starts, _start_of(linear, model, scales)])
-    candidate = search.base(starts)
+        begun = np.vstack([begun, core_of(linear, model, scales)])
+    candidate = search.base(begun)
     if not np.isfinite(candidate.holdout_rmse):
         raise ModelError("the baseline cannot be simulated on this log; run sysid inspect")
     return Base(parts, search, candidate, words, in_loop, on_rate)
@@ -292,7 +291,7 @@ def given_base(
     plain = FullModel(effects, 1, first.ny, typical_speed(estimation), first.dt)
     copies = [replace(r, y=runs[id(r)]) for r in parts.estimation]
     core_search = ForwardSelection(plain, copies, copies, scales, 1)
-    core = core_search.base(_starts(plain, copies, scales)).q
+    core = core_search.base(starts(plain, copies, scales)).q
     gain = np.array([plain.core(core, i)[0] for i in range(first.ny)])
     pole = np.clip([plain.core(core, i)[1][0] for i in range(first.ny)], -0.999, -0.01)
     given = GivenBase.of(model, gain, pole)
@@ -442,61 +441,3 @@ def _linear(facts: LogFacts, least: int) -> tuple[Model, int]:
     grid = [{"nb": n, "nf": n, "nk": delay} for n in range(1, LARGEST_ORDER + 1)]
     ranking = select_structure(("oe",), facts, FitOptions(stable=True), detrend, grid=grid)
     return ranking.entries[0].model, delay
-
-
-def _start_of(linear: Model, model: FullModel, scales: Array) -> Array:
-    """The cores that run as a linear model does, (1, parameters); no row where a core cannot.
-
-    From real poles alone no search finds a lightly damped swing: B(q)/F(q) = K b(q)/F(q) with
-    b(1) = F(1).
-    """
-    q = model.null.copy()
-    if not isinstance(linear.structure, OE) or model.inputs != model.tracks:
-        return np.empty((0, len(q)))
-    polynomials = linear.structure.polynomials(linear.theta)
-    for i in range(model.tracks):
-        top, bottom = np.trim_zeros(polynomials.B[i][i], "f"), polynomials.F[i][i]
-        gain = float(np.sum(top) / np.sum(bottom)) if len(top) else 0.0
-        if not np.isfinite(gain) or gain == 0.0 or max(len(top), len(bottom) - 1) > model.order:
-            return np.empty((0, len(q)))
-        model.set_core(q, i, gain * scales[i], bottom[1:], top[1:] / gain)
-    return q[None]
-
-
-def _starts(model: FullModel, records: Sequence[Record], scales: Array) -> Array:
-    """Several gains and time constants; the static gain from the largest measurements."""
-    drive = np.concatenate([r.u for r in records]) / scales
-    y = np.concatenate([r.y for r in records])
-    if drive.shape[1] > y.shape[1]:
-        return _starts_of_sum(model, drive, y[:, 0])
-    drive = np.broadcast_to(drive, y.shape)
-    gain = np.array(
-        [float(d @ v) / max(float(d @ d), 1e-12) for d, v in zip(drive.T, y.T, strict=True)]
-    )
-    size = np.quantile(np.abs(y), 0.95, axis=0) / np.maximum(
-        np.quantile(np.abs(drive), 0.95, axis=0), 1e-9
-    )
-    rows = []
-    for pole in (0.5, 0.8, 0.95):
-        for k in (gain, size):
-            q = model.null.copy()
-            for i in range(model.tracks):
-                poles = [pole * 0.6**j for j in range(model.order)]
-                f = np.asarray(np.poly(poles)[1:], dtype=np.float64)
-                model.set_core(q, i, k[i] if abs(k[i]) > 1e-9 else size[i], f)
-            rows.append(q)
-    return np.array(rows)
-
-
-def _starts_of_sum(model: FullModel, drive: Array, y: Array) -> Array:
-    """The same for several inputs of one output: gains beside a pole that is tried."""
-    rows = []
-    for pole in (0.5, 0.8, 0.95, 0.99):
-        seen = lfilter(np.array([0.0, 1.0 - pole]), np.array([1.0, -pole]), drive, axis=0)
-        gains = np.linalg.lstsq(np.column_stack([seen, np.ones(len(y))]), y, rcond=None)[0]
-        q = model.null.copy()
-        poles = [pole * 0.6**j for j in range(model.order)]
-        model.set_core(q, 0, gains[0], np.asarray(np.poly(poles)[1:], dtype=np.float64))
-        q[[model.index["core", "gain", i] for i in range(model.inputs)]] = gains[:-1]
-        rows.append(q)
-    return np.array(rows)
