@@ -237,3 +237,13 @@ def test_the_sampled_servo_of_astroem_and_wittenmark() -> None:
     e = np.exp(-1.0)
     np.testing.assert_allclose(g.num[0], [0.0, e, 1.0 - 2.0 * e], atol=1e-12)
     np.testing.assert_allclose(g.den, [1.0, -1.0 - e, e], atol=1e-12)
+
+
+def test_a_step_of_the_search_that_overflows_is_no_run() -> None:
+    """Rates as large as floating point has: e^{A Δt} is no number, and the step is refused."""
+    rng = np.random.default_rng(5)
+    log = Record(rng.standard_normal((60, 1)), rng.standard_normal((60, 1)), 0.1)
+    structure = sysid.structure(log, "tf", "np=2 nz=1")
+    problem = RealizedErrors(structure, [(log.u, log.y)], states=False, ahead=False)
+    with np.errstate(all="ignore"):  # as the search runs it
+        assert problem.runs(np.full(problem.n_theta, -1e300)) is None

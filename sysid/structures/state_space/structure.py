@@ -285,6 +285,8 @@ class RealizedErrors(RunErrors):
             return False
         r = self.structure.realization(theta)
         A = r.A if r.K is None or not self.ahead else r.predictor().A
+        if not np.isfinite(A).all():
+            return False
         return not len(A) or bool(np.max(np.abs(np.linalg.eigvals(A))) <= self.most)
 
     def tangents(self, p: Array) -> Iterator[Array]:
