@@ -96,7 +96,7 @@ def whitened(records: Sequence[Record], model: Model) -> tuple[Record, ...]:
     """L u and L y with L y = G L u + white: L is an autoregression of what a model leaves of y.
 
     Slow errors differ by chance for as long as they last; those of the filtered records are
-    independent, so that orders are told apart as far as they can be.
+    independent, so that orders are distinguished as far as they can be.
     """
     s, theta = model.structure, model.theta
     errors = [s.errors(theta, r.u, r.y, initial_state_window(s, theta)) for r in records]

@@ -113,6 +113,7 @@ def _steepest(data: Data, track: int, span: int) -> float:
     """The steepest change a sample of a track's measurements over a span; 0 in shorter records."""
     parts = data.split(data.y[:, track])
     slopes = np.concatenate([np.abs(y[span:] - y[:-span]) / span for y in parts])
+    slopes = slopes[np.isfinite(slopes)]  # lost measurements have none
     return float(np.quantile(slopes, STEEP)) if len(slopes) else 0.0
 
 

@@ -165,7 +165,7 @@ def rank_words(rank: int, count: int, condition: float) -> str:
 def hidden(names: Sequence[str], null: Array) -> tuple[dict[str, float], ...]:
     """Groups of parameters that only show together, as {name: part}, 1 where one never shows.
 
-    Groups that have nothing to do with each other are told apart, whatever basis ``null`` is in.
+    Groups that have nothing to do with each other are distinguished, whatever basis ``null`` is in.
     """
     from scipy.sparse.csgraph import connected_components
 

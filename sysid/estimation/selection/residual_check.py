@@ -19,7 +19,7 @@ def valid_first(
     then (Ljung 1999, §16.6). So a leader that fails this test gives way to the first model behind
     it that passes every test, whose free run is bounded and that errs no more, neither in free run
     nor one step ahead: the test has little power beside strongly coloured residuals, where a noise
-    model foretells what an output-error model leaves. That a search was given up while noise
+    model predicts what an output-error model leaves. That a search was given up while noise
     polynomials cancelled each other is nothing against such a model.
 
     Args:
