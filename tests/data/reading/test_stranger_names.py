@@ -119,6 +119,7 @@ def test_names(names: str, chosen: str) -> None:
         ("NaOH_dosing/% pH", "NaOH_dosing > pH"),
         ("lift/mm temperature/°C", "lift > temperature"),
         ("Bohrung/mm u", "u > Bohrung"),
+        ("supply/V shaft/rpm", "supply > shaft"),
     ],
 )
 def test_units_behind_names(names: str, chosen: str) -> None:
@@ -143,6 +144,7 @@ def test_units_behind_names(names: str, chosen: str) -> None:
         ("t alpha beta", "inputs='alpha', outputs='beta'"),
         ("t duty throttle rpm drehzahl", "outputs='rpm'"),
         ("t motor 1", ""),
+        ("t battery speed", "the input can be battery or speed (or none"),
     ],
 )
 def test_ambiguous_names_are_refused_with_an_example_that_works(
