@@ -76,6 +76,7 @@ def prepare(
     delay: int,
     weights: Sequence[Array] | None = None,
     logs: Sequence[int] | None = None,
+    later: Sequence[int] = (),
 ) -> Data:
     """Stack records.
 
@@ -83,9 +84,10 @@ def prepare(
         delay: whole samples of dead time; 0 where the command of a row acted before its reading.
         weights: weight of each sample of each record, (N, tracks).
         logs: which of several logs each record belongs to; all to the first when None.
+        later: samples by which each of several inputs acts later still.
     """
     facts = LogFacts.of(data)
-    records, shift = facts.records, delay - 1
+    records = facts.records
     lengths = tuple(map(len, records))
     starts = np.cumsum([0, *lengths[:-1]])
     total = sum(lengths)
@@ -96,8 +98,9 @@ def prepare(
         if r.nu == 1:  # all outputs have it
             d = np.repeat(d, r.ny, axis=1)
         before = drive_before(d[0], r.y)
-        rows = np.arange(len(d)) - shift
-        drive.append(np.where(rows[:, None] < 0, before, d[np.clip(rows, 0, len(d) - 1)]))
+        rows = np.arange(len(d))[:, None] - (delay - 1) - np.array(later or 0)
+        delayed = np.take_along_axis(d, np.broadcast_to(np.clip(rows, 0, len(d) - 1), d.shape), 0)
+        drive.append(np.where(rows < 0, before, delayed))
         begins = drive[-1][0] if delay else d[0]
         moving.append(np.tile(np.where(before == begins, 1.0, 0.0), (len(d), 1)))
     since = [np.zeros(1 + r.ny) if r.since is None else r.since for r in records]
