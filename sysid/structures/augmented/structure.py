@@ -22,9 +22,9 @@ from sysid.structures.augmented.chain import (
     ChainState,
     Core,
     Sample,
-    drive_before,
     first_speed,
     rest_state,
+    share_before,
     step_with,
     with_constants,
 )
@@ -233,8 +233,9 @@ class Augmented(Structure):
             drive = self.given.step()(head, u[0])[1] if len(u) else None
         before = np.zeros(self.width)
         if drive is not None:
-            drive = drive_before(drive, y)
-            before = drive_before(u[0] / np.array(self.scales) + 0.0 * w, y)
+            commands = np.broadcast_to(u / np.array(self.scales), (len(u), self.width))
+            share = share_before(commands, y) if len(y) else np.ones(self.width)
+            drive, before = share * drive, share * commands[0]
         state = rest_state(np, self.active, core, w, drive)
         line = [before] * self._waiting
         zeros = np.zeros(self.width)
