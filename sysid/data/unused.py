@@ -4,8 +4,7 @@ A gain that seems to change with time may go with one of them: the throttle of a
 is looked at, the length of a crane's rope.
 """
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,8 +19,12 @@ MOST_COLUMNS, MOST_CELLS, MIN_CELLS = 20, 5_000_000, 20
 """Columns and cells that are read for it at most, and cells that a column must have."""
 
 
-def unused_columns(table: Table, choice: Choice, t: Array) -> Mapping[str, tuple[Array, Array]]:
-    """Instants [s] and values of the unused columns of numbers that move to and fro."""
+def with_unused(table: Table, choice: Choice, t: Array, records: list[Record]) -> list[Record]:
+    """Records with the unused columns of numbers that move to and fro, on lines between rows.
+
+    Args:
+        t: instants of the rows of the table [s], (N,).
+    """
     names = [n for n in choice.ignored if not (is_set_point(n) or is_time(n) or is_counter(n))]
     read, found = ColumnReader(table), {}
     for name in names[: min(MOST_COLUMNS, MOST_CELLS // len(t))]:
@@ -33,12 +36,10 @@ def unused_columns(table: Table, choice: Choice, t: Array) -> Mapping[str, tuple
         step = np.diff(column[rows])
         if len(rows) >= MIN_CELLS and np.any(step > 0.0) and np.any(step < 0.0):
             found[name] = t[rows], column[rows]
-    return found
-
-
-def beside_rows(columns: Mapping[str, tuple[Array, Array]], record: Record) -> dict[str, Any]:
-    """The fields of a record that hold these columns, on straight lines at its instants."""
-    if not columns:
-        return {}
-    values = [np.interp(record.t, t, column) for t, column in columns.values()]
-    return {"unused": np.column_stack(values), "unused_names": tuple(columns)}
+    if not found:
+        return records
+    each = ([np.interp(r.t, *column) for column in found.values()] for r in records)
+    return [
+        replace(r, unused=np.column_stack(values), unused_names=tuple(found))
+        for r, values in zip(records, each, strict=True)
+    ]
