@@ -186,11 +186,12 @@ def test_an_unused_column_in_rows_of_its_own_is_named(tmp_path: Path, capsys: Ca
     assert "narmax takes it as an input: --input u,rope_m" in said
 
 
-def test_a_drift_is_seen_and_taken_out() -> None:
+@pytest.mark.parametrize("samples", [5000, 3600])
+def test_a_drift_is_seen_and_taken_out(samples: int) -> None:
     rng = np.random.default_rng(8)
-    u = steps(rng, 5000, 240, 10.0, 70.0)
-    room = 20.0 + 2.0 * np.sin(np.arange(5000) / 750.0)
-    y = np.round(1.3 * lag(lag(u, 100.0, 4), 6.0) + room + 0.1 * rng.standard_normal(5000), 1)
+    u = steps(rng, samples, 240, 10.0, 70.0)
+    room = 20.0 + 2.0 * np.sin(np.arange(samples) / 750.0)
+    y = np.round(1.3 * lag(lag(u, 100.0, 4), 6.0) + room + 0.1 * rng.standard_normal(samples), 1)
     log = Record(u, y, 5.0)
     assert LogFacts((log,)).drifts[0] == pytest.approx(4.0, rel=0.1)
     assert not LogFacts((without_drift(log),)).drifts.any()

@@ -51,8 +51,8 @@ times as much) from which on it drifts."""
 DRIFT_ALARM = 1e-6
 """Level of that comparison, were the noise white there."""
 
-MIN_SLOW = 5
-"""Slow curves that a log must have room for: forty lags."""
+MIN_SLOW = 3
+"""Slow curves that a log must have room for: thirty lags."""
 
 MATTERS = 0.03
 """Change of a gain or lag, relative, that matters, and range of a drift over that of the output."""

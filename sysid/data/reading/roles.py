@@ -85,7 +85,12 @@ def roles(
     found = _of([*columns], free, names, given_u, given_y)
     moving = [n for n, c in columns.items() if _moves(c)]
     narrower = _of(moving, free, names, given_u, given_y)
-    return narrower if narrower.inputs and narrower.outputs else found
+    found = narrower if narrower.inputs and narrower.outputs else found
+    if {*found.inputs} != {*found.outputs}:
+        return found
+    moves = {n: np.count_nonzero(np.diff(c[np.isfinite(c)])) for n, c in columns.items()}
+    held_first = sorted(found.inputs, key=lambda f: sum(moves[n] for n in f))  # as a command is
+    return Roles(tuple(held_first), found.outputs)
 
 
 def _of(

@@ -166,6 +166,16 @@ def test_ambiguous_names_are_refused_with_an_example_that_works(
         assert not example
 
 
+@pytest.mark.parametrize("names", [("alpha", "beta"), ("belt_kmh", "heart_rate")])
+def test_what_is_held_is_the_input_of_the_example(names: tuple[str, str], tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    held, moving = np.repeat(rng.normal(size=6), 10), rng.normal(size=60)
+    for head, cells in ((names, (held, moving)), (names[::-1], (moving, held))):
+        rows = lines([point(0.02 * np.arange(60)), *map(point, cells)])
+        with pytest.raises(SysidError, match=f"inputs='{names[0]}', outputs='{names[1]}'"):
+            read_file(put(tmp_path, f"t,{','.join(head)}\n{rows}"))
+
+
 @pytest.mark.parametrize(
     ("inputs", "outputs", "robot"),
     [
