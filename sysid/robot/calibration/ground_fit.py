@@ -163,7 +163,7 @@ def ground_of(q: Array, always: Sequence[Candidate] = ()) -> Ground:
     lengths = {k for c in always for k in c.slots}
     parameters = [
         (s, v)
-        for k, (s, v) in enumerate(zip(_of_effects(), q.tolist(), strict=False))
+        for k, (s, v) in enumerate(zip(every_slot()[: -len(COMPETITORS)], q.tolist(), strict=False))
         if k not in lengths
     ]
     acting = {s.owner for s, v in parameters if v != s.null}
@@ -179,12 +179,6 @@ def ground_of(q: Array, always: Sequence[Candidate] = ()) -> Ground:
         id: {k: np.array(v) for k, v in parameters.items()} for id, parameters in by_effect.items()
     }
     return Ground(tuple(numbers), numbers)
-
-
-@cache
-def _of_effects() -> tuple[Slot, ...]:
-    """The slots of effects, which come first."""
-    return tuple(s for s in every_slot() if s not in COMPETITORS)
 
 
 @cache

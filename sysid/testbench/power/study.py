@@ -134,7 +134,6 @@ def bench_power(
 
     Raises:
         DataError: a file describes neither, or has too few rows.
-        UsageError: an argument cannot be.
     """
     if not paths:
         raise UsageError("no file is named: give logs of rests and loads, or of a staircase of PWM")
