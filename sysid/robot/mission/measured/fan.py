@@ -22,7 +22,7 @@ from sysid.robot.mission.measured.drive import (
     FINEST,
     Clock,
     MeasuredDrive,
-    nominal_command_begins,
+    command_begins,
     sets_off,
 )
 from sysid.robot.mission.monte_carlo.paths import RunPaths, run_paths
@@ -299,9 +299,8 @@ def against_runs(
     spread = (Spread(sigma=float(e)) for e in drive.start_error)
     start = StartSpread(**dict(zip(("x", "y", "psi"), spread, strict=True)))
     setup = replace(setup, variation=setup.variation.model_copy(update={"start": start}))
-    nominal = simulate(begins_there, setup.plant_variants[0].robot)
-    comparison = compared(
-        drive, run_paths(setup, runs, seed), nominal_command_begins(nominal), seed
-    )
+    nominal = simulate(begins_there, setup.plant_variants[0].robot).log
+    begins = command_begins(nominal["t"], np.column_stack([nominal["pwm_l"], nominal["pwm_r"]]))
+    comparison = compared(drive, run_paths(setup, runs, seed), begins, seed)
     notes = (*drive.notes(mission.start), *setup.notes(0, 0, runs))
     return replace(comparison, notes=notes)
