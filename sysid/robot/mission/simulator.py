@@ -163,11 +163,7 @@ def shaper_of(mission: Mission, known: SteppablePlant) -> CommandShaper:
 
 
 def scene_of(mission: Mission, known: SteppablePlant) -> Scene:
-    """The scene of a mission, with what guidance and control know of the plant if they use it.
-
-    Raises:
-        ModelError: the controller needs a model, and the plant gives none.
-    """
+    """The scene of a mission, with what guidance and control know of the plant if they use it."""
     scene, driven = mission.scene(), known
     wanted = mission.limits_from_plant or mission.control.uses_plant
     if wanted and isinstance(mission.motion, TurnsTracks):

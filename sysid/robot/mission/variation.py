@@ -154,11 +154,7 @@ class Variation(Settings):
         return switched
 
     def of(self, names: Sequence[str]) -> "Variation":
-        """The same sizes with these quantities alone; one that the file switched off is on again.
-
-        Raises:
-            UsageError: a name is not known.
-        """
+        """The same sizes with these quantities alone; one that was switched off is on again."""
         unknown = [n for n in names if n not in QUANTITIES]
         if unknown:
             raise UsageError(f"{unknown[0]!r} cannot vary; choose from {', '.join(QUANTITIES)}")

@@ -157,9 +157,6 @@ def compared(drive: MeasuredDrive, paths: RunPaths, begins: float, seed: int = 0
     Args:
         begins: when the first command of the runs comes [s].
         seed: of the noise that the runs are read with: that of the log's measurements.
-
-    Raises:
-        UsageError: the runs are too few.
     """
     if len(paths.pose) < MIN_RUNS:
         raise UsageError(
@@ -289,8 +286,6 @@ def against_runs(
 
     Raises:
         DataError: the log holds no path.
-        UsageError: a name or a number makes no sense.
-        ModelError: the plant is none that could drive.
     """
     drive = MeasuredDrive.of(record)
     x, y, psi = drive.start.tolist()

@@ -67,11 +67,7 @@ class SearchOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse numbers that make no search.
-
-        Raises:
-            UsageError: there are too few or too many.
-        """
+        """Refuse numbers that make no search."""
         if not 8 <= self.trials <= RULE.most:
             raise UsageError(f"`trials` is {self.trials}: give a number from 8 to {RULE.most}")
         if not 1 <= self.robust <= RULE.most:
