@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
 
 from sysid import processes
 from sysid.errors import ModelError
@@ -50,26 +49,6 @@ class Result:
     instructions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
-class Runtime(Protocol):
-    """Something that can run a package."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def folders(self) -> Sequence[str]:
-        """Folders of a package whose code it runs."""
-        ...
-
-    def replay(self, folder: Path, files: Files, foreign: bool = False) -> Result:
-        """Run the self-tests of a package whose files lie in ``folder``.
-
-        Args:
-            foreign: whether somebody else may have written their code.
-        """
-        ...
-
-
 @dataclass(frozen=True)
 class Compiled:
     """The C code, by a compiler, on this machine or on one that is emulated.
@@ -106,7 +85,11 @@ class Compiled:
         return [*([self.emulator] if self.emulator else []), f"./{made}"]
 
     def replay(self, folder: Path, files: Files, foreign: bool = False) -> Result:
-        """Compile and run both self-tests."""
+        """Compile and run both self-tests of a package whose files lie in ``folder``.
+
+        Args:
+            foreign: whether somebody else may have written their code.
+        """
         lacking = self.lacks()
         if lacking:
             return Result(self.name, skipped=lacking)

@@ -17,7 +17,7 @@ from sysid.export.package import form_of, package_files
 from sysid.export.verification.co_simulated import CoSimulated, replays_of
 from sysid.export.verification.cortex_m import CORTEX_M4
 from sysid.export.verification.ros_nodes import RosNodes
-from sysid.export.verification.runtimes import COMPILED, Result, Runtime
+from sysid.export.verification.runtimes import COMPILED, Compiled, Result
 from sysid.plant.package import Package, files_of, read_package
 from sysid.plant.selftest import NAME, TOLERANCE, SelfTest, read_csv, run
 from sysid.plant.storage import Files
@@ -131,7 +131,7 @@ def verify(path: str | Path, trust: bool = False) -> Verification:
     test = read_csv(files[NAME], plant, str(path))
     replays = replays_of(files, plant, test)
     foreign = foreign_code(package, files)
-    runtimes: tuple[Runtime, ...] = (
+    runtimes = (
         *COMPILED,
         CORTEX_M4,
         CoSimulated("FMPy", replays),
@@ -149,7 +149,11 @@ def verify(path: str | Path, trust: bool = False) -> Verification:
 
 
 def _result(
-    runtime: Runtime, foreign: Mapping[str, Foreign], trust: bool, folder: Path, files: Files
+    runtime: Compiled | CoSimulated | RosNodes,
+    foreign: Mapping[str, Foreign],
+    trust: bool,
+    folder: Path,
+    files: Files,
 ) -> Result:
     """What a runtime gives; code of somebody else runs only where it is trusted."""
     found = [foreign[f] for f in runtime.folders if f in foreign]
