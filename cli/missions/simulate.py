@@ -195,18 +195,9 @@ def _guided(
     result, notes = guide_over_ros(path, mission, package, over)
     facts = facts_of(path, mission, result, files, 0) | {"warnings": list(notes)}
     facts["page"] = place.missions_dir / f"{path.stem}.html"
-    write_atomic(
-        facts["page"],
-        page_text(
-            path,
-            mission,
-            package,
-            result,
-            None,
-            notes,
-            {"ros": True, "plant": _named(package, place), **asdict(laws)},
-        ),
-    )
+    options = {"ros": True, "plant": _named(package, place), **asdict(laws)}
+    text = page_text(path, mission, package, result, None, notes, options)
+    write_atomic(facts["page"], text)
     return facts
 
 

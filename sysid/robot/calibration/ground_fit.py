@@ -100,7 +100,6 @@ class Candidate:
     """What may be freed together.
 
     Attributes:
-        key: unique.
         id: effect, empty for what competes without being one.
         slots: its entries of ``every_slot``.
         length: the length of the vehicle that it changes, None for none.

@@ -65,8 +65,7 @@ class MissionResult:
             None without obstacles.
         max_deviation_m: largest distance from the line through start and goal [m].
         log: columns of equal length by name (:data:`sysid.robot.mission.loop.COLUMNS`), one row a
-        plant
-            sample; read-only.
+            plant sample; read-only.
         stuck: why and where it got nowhere; None where it did not.
     """
 

@@ -97,7 +97,6 @@ class MotorBench:
         routes: every value from one experiment, with its standard error.
         joint: all experiments at once.
         constants: the motor, for predictions; J is 0 where it is not known.
-        notes: what a user should know.
         method: ``separate`` or ``joint``.
     """
 

@@ -34,12 +34,7 @@ LEAST_ROWS = 50
 
 @dataclass(frozen=True)
 class BenchFiles:
-    """What the files of a bench hold.
-
-    Attributes:
-        known: values known otherwise, by name.
-        notes: what a user should know about the measurement.
-    """
+    """What the files of a bench hold."""
 
     tests: tuple[SteadyTest, ...]
     drives: tuple[DriveLog, ...]

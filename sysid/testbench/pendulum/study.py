@@ -83,8 +83,6 @@ class PendulumStudy:
         small_period, small_std_error: period of small swings [s].
         amplitude: root mean square over the logs, or as given [rad].
         size: length and width of the box that the inertia is compared with [m]; None for none.
-        logs: what was read off each log.
-        findings: what there is to say.
     """
 
     hanging: Hanging

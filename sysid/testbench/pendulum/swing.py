@@ -53,7 +53,6 @@ class Swing:
         t: instants, rising, (N,) [s].
         angle: (N,) [rad], or in an untold unit.
         in_radians: whether the unit is known; else it is radians or degrees.
-        findings: what there is to say about the measurement.
     """
 
     name: str

@@ -47,7 +47,6 @@ class PowerLog:
         drives: side → share of full drive, (N,); ``""`` where there is one motor.
         answers: side → (quantity, values (N,)): ``voltage`` [V], ``speed`` [rad/s] or ``current``
             [A] of the motor.
-        findings: what there is to say about the measurement.
     """
 
     name: str

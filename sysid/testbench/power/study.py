@@ -36,7 +36,6 @@ class PowerBench:
         batteries: one for each log of rests and loads.
         bridges: one for each staircase and side.
         full_current: current of both motors at full drive [A]: given, or the largest of the logs.
-        findings: what there is to say.
     """
 
     batteries: tuple[Battery, ...]
