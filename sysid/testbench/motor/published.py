@@ -39,6 +39,7 @@ PRINTED: Mapping[str, tuple[bool, str]] = {
 
 
 def is_the_thesis(tests: Sequence[SteadyTest]) -> bool:
+    """Whether the measurements are those of the thesis."""
     voltage, speed = FIRST_ROW
     return any(
         bool(np.any(np.isclose(t.voltage, voltage) & np.isclose(t.of("speed"), speed, rtol=1e-7)))
