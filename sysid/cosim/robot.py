@@ -82,11 +82,9 @@ class _OtherHalf:
         self._heard = time.monotonic()
 
     def start(self, scene: Scene, xp: Any) -> int:
-        """Instants so far."""
         return 0
 
     def step(self, state: int, inputs: GuidanceInputs, dt: Real, xp: Any) -> tuple[int, References]:
-        """What is asked, and whether it is over."""
         self.stream(float(inputs.t), inputs.estimate)
         if self._pace.lock_step and self.outcome is None:
             self._take(self._port.receive(self._pace.patience))

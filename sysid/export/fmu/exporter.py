@@ -225,7 +225,6 @@ class Fmu(Exporter):
     version: ClassVar[Version] = FMI_2
 
     def files(self, source: Source) -> Mapping[str, str | bytes]:
-        """The units."""
         headers()  # asked first: the sentence about what is missing must not wait
         units: list[Unit] = [plant_unit(source)]
         files: dict[str, str | bytes] = {}
