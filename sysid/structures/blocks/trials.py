@@ -130,7 +130,6 @@ class Trial:
 
     @property
     def chain(self) -> BlockChain:
-        """The blocks."""
         return self.structure.chain
 
     @property
@@ -267,7 +266,6 @@ def by_names(structure: BlockStructure, values: Mapping[str, float], data: Chain
 
 
 def parameter_names(structure: BlockStructure, data: ChainData) -> list[str]:
-    """Names of θ."""
     first = data.records[0]
     return [p.name for p in structure.parameters(first.inputs, first.outputs)]
 

@@ -21,7 +21,7 @@ from sysid.runners import floats
 from sysid.runners.single import in_floats
 from sysid.structures.base import NamedStructure, refuse_options
 from sysid.structures.grey_box.physics import MAX_SUBSTEPS, Physics, Sampling
-from sysid.structures.grey_box.runs import fitted_state, free_run, stays_bounded, tangents
+from sysid.structures.grey_box.runs import fitted_state, stays_bounded, tangents, trajectory
 from sysid.structures.motion import time_constants
 from sysid.structures.physics import friction_entries, torques
 from sysid.structures.special_runs import readout
@@ -154,9 +154,6 @@ class GreyBox(NamedStructure, Generic[P]):
         physics: Any = checked(cls.physics_class, {**settings, "nu": nu, "ny": ny})
         return cls(physics, checked(Sampling, sampling), opened)
 
-    def first_sample(self) -> int:
-        return 0
-
     def n_states(self, theta: Array) -> int:
         return len(self.physics.state_names)
 
@@ -167,7 +164,7 @@ class GreyBox(NamedStructure, Generic[P]):
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
         """Free run from x0 (all states zero when None), (N, ny)."""
         x = np.zeros(self.n_states(theta)) if x0 is None else x0
-        return free_run(self, theta, [u], x[:, None])[0]
+        return trajectory(self, theta, [u], x[:, None])[1][0]
 
     def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
         """The free run sample by sample: the same equations as the compiled runs."""
@@ -188,15 +185,6 @@ class GreyBox(NamedStructure, Generic[P]):
             return after[:, 0], y[:, 0]
 
         return advance
-
-    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
-        """Free-run errors: nothing but the initial state is taken from the outputs."""
-        x0 = self.fitted_state(theta, u, y, window) if window else None
-        return np.asarray(y - self.simulate(theta, u, x0))
-
-    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
-        """The free run, whatever the horizon: there is no noise model."""
-        return np.asarray(y - self.errors(theta, u, y, window))
 
     def stable(self, theta: Array) -> bool:
         """Whether a long run stays finite and grows no faster than an integral would.

@@ -9,10 +9,7 @@ import numpy as np
 from sysid.data.record import Array, Channel, Index, Record
 from sysid.data.unit_words import ratio
 from sysid.errors import UsageError
-from sysid.fitting.problem import (
-    Data,
-    Parameter,
-)
+from sysid.fitting.problem import Data, Parameter
 from sysid.structures.base import counts_from_zero, lacks_constant, refuse_options
 from sysid.structures.difference_equations.free_run import Limits
 from sysid.structures.difference_equations.monomials import (

@@ -8,11 +8,7 @@ import numpy as np
 
 from sysid.data.record import Array, Channel
 from sysid.data.schema import checked
-from sysid.fitting.problem import (
-    Data,
-    Parameter,
-    Problem,
-)
+from sysid.fitting.problem import Data, Parameter, Problem
 from sysid.structures.base import refuse_options
 from sysid.structures.difference_equations.compiled import compiled_runs
 from sysid.structures.difference_equations.expressions import parse, written
@@ -24,11 +20,7 @@ from sysid.structures.narx import options as narx_options
 from sysid.structures.narx import words as narx_words
 from sysid.structures.narx.options import NarxOptions
 from sysid.structures.narx.run import LONG, Maps, NarxRun
-from sysid.structures.narx.wavelet_network import (
-    KINDS,
-    Kind,
-    RowDesign,
-)
+from sysid.structures.narx.wavelet_network import KINDS, Kind, RowDesign
 from sysid.structures.orders import spread
 from sysid.structures.traits import Traits
 
@@ -192,10 +184,6 @@ class NarxWavelet(RecursiveStructure):
 
     def one_step(self, i: int, data: Data) -> OneStepRow:
         return OneStepRow(self.free_run(), i, data)
-
-    # ----------------------------------------------------------------- runs
-
-    # ----------------------------------------------------------------- words
 
     def equations(
         self, theta: Array, inputs: Sequence[Channel], outputs: Sequence[Channel]

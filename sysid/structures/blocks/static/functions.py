@@ -55,12 +55,10 @@ class Static:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of its parameters."""
         return tuple(n for s in self.stages for n in s.names)
 
     @property
     def n(self) -> int:
-        """Number of parameters."""
         return len(self.names)
 
     def slices(self) -> tuple[slice, ...]:
@@ -84,12 +82,11 @@ class Static:
             slope = slope * inner
         return x, slope, np.concatenate(partials) if partials else np.zeros((0, *x.shape))
 
-    def admissible(self, p: Array) -> bool:
-        """Whether limits and points stand in increasing order, points not all but together."""
-        return bool(self.admissible_each(p[None])[0])
-
     def admissible_each(self, p: Array) -> NDArray[np.bool_]:
-        """The same for every row of p (K, n), (K,)."""
+        """Whether limits and points stand in increasing order, points not all but together.
+
+        For every row of p (K, n), (K,).
+        """
         admissible = np.ones(len(p), dtype=bool)
         for stage, part in zip(self.stages, self.slices(), strict=True):
             rising = p[:, part][:, : KINDS[stage.kind].ordered(stage.size)]
