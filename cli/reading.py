@@ -32,6 +32,11 @@ def model(help: str) -> Any:
     return option("ID", help, "-m", "--model", autocompletion=stored_models)
 
 
+def ids(metavar: str, help: str) -> Any:
+    """The argument that names models of the workspace, which need not be given."""
+    return argument(metavar, help, default=None, autocompletion=stored_models)
+
+
 def _resolved(given: Sequence[str]) -> tuple[str, ...]:
     """With the whole paths of the files, so that a model can read its data from anywhere."""
     parts = (join.rpartition("=") for join in given)
@@ -41,11 +46,6 @@ def _resolved(given: Sequence[str]) -> tuple[str, ...]:
 def _names(given: Sequence[str]) -> tuple[str, ...]:
     """``--input a,b --input c`` as (a, b, c)."""
     return tuple(name.strip() for item in given for name in item.split(","))
-
-
-def units_of(given: Sequence[str]) -> dict[str, str]:
-    """``["omega_l=rpm,t=ms"]`` as column → unit."""
-    return pairs(given, "--unit", "NAME=UNIT such as omega_l=rpm", str)
 
 
 def periods(given: list[str]) -> dict[str, float]:
@@ -131,7 +131,7 @@ class Reading:
         "Unit of a column in the file, converted to SI: omega_l=rpm, psi=deg, time=ms; for dates "
         "the order of day and month: date=dmy.",
         "--unit",
-        parse=units_of,
+        parse=lambda given: pairs(given, "--unit", "NAME=UNIT such as omega_l=rpm", str),
     )
     pwm_max: float | None = _reading("VALUE", "Command at full drive in the file, e.g. 255.")
     delimiter: str | None = _reading_more("SIGN", "Delimiter, or tab [detected].")
