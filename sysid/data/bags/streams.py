@@ -110,10 +110,7 @@ def read_streams(path: Path, mapping: Sequence[Source]) -> Streams:
                 stamp = _ns(message.content.clock)
                 clock.extend(((message.received - origin) / 1e9, (stamp - origin) / 1e9))
         streams = tuple(part.stream() for part in parts.values())
-    clock_samples = (
-        np.frombuffer(clock, dtype=np.float64).reshape(-1, 2) if clock else np.empty((0, 2))
-    )
-    return Streams(bag.where, origin / 1e9, streams, clock_samples)
+    return Streams(bag.where, origin / 1e9, streams, np.array(clock).reshape(-1, 2))
 
 
 @dataclass(eq=False)
