@@ -75,11 +75,9 @@ class PriorStates(Wrapped):
         self.weight = weight
 
     def residual(self, p: Array) -> Array:
-        """Errors, then the states by their weights."""
         return np.concatenate([self.problem.residual(p), self.weight * p[len(self.index) :]])
 
     def jacobian(self, p: Array) -> Array:
-        """The problem's, above the weights."""
         n = len(self.index)
         rows = np.hstack([np.zeros((self.n_initial, n)), np.diag(self.weight)])
         return np.vstack([self.problem.jacobian(p), rows])

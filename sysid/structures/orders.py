@@ -51,12 +51,10 @@ class Orders:
 
     @property
     def ny(self) -> int:
-        """Number of outputs."""
         return len(self.na)
 
     @property
     def nu(self) -> int:
-        """Number of inputs."""
         return len(self.nb[0])
 
     @property

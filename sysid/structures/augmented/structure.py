@@ -364,7 +364,6 @@ class Augmented(Structure):
         return tuple(lines)
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
-        """Gain, time constant and effects."""
         core, parameters = self.unpack(theta)
         return {
             "stable": self.stable(theta),

@@ -196,7 +196,6 @@ class BlockStructure(NamedStructure):
         return self.chain.admissible(theta)
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of one output's free run, (N, n)."""
         if not len(u):
             return np.zeros((0, self.chain.n))
         with np.errstate(all="ignore"):

@@ -266,6 +266,7 @@ def by_names(structure: BlockStructure, values: Mapping[str, float], data: Chain
 
 
 def parameter_names(structure: BlockStructure, data: ChainData) -> list[str]:
+    """Names of θ, those of channels as the data have them."""
     first = data.records[0]
     return [p.name for p in structure.parameters(first.inputs, first.outputs)]
 

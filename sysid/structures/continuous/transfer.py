@@ -70,7 +70,6 @@ class ContinuousTransfer(ContinuousStructure):
     def candidate_orders(
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
-        """Up to three poles."""
         pairs = ((1, 0), (2, 0), (2, 1), (3, 1), (3, 2))
         return tuple({"np": p, "nz": z} for p, z in pairs)
 
@@ -86,7 +85,6 @@ class ContinuousTransfer(ContinuousStructure):
         return self.nz
 
     def path_parameters(self, u: Channel, y: Channel) -> tuple[Parameter, ...]:
-        """b0 …, a0 …, Td."""
         gain = ratio(y.unit, u.unit)
         table = [Parameter(f"b{k}", _per(gain, self.np - k)) for k in range(self.nz + 1)]
         table += [Parameter(f"a{k}", _per("", self.np - k)) for k in range(self.np)]

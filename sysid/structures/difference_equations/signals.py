@@ -67,7 +67,6 @@ class OneOutput:
         return Signal("u", self._own_inputs + self._others.index(s.channel), s.lag)
 
     def outward(self, s: Signal) -> Signal:
-        """Undo ``inward``."""
         if s.kind == "y":
             return Signal("y", self._output, s.lag)
         if s.channel < self._own_inputs:

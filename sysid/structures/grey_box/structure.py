@@ -129,7 +129,6 @@ class GreyBox(NamedStructure, Generic[P]):
     def candidate_orders(
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
-        """One entry without orders."""
         return ({},)
 
     def order_values(self) -> dict[str, Any]:
@@ -162,7 +161,6 @@ class GreyBox(NamedStructure, Generic[P]):
         return fitted_state(self, theta, u, y, samples)
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
-        """Free run from x0 (all states zero when None), (N, ny)."""
         x = np.zeros(self.n_states(theta)) if x0 is None else x0
         return trajectory(self, theta, [u], x[:, None])[1][0]
 
@@ -199,7 +197,6 @@ class GreyBox(NamedStructure, Generic[P]):
         return stays_bounded(self, theta) if known is None else known
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of the free run, (N, n)."""
         x0 = self.fitted_state(theta, u, y, max(3 * self.n_states(theta), 1))
         return tangents(self, theta, [u], x0[:, None])[0][: len(theta), output].T
 

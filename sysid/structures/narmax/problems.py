@@ -41,7 +41,6 @@ class OneStep(Problem):
         return np.concatenate([np.zeros(0), *self._errors(p)])
 
     def jacobian(self, p: Array) -> Array:
-        """∂ε/∂θ."""
         blocks = []
         for values, e in zip(self._values, self._errors(p), strict=True):
             J = -values.copy()

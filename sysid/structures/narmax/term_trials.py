@@ -51,7 +51,6 @@ class Trial:
 
     @property
     def size(self) -> int:
-        """Number of terms."""
         return len(self.terms)
 
 
@@ -131,7 +130,6 @@ class Row:
         return term([self.view.inward(f) for f in t])
 
     def outward(self, t: Term) -> Term:
-        """Undo ``inward``."""
         return term([self.view.outward(f) for f in t])
 
     def free_run(self, terms: Sequence[Term]) -> PolynomialRun:

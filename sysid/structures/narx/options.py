@@ -2,11 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from sysid.data.schema import checked
 from sysid.errors import UsageError
 from sysid.structures.difference_equations.options import MARGIN, choice, margin, whole_number
 from sysid.structures.difference_equations.regressors import MAX_REGRESSORS, Row
@@ -52,14 +50,6 @@ class NarxOptions:
     starts: int = 3
     seed: int = 0
     margin: float = MARGIN
-
-    @staticmethod
-    def from_json(raw: Mapping[str, Any]) -> "NarxOptions":
-        """Undo ``to_json``."""
-        options = checked(NarxOptions, raw)
-        if options.estimator not in KINDS:
-            raise ValueError(f"unknown estimator {options.estimator!r}")
-        return options
 
 
 def read(given: Mapping[str, str]) -> NarxOptions:

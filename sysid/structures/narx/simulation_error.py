@@ -353,7 +353,6 @@ class Padded:
         return Prior(lower, upper, free > 0.0, share, to_zero > 0.0)
 
     def cut(self, k: int, row: Array) -> Array:
-        """Undo ``stacked`` for one trial."""
         _, t, units, m = self.designs[k].sizes
         w = split(row, *self.size)
         return np.concatenate([
@@ -362,7 +361,6 @@ class Padded:
         ])  # fmt: skip
 
     def maps(self, row: RowRuns) -> Maps:
-        """What is compiled."""
         return Maps((row.row,), (self.size,), row.estimator)
 
 

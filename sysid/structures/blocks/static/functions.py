@@ -40,7 +40,6 @@ class Static:
 
     @property
     def is_identity(self) -> bool:
-        """Whether nothing is done."""
         return not self.stages
 
     @property
@@ -103,7 +102,6 @@ class Static:
 
     @staticmethod
     def from_json(raw: Mapping[str, Any]) -> "Static":
-        """Undo ``to_json``."""
         plain = parse_static(str(raw["text"]))
         knots = [tuple(float(t) for t in row) for row in raw["knots"]]
         return Static(tuple(replace(s, knots=k) for s, k in zip(plain.stages, knots, strict=True)))
