@@ -70,9 +70,13 @@ class DriveOptions:
         if self.mission is not None:
             from sysid.robot.mission.spec import load_mission
 
-            load_mission(self.mission)  # refused before the minutes of a diagnosis
-            if lengths is not None:
-                _agree(lengths, self.mission)
+            # refused before the minutes of a diagnosis
+            stated = load_mission(self.mission).vehicle.given_geometry
+            if lengths is not None and stated not in (None, lengths):
+                raise UsageError(
+                    f"{self.mission} gives r = {stated.r:g} m and B = {stated.B:g} m, but "
+                    "--geometry differs; omit --geometry or correct the mission"
+                )
         package = None if self.plant is None else read_package(self.plant, self.accept_changes)
         return Driven(self.mission, package, lengths)
 
@@ -102,15 +106,3 @@ def given_lengths(text: str) -> "Geometry":
         return Geometry(lengths["r"], lengths["b"])
     except ModelError as error:
         raise UsageError(f"--geometry {where}: {error}") from None
-
-
-def _agree(lengths: "Geometry", mission: Path) -> None:
-    """Refuse lengths that the mission gives otherwise."""
-    from sysid.robot.mission.spec import load_mission
-
-    of_mission = load_mission(mission).vehicle.given_geometry
-    if of_mission is not None and of_mission != lengths:
-        raise UsageError(
-            f"{mission} gives r = {of_mission.r:g} m and B = {of_mission.B:g} m, but --geometry "
-            "differs; omit --geometry or correct the mission"
-        )

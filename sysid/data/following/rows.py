@@ -135,7 +135,7 @@ class RowReader:
                 return None
             text = "\n".join(self._first) + "\n"
             self._format = _Format.of(text.encode(), self._where, self._options)
-            lines, self._first = self._format.rows, []
+            lines, self._first = self._format.layout.rows, []
         return self._rows([line for line in lines if line.strip()])
 
     @property
@@ -147,7 +147,7 @@ class RowReader:
     def _rows(self, lines: Sequence[str]) -> Rows:
         format = self._known
         good = [line for line in lines if format.is_row(line)]
-        self._lose(unreadable=sum(not format.is_header(s) for s in lines) - len(good))
+        self._lose(unreadable=sum(not format.is_header(line) for line in lines) - len(good))
         try:
             t, values = format.numbers(good)
         except DataError:
@@ -193,12 +193,8 @@ class RowReader:
         block = np.array(kept).reshape(-1, format.width) * format.scale
         return Rows(np.array(times), block[:, :nu], block[:, nu:], np.array(gaps, dtype=bool))
 
-    def _lose(self, unreadable: int = 0, incomplete: int = 0, doubled: int = 0) -> None:
-        self.lost = Lost(
-            self.lost.unreadable + max(unreadable, 0),
-            self.lost.incomplete + incomplete,
-            self.lost.doubled + doubled,
-        )
+    def _lose(self, **more: int) -> None:
+        self.lost = replace(self.lost, **{n: getattr(self.lost, n) + k for n, k in more.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,11 +261,6 @@ class _Format:
         return self.table.source
 
     @property
-    def rows(self) -> Sequence[str]:
-        """The data lines among the first ones."""
-        return self.layout.rows
-
-    @property
     def width(self) -> int:
         return len(self.inputs) + len(self.outputs)
 
@@ -284,7 +275,7 @@ class _Format:
     def is_row(self, line: str) -> bool:
         """Whether a line has as many cells as the header, and is not the header."""
         cells = split_line(line, self.layout.delimiter)
-        return len(cells) == len(self.layout.names) and tuple(cells) != self.layout.names
+        return len(cells) == len(self.layout.names) and not self.is_header(line)
 
     def numbers(self, lines: Sequence[str]) -> tuple[Array, Array]:
         """Instants [s] and signals as in the file; NaN where a cell is empty."""
@@ -300,7 +291,7 @@ class _Format:
             return self.unit * _combined(block[:, len(signals) :], self.zero), values
         if self.dated and self.choice.clock is not None:
             # after the first row: one row by itself shows no order of day and month
-            rows = DataLines([self.rows[0], *lines])
+            rows = DataLines([self.layout.rows[0], *lines])
             source = replace(source, rows=rows, lines=range(len(rows)))
             dates = replace(table, source=source).dates(self.choice.clock.name)
             assert dates is not None  # as the first row has one

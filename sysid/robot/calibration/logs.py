@@ -88,7 +88,7 @@ def _both_sides(names: Sequence[str]) -> list[str]:
 
 
 def _table(path: Path, options: ReadOptions) -> Table:
-    return read_log_table(path, options).table
+    return read_log_table(path, options)[0]
 
 
 def _refuse_without(path: Path, options: ReadOptions) -> None:
