@@ -122,11 +122,7 @@ class Fitting:
     )
 
     def made(self) -> "FitOptions":
-        """As the library takes them.
-
-        Raises:
-            UsageError: an option cannot be.
-        """
+        """As the library takes them."""
         from sysid.fitting.options import FitOptions
 
         given = changed(self)
@@ -148,11 +144,7 @@ class Judging:
     )
 
     def made(self) -> "Policy":
-        """As the library takes it.
-
-        Raises:
-            UsageError: there is no such initial state.
-        """
+        """As the library takes it."""
         from sysid.estimation.assessment.figures import Start
         from sysid.estimation.assessment.findings import Policy
 

@@ -19,12 +19,7 @@ accept_changes = partial(flag, "Take a plant package that was changed by hand.",
 
 @dataclass(frozen=True)
 class Driven:
-    """What is known of the drive that a log is of; None for what is not.
-
-    Attributes:
-        package: plant the mission was planned with.
-        geometry: the vehicle's lengths.
-    """
+    """What is known of the drive that a log is of; None for what is not."""
 
     mission: Path | None
     package: "Package | None"
@@ -53,12 +48,7 @@ class DriveOptions:
     accept_changes: bool = accept_changes()
 
     def made(self) -> Driven:
-        """The drive as every option of it says.
-
-        Raises:
-            ModelError: the plant package cannot be read.
-            UsageError: a file is not there, or an option cannot be.
-        """
+        """The drive as every option of it says."""
         from sysid.plant.package import read_package
 
         if self.plant is not None and self.mission is None:
@@ -82,11 +72,7 @@ class DriveOptions:
 
 
 def given_lengths(text: str) -> "Geometry":
-    """The vehicle's lengths as ``--geometry`` gives them: both by number, or in a file.
-
-    Raises:
-        UsageError: they cannot be read.
-    """
+    """The vehicle's lengths as ``--geometry`` gives them: both by number, or in a file."""
     from sysid.data.yaml_files.source import read_yaml
     from sysid.vehicle.kinematics import Geometry
 

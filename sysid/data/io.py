@@ -49,10 +49,8 @@ class LogFile:
     """One file as read: its experiments and what there is to say about the reading.
 
     Attributes:
-        path: the file.
         records: one experiment, or several where the file was split at gaps.
         findings: verdicts on time stamps, missing cells, units and ignored columns.
-        options: the options it was read with.
         origin: what was subtracted from its stamps [s] where they count from 1970; else 0.
     """
 

@@ -93,7 +93,6 @@ class Weighted(Wrapped):
     """A problem whose residuals are multiplied by √w; those of hardly any weight do not count.
 
     Args:
-        problem: the problem.
         weights: w of its residuals, (M,).
     """
 
@@ -103,15 +102,12 @@ class Weighted(Wrapped):
         self.counts = weights > HARDLY
 
     def residual(self, p: Array) -> Array:
-        """√w ε."""
         return self._root * self.problem.residual(p)
 
     def jacobian(self, p: Array) -> Array:
-        """√w ∂ε/∂p."""
         return self._root[:, None] * self.problem.jacobian(p)
 
     def initial_columns(self, p: Array) -> Array:
-        """√w ∂ε/∂(initial states)."""
         return self._root[:, None] * self.problem.initial_columns(p)
 
     def given(self, theta: Array) -> Problem:

@@ -38,7 +38,6 @@ class WatchedStates(Wrapped):
     """A problem that stops a descent whose states run away.
 
     Args:
-        problem: what is solved.
         size: ‖y‖ of its outputs, the largest free response that a state may have.
     """
 
@@ -64,7 +63,6 @@ class PriorStates(Wrapped):
     """A problem with one more residual a state: ``weight`` · x.
 
     Args:
-        problem: what is solved.
         weight: of each state, (n_initial,).
     """
 

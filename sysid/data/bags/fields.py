@@ -38,11 +38,7 @@ class NoSuchFieldError(Exception):
 
 
 def steps_of(path: str) -> tuple[Step, ...]:
-    """The steps of a path such as ``velocity[wheel_left]``; none for an empty one.
-
-    Raises:
-        UsageError: it cannot be read.
-    """
+    """The steps of a path such as ``velocity[wheel_left]``; none for an empty one."""
     steps: list[Step] = []
     at = 0
     for match in _STEP.finditer(path):

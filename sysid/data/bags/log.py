@@ -155,10 +155,10 @@ def bag_table(
         if not even:
             tables.append(_sparse(streams))
             continue
-        rows = aligned(streams, zero_order_hold, ts, recording.where)
-        ts = rows.grid.dt if ts is None else ts
-        findings += rows.findings
-        tables.append((rows.t, dict(rows.columns)))
+        t, columns, grid, said = aligned(streams, zero_order_hold, ts, recording.where)
+        ts = grid.dt
+        findings += said
+        tables.append((t, columns))
     return _table(recording, tables), tuple(dict.fromkeys(findings))
 
 

@@ -34,7 +34,6 @@ class Stream:
     """What one topic says over time.
 
     Attributes:
-        topic: its name.
         kind: type of its messages.
         received: when each was recorded [s], (N,), from the bag's ``origin`` on.
         stamped: what its header says [s], from the same origin; NaN where it has none, (N,).

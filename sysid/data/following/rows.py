@@ -56,11 +56,7 @@ class Lost:
 
 
 def check_followable(options: ReadOptions) -> None:
-    """Refuse options that need the whole log.
-
-    Raises:
-        UsageError: one is given.
-    """
+    """Refuse options that need the whole log."""
     plain = ReadOptions()
     given = [n for n in (*WHOLE_LOG_ONLY, *BAGS_ONLY) if getattr(options, n) != getattr(plain, n)]
     if options.held not in ("auto", "keep"):
@@ -203,14 +199,12 @@ class _Format:
 
     Attributes:
         table: of the first lines.
-        choice: which column is what.
         inputs, outputs: channels.
         dt: sample time [s].
         stamps: columns of the clock; none where rows are only counted, or it holds dates.
         zero: stamps of the first row.
         unit: seconds in a stamp's unit.
         dated: whether its clock holds dates.
-        header: cells of the header row.
     """
 
     table: Table

@@ -50,11 +50,9 @@ class SensorLog:
     """What sensors read over time.
 
     Attributes:
-        name: of the file.
         t: instants from the first row on, (N,) [s], rising.
         measurements: name → values in SI units, (N,); NaN where nothing was read.
         pose: true x, y [m], ψ [rad] where the log holds a pose, (N, 3).
-        findings: what there is to say about the reading.
         read_as: what was decided when it was read, and how to decide otherwise.
     """
 
@@ -75,7 +73,6 @@ def read_sensor_log(
     """Read the sensors that a log holds.
 
     Args:
-        wanted: the measurements to look for.
         columns: measurement → column, where the names differ; ``-column`` where its sign does.
         options: ``time``, ``ts``, ``units``, ``delimiter`` and ``decimal`` count here.
 

@@ -55,7 +55,6 @@ class Clock:
     Attributes:
         t: instants [s], shape (N,).
         origin: what was subtracted from the stamps [s] (of an epoch, a date); 0 for none.
-        findings: what was seen and done.
     """
 
     t: Array
@@ -64,11 +63,7 @@ class Clock:
 
 
 def stated_unit(column: TimeColumn, bracket: str, given: str | None) -> float | None:
-    """The unit [s] of a time column by option, bracket or name; None where none is stated.
-
-    Raises:
-        UsageError: the unit asked for is none of time.
-    """
+    """The unit [s] of a time column by option, bracket or name; None where none is stated."""
     if given is not None:
         unit = unit_of(given)
         if unit is None:

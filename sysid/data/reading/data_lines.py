@@ -41,7 +41,6 @@ class Tail:
         separator: between cells.
         cells: of each line.
         first: line number of the first one in the file, counted from 1.
-        count: how many lines.
     """
 
     data: bytes

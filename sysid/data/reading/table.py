@@ -34,7 +34,6 @@ class Rows:
     """Rows without a text: every column is in ``Table.extra``.
 
     Attributes:
-        count: how many.
         at: where row k is to be found, for a message: ``at 12.3 s``; (count,) instants [s].
     """
 

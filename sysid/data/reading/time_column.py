@@ -67,7 +67,6 @@ class TimeColumn:
     """The column with the time of every row.
 
     Attributes:
-        name: the column.
         fine: a second column that holds the fraction of a second in nanoseconds, or None.
         counts: whether it only counts rows.
         by_name: whether its name says so; else it was the only steady first column.

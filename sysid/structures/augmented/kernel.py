@@ -163,7 +163,6 @@ class _Written:
     """An effect as C functions.
 
     Attributes:
-        text: their source.
         functions: names for the table: constants, step, rest, holds, undone; ``NULL`` without one.
         constants: numbers a track that do not change in a run.
     """

@@ -76,11 +76,7 @@ class BlockStructure(NamedStructure):
         return self.requested is not None and self.requested[place].open
 
     def resolved(self, inputs: Sequence[Channel], outputs: Sequence[Channel]) -> Self:
-        """Settled, with the statics asked for at the channels they were asked for.
-
-        Raises:
-            UsageError: an option names a channel that does not exist.
-        """
+        """Settled, with the statics asked for at the channels they were asked for."""
         statics = self.statics
         if self.requested is not None:
             statics = tuple(

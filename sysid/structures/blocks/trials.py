@@ -30,7 +30,6 @@ class ChainData:
     """Experiments with the samples that are fitted and those that choose.
 
     Attributes:
-        records: the experiments.
         kept: samples to fit on, (N,) of each.
         holdout: samples to choose on.
         scales: standard deviation of each output.

@@ -59,11 +59,7 @@ class Process(ContinuousStructure):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> Self:
-        """The structure with these orders, or of this type.
-
-        Raises:
-            UsageError: they do not fit.
-        """
+        """The structure with these orders, or of this type."""
         refuse_options(cls.name, options, tuple(cls.traits.options))
         given = dict(options or {})
         orders = {"np": 0, "nw": 0, "nz": 0, "ni": 0, **raw}

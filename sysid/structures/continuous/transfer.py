@@ -50,11 +50,6 @@ class ContinuousTransfer(ContinuousStructure):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> Self:
-        """The structure with these poles and zeros.
-
-        Raises:
-            UsageError: they are missing or do not fit.
-        """
         refuse_options(cls.name, options, tuple(cls.traits.options))
         poles, zeros = raw.get("np"), raw.get("nz", 0)
         fitting = isinstance(poles, int) and isinstance(zeros, int) and set(raw) <= {"np", "nz"}

@@ -63,7 +63,6 @@ class ChunkedRuns(Problem):
     Each output's errors are divided by its scale, so that all count alike.
 
     Args:
-        run: the equations.
         data: (u, y) of each record.
         length: samples a chunk, about; those of one record are equally long.
         scale: (ny,); the outputs' spreads when None.

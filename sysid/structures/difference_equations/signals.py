@@ -42,7 +42,6 @@ class OneOutput:
     """The view of one output on data and signals.
 
     Args:
-        output: which one.
         nu, ny: inputs and outputs of the structure.
 
     Attributes:

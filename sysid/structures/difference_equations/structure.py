@@ -160,7 +160,6 @@ class RecursiveStructure(NamedStructure):
         return self.free_run().predictions(theta, u, y, horizon, self.first_sample())
 
     def gradient_columns(self, theta: Array, u: Array, y: Array, output: int) -> Array:
-        """∂ŷ/∂θ of one output on a record, zero where it cannot be predicted."""
         entries, first = self.row_index(output), self.first_sample()
         out = np.zeros((len(y), len(theta)))
         if len(y) > first:

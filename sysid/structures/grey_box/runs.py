@@ -236,7 +236,6 @@ class GreyErrors(RunErrors):
     """Free-run errors of a grey box.
 
     Args:
-        structure: the grey box.
         estimate_initial: whether initial states are estimated, or all zero.
         wanted: entries of θ that will be moved, all when None: other columns of the Jacobian are
             zero and cost nothing.

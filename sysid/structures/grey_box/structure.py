@@ -97,11 +97,7 @@ class GreyBox(NamedStructure, Generic[P]):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> Self:
-        """The structure with these options; grey boxes have no orders.
-
-        Raises:
-            UsageError: orders are given, or an option does not exist or cannot be read.
-        """
+        """The structure with these options; grey boxes have no orders."""
         refuse_options(cls.name, options, tuple(cls.traits.options))
         if raw:
             raise UsageError(

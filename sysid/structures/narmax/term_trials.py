@@ -71,7 +71,6 @@ class Row:
 
     Args:
         structure: with the ranges of the data.
-        output: which output.
         records: estimation data, offsets removed.
     """
 

@@ -76,11 +76,7 @@ def _whole(given: Mapping[str, str], name: str, low: int, high: int) -> int | No
 
 
 def check_regressors(orders: Orders, customs: Sequence[Row]) -> None:
-    """Refuse outputs without regressors, and more than a network can use.
-
-    Raises:
-        UsageError: there are such.
-    """
+    """Refuse outputs without regressors, and more than a network can use."""
     for i in range(orders.ny):
         count = len(lagged_signals(orders, i)) + (len(customs[i]) if customs else 0)
         if count == 0:

@@ -111,7 +111,6 @@ class RowRuns:
 
     Args:
         structure: with the ranges of the data.
-        output: which output.
         data: what to fit on and what to choose on.
         largest: most products and units that any map has, and dimensions that units see: they
             decide what is compiled.

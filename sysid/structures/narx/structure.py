@@ -32,8 +32,6 @@ class OneStepRow(Problem):
     """ε(t) = y(t) − F(x(t)) of one output.
 
     Args:
-        run: the maps.
-        output: which one.
         data: (u, y) of each record.
     """
 
@@ -49,7 +47,6 @@ class OneStepRow(Problem):
         self._y = np.concatenate([y[first:, output] for _, y in data])
 
     def residual(self, p: Array) -> Array:
-        """ε, record after record."""
         place = self._maps.signals.index
         of_inputs, of_outputs = self._maps.parts(np, p, self._frames, place)
         blocks = [self._known[a : a + BLOCK].T for a in range(0, len(self._known), BLOCK)]
