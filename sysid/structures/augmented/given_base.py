@@ -9,7 +9,7 @@ import numpy as np
 from sysid.data.documents import by_field, plain_object
 from sysid.data.record import Array
 from sysid.data.schema import completed
-from sysid.structures.augmented.chain import drive_before
+from sysid.structures.augmented.chain import at_standstill
 from sysid.structures.base import Structure
 from sysid.structures.model import Model
 from sysid.structures.registry import structure_from_json, structure_to_json
@@ -24,9 +24,7 @@ def begins_at_rest(u0: Array, y0: Array, y: Array) -> bool:
         u0, y0: operating point of the model.
         y: measurements, (N, ny).
     """
-    return not (np.any(u0) or np.any(y0)) and bool(
-        len(y) and not np.any(drive_before(np.ones(y.shape[1]), y))
-    )
+    return not (np.any(u0) or np.any(y0)) and bool(len(y) and np.all(at_standstill(y)))
 
 
 @dataclass(frozen=True, eq=False)
