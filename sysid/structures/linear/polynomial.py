@@ -174,7 +174,9 @@ class PolynomialStructure(LinearStructure):
             if len(y) <= lay.start + lay.nd:
                 continue
             if not lay.n_initial:
-                out[lay.start :, i] = self._equation_errors(theta, u, y, i)
+                # A y − B u without a matrix of regressors
+                terms = lay.weighed(theta[self.row_index(i)])
+                out[lay.start :, i] = residual_row((*y.T, *u.T), lay.start, i, terms)
                 continue
             row = RowErrors(lay, self.row_index(i), [(u, y)], estimate_initial=window > 0)
             p = row.initial_guess(theta)
@@ -206,12 +208,6 @@ class PolynomialStructure(LinearStructure):
         for lag in range(1, min(horizon, len(e))):
             missing[lag:] |= np.isnan(e[:-lag])
         return np.where(missing, np.nan, y - k_step)
-
-    def _equation_errors(self, theta: Array, u: Array, y: Array, i: int) -> Array:
-        """A y − B u of one output from its first sample on, without a matrix of regressors."""
-        lay = self.layout(i)
-        terms = lay.weighed(theta[self.row_index(i)])
-        return residual_row((*y.T, *u.T), lay.start, i, terms)
 
     def noise_response(self, theta: Array, n: int) -> Array:
         """H(q) = A⁻¹ C/D as an impulse response."""
