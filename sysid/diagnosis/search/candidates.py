@@ -98,7 +98,7 @@ class CandidateSearch:
     ) -> CandidateModel:
         """A candidate model with its errors on both parts."""
         touched = np.ones(self.model.tracks, dtype=bool) if touched is None else touched
-        if self.holdout != self.estimation and edges_of(self.model, free):
+        if edges_of(self.model, free):
             q = between_levels(self.model, q, free, self.data, self.holdout_data)
         errors = Errors(
             self._errors(q, self.data), self._errors(self.in_phase(q, effects), self.holdout_data)
