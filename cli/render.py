@@ -112,13 +112,13 @@ def table(
     drawn = Table(header_style="bold")
     for k, heading in enumerate(headings):
         column = [row[k] for row in rows]
-        numeric = any(_is_number(c) for c in column) and all(
-            c is None or _is_number(c) for c in column
+        numeric = any(is_number(c) for c in column) and all(
+            c is None or is_number(c) for c in column
         )
         # the first column names the row, such as an id to copy: the others break before it does
         whole = k == 0 and max((len(_cell(c)) for c in column), default=0) <= _LONGEST_NAME
         side: Literal["left", "right"] = "right" if numeric else "left"
-        drawn.add_column(Text(_shown(heading)), justify=side, overflow="fold", no_wrap=whole)
+        drawn.add_column(Text(shown(heading)), justify=side, overflow="fold", no_wrap=whole)
     for row in rows:
         drawn.add_row(*(Text(_cell(c)) for c in row))
     if title:  # as a line of its own: rich would break it at the width of the table
@@ -128,7 +128,7 @@ def table(
         say(caption, "dim")
 
 
-def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:
+def facts(pairs: Sequence[tuple[str, object]]) -> None:
     """Print names and values below each other on stdout."""
     from rich.table import Table
     from rich.text import Text
@@ -137,9 +137,7 @@ def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:
     grid.add_column(overflow="fold")
     grid.add_column(overflow="fold")
     for name, value in pairs:
-        grid.add_row(Text(_shown(name), style="bold"), Text(_cell(value)))
-    if title:
-        say(title, "bold")
+        grid.add_row(Text(shown(name), style="bold"), Text(_cell(value)))
     _console(sys.stdout).print(grid)
 
 
@@ -151,7 +149,7 @@ def findings(verdicts: "Sequence[Finding]") -> None:
     for finding in verdicts:
         word = finding.severity.word
         head = f"{word:>8}  "
-        line = Text(_wrapped(head + _shown(finding.sentence), sys.stdout, " " * len(head)))
+        line = Text(_wrapped(head + shown(finding.sentence), sys.stdout, " " * len(head)))
         line.stylize(_STYLES[word], 0, len(head))
         console.print(line, soft_wrap=True)
         if finding.advice:
@@ -363,7 +361,7 @@ def _with_options(value: Any) -> Any:
     return with_options(value) if isinstance(value, str) else value
 
 
-def _shown(text: str) -> str:
+def shown(text: str) -> str:
     """A text as the terminal gets it: options named, nothing that would steer it."""
     return visible(with_options(text))
 
@@ -371,7 +369,7 @@ def _shown(text: str) -> str:
 def _print(sentence: str, stream: Any, style: str, wrapped: bool = True) -> None:
     from rich.text import Text
 
-    text = _shown(sentence)
+    text = shown(sentence)
     if wrapped:
         indent = text[: len(text) - len(text.lstrip(" "))]
         text = _wrapped(text, stream, indent + "  " * text.startswith("! "))
@@ -396,7 +394,7 @@ def _console(stream: Any) -> "Console":
     return Console(file=stream, width=width, highlight=False, markup=False, emoji=False)
 
 
-def _is_number(cell: object) -> bool:
+def is_number(cell: object) -> bool:
     return isinstance(cell, int | float) and not isinstance(cell, bool)
 
 
@@ -407,4 +405,4 @@ def _cell(value: object) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return number(value)
-    return _shown(str(value))
+    return shown(str(value))

@@ -59,11 +59,7 @@ def difference(record: Record, other: Sampled, called: str, unstated_fits: bool 
 
 
 def require_same_kind(records: Sequence[Record], first: Record) -> None:
-    """Refuse records whose channels, units or sample time are not those of the first one.
-
-    Raises:
-        DataError: they are not.
-    """
+    """Refuse records whose channels, units or sample time are not those of the first one."""
     for record in records:
         if unlike := difference(record, first, first.name):
             raise DataError(unlike)

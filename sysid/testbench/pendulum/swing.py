@@ -77,7 +77,7 @@ def read_swing(
         trim: seconds left out at the head and at the tail.
     """
     path = Path(path)
-    table = read_log_table(path, replace(options, strict=True)).table
+    table = read_log_table(path, replace(options, strict=True))[0]
     known = [n for n in options.units if n.lower() not in [c.lower() for c in table.names]]
     if known:
         raise UsageError(f"`units` names {known[0]!r}, which is not a column: {_listed(table)}")

@@ -86,7 +86,7 @@ def read_power_log(
         bags: what is which column of a bag, its stamps and its latencies.
     """
     path, units = Path(path), units or {}
-    table = read_log_table(path, bags).table
+    table = read_log_table(path, bags)[0]
     unknown = [n for n in units if n.lower() not in [c.lower() for c in table.names]]
     if unknown:
         listed = ", ".join(table.names[:20])
