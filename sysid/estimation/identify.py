@@ -21,6 +21,7 @@ from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.residual_check import valid_first
 from sysid.estimation.selection.select_structure import select_structure, structures_for
+from sysid.estimation.two_stage import STAGES
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.structures.orders import orders_text
@@ -142,7 +143,7 @@ def identify(
 
 def _require_search(names: Sequence[str], options: FitOptions) -> None:
     usual = replace(options, method=Method.LEVENBERG_MARQUARDT, extra={})
-    if options.method in (usual.method, *INSTRUMENTS) or usual != FitOptions():
+    if options.method in (usual.method, *INSTRUMENTS, *STAGES) or usual != FitOptions():
         return
     if all(structure_class(n).traits.solved_at_once for n in names):
         raise UsageError(

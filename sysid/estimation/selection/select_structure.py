@@ -22,7 +22,7 @@ from sysid.estimation.selection.orders import (
 )
 from sysid.estimation.selection.ranking import Entry, common_criteria, ranked_entries, reason
 from sysid.estimation.soundness import bounded_run
-from sysid.estimation.two_stage import STAGED, inputs_by_reference, marked, whitened
+from sysid.estimation.two_stage import STAGED, STAGES, inputs_by_reference, marked, whitened
 from sysid.fitting.holdout import HoldOut, hold_out, longest_of, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
@@ -176,7 +176,7 @@ def select_structure(
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    if closed:
+    if closed or options.method in STAGES:
         entries = [
             _without_feedback(e, dict(tasks), seen, facts, options, offsets, criterion)
             for e in entries
@@ -243,7 +243,7 @@ def _without_feedback(
         return replace(entry, model=marked(entry.model, facts, options))
     started, name = perf_counter(), entry.model.structure.name
     data, estimated = seen[name]
-    whole = inputs_by_reference(data.whole)
+    whole = inputs_by_reference(data.whole, options.method)
     if whole is None:
         return entry
     clean = data.same_cuts_of(whitened(whole, entry.model))
