@@ -17,10 +17,11 @@ from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
 from sysid.estimation.offsets.choice import known_policy
 from sysid.estimation.pem import INSTRUMENTS
+from sysid.estimation.selection.defaults import structures_for
 from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.residual_check import valid_first
-from sysid.estimation.selection.select_structure import select_structure, structures_for
+from sysid.estimation.selection.select_structure import select_structure
 from sysid.estimation.two_stage import STAGES
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
@@ -115,7 +116,7 @@ def identify(
         },
     )
     contest = select_structure(
-        names,
+        request.structures if grids is None else names,
         facts,
         options,
         request.detrend,
@@ -137,7 +138,7 @@ def identify(
         )
         for entry, criteria in contest.with_criteria(inside)
     )
-    leads = valid_first(judged, contest.reason, request.criterion)
+    leads = valid_first(judged, contest.reason, request.criterion, names)
     return Identification(*leads, contest.failed, inside, outside)
 
 
