@@ -106,20 +106,16 @@ def _columns(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str
     from rich.text import Text
 
     drawn = Table(box=None, padding=(0, 2, 0, 0), header_style="bold", pad_edge=False)
-    for k, head in enumerate(heads):
-        numeric = all(_numeric(row[k]) for row in rows)
-        side: Literal["left", "right"] = "right" if numeric else "left"
-        first = k == 0 and max(len(str(row[0])) for row in rows) <= LONG_NAME
-        drawn.add_column(
-            Text(_shown(head)), justify=side, overflow="fold", no_wrap=numeric or first
-        )
-    for row in rows:
-        drawn.add_row(*(Text("–" if c is None else _joined(_shown(str(c)))) for c in row))
+    cells = [["–" if c is None else _joined(_shown(str(c))) for c in row] for row in rows]
+    shown = [_shown(h) for h in heads]
+    wide = render.column_widths([shown, *cells], width() - 2 * (len(shown) - 1))
+    for k, head in enumerate(shown):
+        side: Literal["left", "right"] = "right" if all(_numeric(r[k]) for r in rows) else "left"
+        drawn.add_column(Text(head), justify=side, overflow="fold", width=wide[k])
+    for line in cells:
+        drawn.add_row(*map(Text, line))
     return [line.replace(_JOIN, " ") for line in _drawn(drawn)]
 
-
-LONG_NAME = 34
-"""Letters of a first column beyond which it is wrapped, so that the figures beside it are whole."""
 
 _JOIN = "\ue000"
 """Stands for a space at which a cell is not broken; no text holds it."""
