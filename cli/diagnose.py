@@ -60,7 +60,7 @@ def diagnose(
     given = place.load(model) if model is not None else None
     read, steps = as_fitted(given, read, steps)
     data = _estimation_data(logs, read, steps, place, given, drive)
-    holdout, holdout_findings = _records(validation, data.read, steps) if validation else (None, ())
+    data, holdout, holdout_findings = _with_holdout(data, validation or [], steps)
     files = [str(p.resolve()) for p in logs]
     origin = {"files": files, "read": data.read.to_json(), "prepare": steps.to_json()}
     judged = judged_on(holdout or (), validation or ())
@@ -127,6 +127,19 @@ def _estimation_data(
         records = [replace(r, pose=None) for r in records]
     best = place.best_for(records[0]) if given_model is None else None
     return _EstimationData(records, (*findings, *wired), read, given_model, best)
+
+
+def _with_holdout(
+    data: _EstimationData, validation: list[Path], steps: "Preparation"
+) -> "tuple[_EstimationData, list[Record] | None, tuple[Finding, ...]]":
+    """The data and the records of the validation logs, at one sample time."""
+    from sysid.data.same_kind import with_validation
+
+    if not validation:
+        return data, None, ()
+    holdout, findings = _records(validation, data.read, steps)
+    records, judged, resampled = with_validation(data.records, holdout)
+    return replace(data, records=list(records)), list(judged), (*findings, *resampled)
 
 
 def _folder(folder: Path, logs: list[Path], val: list[Path]) -> Path:

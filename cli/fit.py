@@ -169,14 +169,15 @@ def _identify(
     from sysid.data.inspection import require_usable
     from sysid.data.preparation import Preparation, read_prepared
     from sysid.data.reading.blocks import large_log
+    from sysid.data.same_kind import with_validation
     from sysid.estimation.all_rows import on_all_rows
     from sysid.estimation.identify import identify
     from sysid.estimation.information.before_fit import before_request
 
     records, findings = read_prepared(logs, read, steps)
-    validation, validation_findings = (
-        read_prepared(val, read, steps, records[0].dt) if val else ((), ())
-    )
+    validation, validation_findings = read_prepared(val, read, steps) if val else ((), ())
+    records, validation, resampled = with_validation(records, validation)
+    findings += resampled
     require_usable(records)
     apart = before_request(records, request)
     for told in apart.values():

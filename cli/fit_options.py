@@ -110,7 +110,7 @@ class Fitting:
     method: str = _fitting_more(
         "NAME",
         "Search direction: levenberg-marquardt, gauss-newton or gradient; instrumental variables: "
-        "iv4 (arx), sriv (oe, tf).",
+        "iv4 (arx), sriv (oe, tf); inputs without feedback, linear: two-stage, joint.",
         default="levenberg-marquardt",
         parse=str.lower,
     )

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from sysid.estimation.identify import Identification
     from sysid.workspace.store import StoredModel
 
+DIVERGES = -1e5
+"""Fit [%] from which on a free run is said to diverge: it errs by a thousand spreads."""
+
 MODELS = 6
 """Most models that are shown; `sysid compare` has them all."""
 
@@ -90,7 +93,9 @@ def fits(percent: Mapping[str, float | None], names: Sequence[str]) -> str:
 
 def fit_word(value: float | None) -> str:
     """A fit with two decimals."""
-    return "–" if value is None or value != value else f"{value:.2f}"
+    if value is None or value != value:
+        return "–"
+    return f"{value:.2f}" if value > DIVERGES else "diverges"
 
 
 def _responses(answer: Answer, best: "Assessment") -> None:

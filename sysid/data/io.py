@@ -40,6 +40,7 @@ from sysid.data.reading.timing import (
 from sysid.data.record import Array, Channel, Record
 from sysid.data.same_kind import common_step, require_same_kind
 from sysid.data.units import Conversion, conversions, without_false_pulses
+from sysid.data.unused import with_unused
 from sysid.data.usable_rows import usable_rows, with_times
 from sysid.errors import DataError, UsageError
 
@@ -243,7 +244,7 @@ def _read(
         records.append(at_sensor_rate(record, slow, rows.t, part))
     number = raw[:, 0] if stamps else raw[:0, 0:0].ravel()
     said = decisions(table, choice, number, clock.t, rows.counted, records, findings, pose_units)
-    records = [replace(r, read_as=said) for r in records]
+    records = with_unused(table, choice, clock.t, [replace(r, read_as=said) for r in records])
     findings = counts_that_integrate(findings, records)
     return LogFile(path, tuple(records), findings, given, clock.origin)
 

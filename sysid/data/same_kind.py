@@ -147,3 +147,13 @@ def common_step(
         for r in finer
     )
     return read, findings
+
+
+def with_validation(
+    records: Sequence[Record], validation: Sequence[Record]
+) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[Finding, ...]]:
+    """Both at the step of the coarsest record, and what was done, see ``common_step``."""
+    for record in validation:
+        require_same_kind([replace(record, dt=records[0].dt)], records[0])
+    together, resampled = common_step((*records, *validation))
+    return together[: len(records)], together[len(records) :], resampled

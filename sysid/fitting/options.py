@@ -28,7 +28,8 @@ class FitOptions:
         tolerance: relative change of cost and step at which a search has converged; None for
             what is usual with the structure.
         patience: evaluations without such a change after which it is given up, None for never.
-        method: iterations of the search: Levenberg-Marquardt, Gauss-Newton or gradient.
+        method: iterations of the search: Levenberg-Marquardt, Gauss-Newton or gradient; or another
+            way than prediction errors of the log as it is (``Method``).
         structure_options: options of the structure itself, as text.
         extra: facts to keep in the model's provenance (how the files were read …).
 

@@ -118,7 +118,9 @@ def unrolled(raw: Array, name: str, where: str, place: Place) -> tuple[Array, tu
     if not len(back) or not len(ahead):
         return raw, ()
     typical = float(np.median(ahead))
-    longest = float(np.max(np.delete(d, back[back > 0] - 1)))  # a damaged stamp leaps, then falls
+    # a damaged stamp leaps and falls, or falls and leaps
+    beside = np.r_[back[back > 0] - 1, back[back < len(d) - 1] + 1]
+    longest = float(np.max(np.delete(d, beside), initial=0.0))
     for modulus in MODULI:
         mended = d[back] + modulus
         steps = np.where(d < 0, d + modulus, d)

@@ -110,10 +110,12 @@ def proven(fitted: Sequence[FittedShape], of_signals: Sequence[float]) -> tuple[
 
 
 def _beside_drift(best: FittedShape, passed: Sequence[FittedShape]) -> FoundShape:
-    """A free curve on a log of few moves, and a drift that explains as much there: either may be
-    what happened."""
+    """A free curve on a log of few moves, and a drift with clearly more evidence there, its many
+    numbers counted: either may be what happened."""
     found = _found(best)
     drift = next((s for s in passed if s.shape.in_time and s.share >= best.share), None)
+    if drift is not None and best.score > SHAPES.clearly_more * drift.score:
+        return found
     if drift is None or best.shape.in_time:
         return found
     sentence = (

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from sysid.data.record import Array, Channel, Index
+from sysid.data.record import Array, Channel, Index, Record
 from sysid.data.unit_words import ratio
 from sysid.errors import UsageError
 from sysid.fitting.problem import Parameter
@@ -19,6 +19,9 @@ from sysid.structures.traits import Traits
 
 SHORTEST = 1e-9
 """Least time constant [s]."""
+
+FEW = 100
+"""Samples below which it is tried unasked: there its few numbers err less (decision 0040)."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,12 @@ class Process(ContinuousStructure):
     ) -> tuple[Mapping[str, Any], ...]:
         kinds = ("P1D", "P2D", "P2DZ", "P2DU", "P2DUZ", "P3D", "P1DI")
         return tuple({k: v for k, v in _of_type(kind)[0].items() if v} for kind in kinds)
+
+    @classmethod
+    def usual_orders(cls, records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
+        """One and two time constants, where samples are few."""
+        few = records[0].ny == 1 and sum(map(len, records)) < FEW
+        return ({"np": 1}, {"np": 2}) if few else ()
 
     @classmethod
     def orders_said(cls, options: Mapping[str, str]) -> Mapping[str, Any] | None:
