@@ -114,20 +114,18 @@ def _columns(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str
     from rich.text import Text
 
     drawn = Table(box=None, padding=(0, 2, 0, 0), header_style="bold", pad_edge=False)
-    for k, head in enumerate(heads):
-        numeric = all(row[k] is None or render.is_number(row[k]) for row in rows)
-        side: Literal["left", "right"] = "right" if numeric else "left"
-        first = k == 0 and max(len(str(row[0])) for row in rows) <= LONG_NAME
-        drawn.add_column(
-            Text(render.shown(head)), justify=side, overflow="fold", no_wrap=numeric or first
+    cells = [["–" if c is None else _joined(render.shown(str(c))) for c in row] for row in rows]
+    shown = [render.shown(h) for h in heads]
+    wide = render.column_widths([shown, *cells], width() - 2 * (len(shown) - 1))
+    for k, head in enumerate(shown):
+        side: Literal["left", "right"] = (
+            "right" if all((r[k] is None or render.is_number(r[k])) for r in rows) else "left"
         )
-    for row in rows:
-        drawn.add_row(*(Text("–" if c is None else _joined(render.shown(str(c)))) for c in row))
+        drawn.add_column(Text(head), justify=side, overflow="fold", width=wide[k])
+    for line in cells:
+        drawn.add_row(*map(Text, line))
     return [line.replace(_JOIN, " ") for line in _drawn(drawn)]
 
-
-LONG_NAME = 34
-"""Letters of a first column beyond which it is wrapped, so that the figures beside it are whole."""
 
 _JOIN = "\ue000"
 """Stands for a space at which a cell is not broken; no text holds it."""

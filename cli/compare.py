@@ -104,8 +104,9 @@ def _page(
         return None
     order = records[0].input_names, records[0].output_names  # a picture has one order of channels
     alike = [
-        Shown(c.id, c.model)
-        for c in (line.contender for line in ranking.lines)
+        Shown(c.id, c.model, line.step_time)
+        for line in ranking.lines
+        for c in (line.contender,)
         if (tuple(u.name for u in c.model.inputs), tuple(y.name for y in c.model.outputs)) == order
     ]
     shown = alike[:PAGE]

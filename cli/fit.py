@@ -143,9 +143,9 @@ def _page(store: Workspace, best: StoredModel, identification: "Identification")
 
     records = identification.validation or identification.estimation
     tests = identification.assessments[0].residuals
-    line = command_of(best.model)
+    line, found = command_of(best), identification.findings
     page = model_page(
-        best.id, best.model, best.report, records, (), tests, command=line, quick=True
+        best.id, best.model, best.report, records, found, tests, command=line, quick=True
     )
     path = store.root / "fit.html"
     write_atomic(path, page.html())

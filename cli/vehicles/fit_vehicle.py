@@ -183,9 +183,9 @@ def _show(fitted: "VehicleFit", document: dict[str, Any]) -> None:
     show_decisions(document["read_as"])
     identifiable = [n for n in fitted.numbers if n.identifiable]
     render.table(
-        ("quantity", "value", "± standard error", "unit", "what it is"),
+        ("quantity", "value", "± 95 %", "unit", "what it is"),
         [
-            (n.name, _digits(n.value, n.std_error), f"{n.std_error:.2g}", n.unit, n.sentence)
+            (n.name, _digits(n.value, n.std_error), render.reach(n.std_error), n.unit, n.sentence)
             for n in identifiable
         ],
     )

@@ -20,6 +20,7 @@ import numpy as np
 from sysid.data.files import read_bytes
 from sysid.data.record import Array
 from sysid.errors import DataError
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.fitting.differences import slopes
 from sysid.vehicle.kinematics import Geometry, chained_arcs
 
@@ -231,7 +232,7 @@ def _solved(plain: SquareResult, groups: list[list[SquareRun]]) -> SquareResult:
     after = float(np.linalg.norm(residual, axis=1).max())
     cw, ccw = plain.runs
     said = f"{cw} clockwise and {ccw} counter-clockwise squares of {plain.side:.3g} m"
-    shown = ["" if e is None else f" ± {e:.1g}" for e in errors]
+    shown = ["" if e is None else f" ± {NORMAL * e:.1g}" for e in errors]
     text = (
         f"From {said}: the right wheel is {p[0]:.5g}{shown[0]} times the left one (E_d), and the "
         f"vehicle turns as if it were {p[1]:.5g}{shown[1]} times as wide as given (E_b)."

@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from sysid.errors import DataError
+from sysid.estimation.assessment.delta_method import NORMAL
 from sysid.testbench.motor.drive import DriveLog
 from sysid.testbench.motor.experiments import CONSTANTS, Kind, SteadyTest
 from sysid.testbench.motor.joint import JointFit
@@ -118,8 +119,9 @@ def contradictions(estimates: Sequence[Route], errors: Sequence[float]) -> list[
             apart = (b.value - a.value) / max(np.hypot(ea, eb), 1e-300)
             if apart > APART:
                 said.append(
-                    f"{name} contradicts itself: {a.value:.4g} ± {ea:.2g} ({a.how}), but "
-                    f"{b.value:.4g} ± {eb:.2g} ({b.how}), {apart:.1f} standard errors apart."
+                    f"{name} contradicts itself: {a.value:.4g} ± {NORMAL * ea:.2g} ({a.how}), but "
+                    f"{b.value:.4g} ± {NORMAL * eb:.2g} ({b.how}), {apart:.1f} standard errors "
+                    "apart."
                 )
     first = {r.name: (r.value, e) for r, e in reversed(list(zip(estimates, errors, strict=True)))}
     if "Kc" in first and "Kem" in first:
@@ -179,7 +181,7 @@ def weakly_identified(joint: JointFit) -> list[str]:
         "L": "sample faster than L/R",
     }
     return [
-        f"{n} is weakly identifiable, {v:.2g} ± {e:.2g} {CONSTANTS[n][0]}: {advice[n]}."
+        f"{n} is weakly identifiable, {v:.2g} ± {NORMAL * e:.2g} {CONSTANTS[n][0]}: {advice[n]}."
         for n, v, e in zip(joint.names, joint.theta.tolist(), errors.tolist(), strict=True)
         if not e < HARDLY * abs(v) and n not in joint.undetermined
     ]
