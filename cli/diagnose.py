@@ -65,7 +65,7 @@ def diagnose(
     origin = {"files": files, "read": data.read.to_json(), "prepare": steps.to_json()}
     judged = judged_on(holdout or (), validation or ())
     result = _run(data, holdout, drive, (*data.findings, *holdout_findings), bench)
-    before, after = keep_models(place, result, data.base, origin, judged)
+    before, after = keep_models(place, result, given, origin, judged)
     offsets = result.before.operating_point.decision
     read_as = decided((*data.records, *(holdout or ())), offsets)
     document = write_results(folder, result, before, after, read_as)
@@ -85,16 +85,13 @@ class _EstimationData:
 
     Attributes:
         records: one or several a log.
-        findings: what there is to say about the reading.
-        base: the stored model to diagnose, if any.
-        model: the model to diagnose, the base's or the plant's; None for the baseline.
+        model: the model to diagnose, a stored one's or the plant's; None for the baseline.
         against: the workspace's best model of these channels, which the result is compared with.
     """
 
     records: "list[Record]"
     findings: "tuple[Finding, ...]"
     read: "ReadOptions"
-    base: StoredModel | None
     model: "Model | None"
     against: StoredModel | None
 
@@ -129,7 +126,7 @@ def _estimation_data(
     if wired:  # the sides and signs of a path are those of the wheels
         records = [replace(r, pose=None) for r in records]
     best = place.best_for(records[0]) if given_model is None else None
-    return _EstimationData(records, (*findings, *wired), read, given, given_model, best)
+    return _EstimationData(records, (*findings, *wired), read, given_model, best)
 
 
 def _with_holdout(
@@ -175,13 +172,7 @@ def _run(
     read_as: "tuple[Finding, ...]",
     bench: Path | None,
 ) -> "Diagnosis":
-    """The diagnosis, with what there is to say about the reading of its logs.
-
-    Args:
-        data: what effects are searched on.
-        drive: the mission and the vehicle.
-        read_as: what there is to say about the reading.
-    """
+    """The diagnosis, with what there is to say about the reading of its logs."""
     from sysid.data.finding import notes, warned
     from sysid.diagnosis.against import compared
     from sysid.diagnosis.diagnose import diagnose

@@ -143,9 +143,9 @@ def _page(store: Workspace, best: StoredModel, identification: "Identification")
 
     records = identification.validation or identification.estimation
     tests = identification.assessments[0].residuals
-    line = command_of(best.model)
+    line, found = command_of(best), identification.findings
     page = model_page(
-        best.id, best.model, best.report, records, (), tests, command=line, quick=True
+        best.id, best.model, best.report, records, found, tests, command=line, quick=True
     )
     path = store.root / "fit.html"
     write_atomic(path, page.html())
@@ -182,20 +182,13 @@ def _identify(
     apart = before_request(records, request)
     for told in apart.values():
         render.cautions(told.sentences)
-    with render.progress("Fitting", total=1000) as tick:
-        done = 0
-
-        def progress(share: float, _what: str) -> None:
-            nonlocal done
-            tick(round(1000 * share) - done)
-            done = round(1000 * share)
-
+    facts = LogFacts(records, findings)
+    with render.stages("Fitting") as shown:
         identification = identify(
-            LogFacts(records, findings), validation, request, progress, inspect=True
+            facts, validation, request, lambda share, _: shown("Fitting", share), inspect=True
         )
         large = large_log(logs[0], read) if len(logs) == 1 and steps == Preparation() else None
         if large is not None:
-            facts = LogFacts(records, findings)
             identification = on_all_rows(identification, facts, request, large)
     said = notes((*findings, *validation_findings))
     return identification, said, (*records, *validation), apart

@@ -59,7 +59,6 @@ class GivenBase:
         return (following + self.pole * now) / ((1.0 + self.pole) * self.gain)
 
     def n_states(self) -> int:
-        """States of the model."""
         return self.structure.n_states(self.theta)
 
     def fitted_state(self, u: Array, y: Array, samples: int) -> Array:
@@ -86,10 +85,8 @@ class GivenBase:
         return advance
 
     def to_json(self) -> dict[str, Any]:
-        """JSON-able values."""
         return plain_object(by_field(self) | {"structure": structure_to_json(self.structure)})
 
     @staticmethod
     def from_json(raw: Mapping[str, Any]) -> "GivenBase":
-        """Undo ``to_json``."""
         return completed(GivenBase, raw, structure=structure_from_json(raw["structure"]))

@@ -15,9 +15,7 @@ from sysid.effects.compensation import Identified
 from sysid.effects.ground import Ground
 from sysid.effects.sensor import SAMPLING
 from sysid.errors import ModelError
-from sysid.fitting.problem import (
-    Parameter,
-)
+from sysid.fitting.problem import Parameter
 from sysid.structures.augmented.chain import (
     ChainState,
     Core,
@@ -202,10 +200,6 @@ class Augmented(Structure):
         core = Core(theta[..., gain], xp.stack(denominator), xp.stack([largest, *numerator]))
         return core, parameters
 
-    def first_sample(self) -> int:
-        """Free-run structures predict from the first sample."""
-        return 0
-
     def n_states(self, theta: Array) -> int:
         """Core, effects, dead time, angles and clock, before them those of the given model."""
         rows = self.order + sum(e.memory.states for e in self.active) + self._waiting
@@ -327,15 +321,6 @@ class Augmented(Structure):
         state = (xp.stack(rows[:n]), tuple(effect_states))
         return state, rows[at:], clock[..., None], (angles[..., :tracks], angles[..., tracks:])
 
-    def errors(self, theta: Array, u: Array, y: Array, window: int) -> Array:
-        """Free-run errors: there is no noise model."""
-        x0 = self.fitted_state(theta, u, y, window) if window else None
-        return y - self.simulate(theta, u, x0)
-
-    def predict(self, theta: Array, u: Array, y: Array, horizon: int, window: int) -> Array:
-        """The free run, whatever the horizon."""
-        return y - self.errors(theta, u, y, window)
-
     def stable(self, theta: Array) -> bool:
         """Whether core and given model are stable; effects only dissipate or bound."""
         base = self.given
@@ -388,7 +373,6 @@ class Augmented(Structure):
         return tuple(lines)
 
     def properties(self, theta: Array, dt: float) -> dict[str, Any]:
-        """Gain, time constant and effects."""
         core, parameters = self.unpack(theta)
         return {
             "stable": self.stable(theta),
