@@ -4,15 +4,13 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from io import StringIO
+from pathlib import Path
 from typing import Any, Literal
 
-from sysid.outside_text import visible
-
 from . import render
-from .field_options import with_options
 
 LINES = 24
 """Lines of an answer, warnings included: those of the smallest terminal in use."""
@@ -38,7 +36,14 @@ class Answer:
     """
 
     ending: int = 2
+    _files: Mapping[str, Path] = field(default_factory=dict)
     _lines: list[tuple[Any, str]] = field(default_factory=list)
+
+    @staticmethod
+    def with_files(ending: int, files: Mapping[str, Path | None]) -> "Answer":
+        """One that names files before its last line: word → path; none where it was not written."""
+        written = {word: path for word, path in files.items() if path is not None}
+        return Answer(ending + len(written), written)
 
     @property
     def room(self) -> int:
@@ -51,7 +56,7 @@ class Answer:
 
         if style == "dim" and render.quiet():
             return
-        for line in _wrapped(_shown(text), most):
+        for line in _wrapped(render.shown(text), most):
             self._lines += [(stream or sys.stdout, s) for s in _drawn(Text(line, style=style))]
 
     def note(self, text: str, most: int) -> None:
@@ -83,9 +88,9 @@ class Answer:
             rest: the command that shows them all.
         """
         told = list(dict.fromkeys(sentences))
-        parts = [_wrapped(f"! {_shown(s)}", LINES) for s in told]
+        parts = [_wrapped(f"! {render.shown(s)}", LINES) for s in told]
         if sum(map(len, parts)) > self.room:
-            parts = [_wrapped(f"! {_first_sentence(_shown(s))}", 2) for s in told]
+            parts = [_wrapped(f"! {_first_sentence(render.shown(s))}", 2) for s in told]
         kept = len(parts)
         while kept and sum(map(len, parts[:kept])) + (kept < len(parts)) > self.room:
             kept -= 1
@@ -94,8 +99,11 @@ class Answer:
         for part in (*parts[:kept], *more):
             self.say("\n".join(part), "yellow", LINES, sys.stderr)
 
-    def print(self) -> None:
-        """Write all lines, each to its stream."""
+    def print(self, last: str = "") -> None:
+        """Write all lines, each to its stream, then the files and a last one."""
+        for word, path in self._files.items():
+            self.say(f"{word}: {path}", "", 1)
+        self.say(last, "bold", 1)
         for stream, line in self._lines:
             (sys.stdout if stream is sys.stderr else sys.stderr).flush()
             stream.write(f"{line}\n")
@@ -107,11 +115,13 @@ def _columns(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str
     from rich.text import Text
 
     drawn = Table(box=None, padding=(0, 2, 0, 0), header_style="bold", pad_edge=False)
-    cells = [["–" if c is None else _joined(_shown(str(c))) for c in row] for row in rows]
-    shown = [_shown(h) for h in heads]
+    cells = [["–" if c is None else _joined(render.shown(str(c))) for c in row] for row in rows]
+    shown = [render.shown(h) for h in heads]
     wide = render.column_widths([shown, *cells], width() - 2 * (len(shown) - 1))
     for k, head in enumerate(shown):
-        side: Literal["left", "right"] = "right" if all(_numeric(r[k]) for r in rows) else "left"
+        side: Literal["left", "right"] = (
+            "right" if all((r[k] is None or render.is_number(r[k])) for r in rows) else "left"
+        )
         drawn.add_column(Text(head), justify=side, overflow="fold", width=wide[k])
     for line in cells:
         drawn.add_row(*map(Text, line))
@@ -125,14 +135,6 @@ _JOIN = "\ue000"
 def _joined(cell: str) -> str:
     """A cell whose numbers stay on one line with their intervals."""
     return cell.replace(" ± ", f"{_JOIN}±{_JOIN}")
-
-
-def _shown(text: str) -> str:
-    return visible(with_options(text))
-
-
-def _numeric(cell: object) -> bool:
-    return cell is None or (isinstance(cell, int | float) and not isinstance(cell, bool))
 
 
 def _first_sentence(text: str) -> str:

@@ -169,32 +169,26 @@ def _identify(
     from sysid.data.inspection import require_usable
     from sysid.data.preparation import Preparation, read_prepared
     from sysid.data.reading.blocks import large_log
+    from sysid.data.same_kind import with_validation
     from sysid.estimation.all_rows import on_all_rows
     from sysid.estimation.identify import identify
     from sysid.estimation.information.before_fit import before_request
 
     records, findings = read_prepared(logs, read, steps)
-    validation, validation_findings = (
-        read_prepared(val, read, steps, records[0].dt) if val else ((), ())
-    )
+    validation, validation_findings = read_prepared(val, read, steps) if val else ((), ())
+    records, validation, resampled = with_validation(records, validation)
+    findings += resampled
     require_usable(records)
     apart = before_request(records, request)
     for known in apart.values():
         render.cautions(known.sentences)
-    with render.progress("Fitting", total=1000) as tick:
-        done = 0
-
-        def progress(share: float, _what: str) -> None:
-            nonlocal done
-            tick(round(1000 * share) - done)
-            done = round(1000 * share)
-
+    facts = LogFacts(records, findings)
+    with render.stages("Fitting") as shown:
         identification = identify(
-            LogFacts(records, findings), validation, request, progress, inspect=True
+            facts, validation, request, lambda share, _: shown("Fitting", share), inspect=True
         )
         large = large_log(logs[0], read) if len(logs) == 1 and steps == Preparation() else None
         if large is not None:
-            facts = LogFacts(records, findings)
             identification = on_all_rows(identification, facts, request, large)
     said = notes((*findings, *validation_findings))
     return identification, said, (*records, *validation), apart

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from sysid.estimation.identify import Identification
     from sysid.workspace.store import StoredModel
 
+DIVERGES = -1e5
+"""Fit [%] from which on a free run is said to diverge: it errs by a thousand spreads."""
+
 MODELS = 6
 """Most models that are shown; `sysid compare` has them all."""
 
@@ -32,8 +35,7 @@ def show(
         said: warnings that were shown before the fit.
     """
     best, id = identification.assessments[0], stored[0].id
-    paths = {word: path for word, path in pictures.items() if path is not None}
-    answer = Answer(ending=2 + len(paths))
+    answer = Answer.with_files(2, pictures)
     answer.note(decisions_in_words(read_as), 2)
     for note in reading[:2]:
         answer.say(note, "dim", 2)
@@ -45,10 +47,12 @@ def show(
     failed = [f"{n} could not be fitted: {why}" for n, why in identification.failed.items()]
     answer.cautions([*failed, *(w for w in best.warnings if w not in said)], "sysid show")
     answer.say(f"Saved {id}. Details: sysid show", "", 1)
-    for word, path in paths.items():
-        answer.say(f"{word}: {path}", "", 1)
-    answer.say(f"Next: {_next(best)}", "bold", 1)
-    answer.print()
+    # a time series without inputs makes no plant
+    answer.print(
+        "Next: sysid export | sysid diagnose OTHER.csv"
+        if best.model.inputs
+        else "Next: sysid compare"
+    )
 
 
 def _ranking(
@@ -89,7 +93,9 @@ def fits(percent: Mapping[str, float | None], names: Sequence[str]) -> str:
 
 def fit_word(value: float | None) -> str:
     """A fit with two decimals."""
-    return "–" if value is None or value != value else f"{value:.2f}"
+    if value is None or value != value:
+        return "–"
+    return f"{value:.2f}" if value > DIVERGES else "diverges"
 
 
 def _responses(answer: Answer, best: "Assessment") -> None:
@@ -110,11 +116,6 @@ def _responses(answer: Answer, best: "Assessment") -> None:
         answer.say("; ".join([*more, small] if small else more), "dim", 1)
     for line in mode_sentences(own_modes(best.model)):
         answer.say(line, "", 1)
-
-
-def _next(best: "Assessment") -> str:
-    """The next commands for the model; a time series without inputs makes no plant."""
-    return "sysid export | sysid diagnose OTHER.csv" if best.model.inputs else "sysid compare"
 
 
 def residual_marks(residuals: Mapping[str, Any]) -> str:

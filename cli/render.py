@@ -108,18 +108,18 @@ def table(
 
     console = _console(sys.stdout)
     cells = [[_cell(c) for c in row] for row in rows]
-    shown = [_shown(h) for h in headings]
-    words = [max(map(len, " ".join(c).split(" "))) for c in zip(shown, *cells, strict=True)]
-    framed = sum(words) + 3 * len(shown) < console.width
+    heads = [shown(h) for h in headings]
+    words = [max(map(len, " ".join(c).split(" "))) for c in zip(heads, *cells, strict=True)]
+    framed = sum(words) + 3 * len(heads) < console.width
     drawn = Table(header_style="bold")
     if not framed:  # a frame takes the room of words
         drawn = Table(header_style="bold", box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    beside = 3 * len(shown) + 1 if framed else 2 * len(shown) - 2
-    wide = column_widths([shown, *cells], console.width - beside)
-    for k, heading in enumerate(shown):
+    beside = 3 * len(heads) + 1 if framed else 2 * len(heads) - 2
+    wide = column_widths([heads, *cells], console.width - beside)
+    for k, heading in enumerate(heads):
         column = [row[k] for row in rows]
-        numeric = any(_is_number(c) for c in column) and all(
-            c is None or _is_number(c) for c in column
+        numeric = any(is_number(c) for c in column) and all(
+            c is None or is_number(c) for c in column
         )
         side: Literal["left", "right"] = "right" if numeric else "left"
         drawn.add_column(Text(heading), justify=side, overflow="fold", width=wide[k])
@@ -155,7 +155,7 @@ def column_widths(rows: Sequence[Sequence[str]], room: int) -> list[int]:
     return wide
 
 
-def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:
+def facts(pairs: Sequence[tuple[str, object]]) -> None:
     """Print names and values below each other on stdout."""
     from rich.table import Table
     from rich.text import Text
@@ -164,9 +164,7 @@ def facts(pairs: Sequence[tuple[str, object]], title: str = "") -> None:
     grid.add_column(overflow="fold")
     grid.add_column(overflow="fold")
     for name, value in pairs:
-        grid.add_row(Text(_shown(name), style="bold"), Text(_cell(value)))
-    if title:
-        say(title, "bold")
+        grid.add_row(Text(shown(name), style="bold"), Text(_cell(value)))
     _console(sys.stdout).print(grid)
 
 
@@ -178,7 +176,7 @@ def findings(verdicts: "Sequence[Finding]") -> None:
     for finding in verdicts:
         word = finding.severity.word
         head = f"{word:>8}  "
-        line = Text(_wrapped(head + _shown(finding.sentence), sys.stdout, " " * len(head)))
+        line = Text(_wrapped(head + shown(finding.sentence), sys.stdout, " " * len(head)))
         line.stylize(_STYLES[word], 0, len(head))
         console.print(line, soft_wrap=True)
         if finding.advice:
@@ -397,7 +395,7 @@ def _with_options(value: Any) -> Any:
     return with_options(value) if isinstance(value, str) else value
 
 
-def _shown(text: str) -> str:
+def shown(text: str) -> str:
     """A text as the terminal gets it: options named, nothing that would steer it."""
     return visible(with_options(text))
 
@@ -405,7 +403,7 @@ def _shown(text: str) -> str:
 def _print(sentence: str, stream: Any, style: str, wrapped: bool = True) -> None:
     from rich.text import Text
 
-    text = _shown(sentence)
+    text = shown(sentence)
     if wrapped:
         indent = text[: len(text) - len(text.lstrip(" "))]
         text = _wrapped(text, stream, indent + "  " * text.startswith("! "))
@@ -430,7 +428,7 @@ def _console(stream: Any) -> "Console":
     return Console(file=stream, width=width, highlight=False, markup=False, emoji=False)
 
 
-def _is_number(cell: object) -> bool:
+def is_number(cell: object) -> bool:
     return isinstance(cell, int | float) and not isinstance(cell, bool)
 
 
@@ -441,4 +439,4 @@ def _cell(value: object) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return number(value)
-    return _shown(str(value))
+    return shown(str(value))

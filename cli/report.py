@@ -3,7 +3,7 @@
 import os
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sysid.errors import UsageError
 from sysid.workspace.logs import StoredData
@@ -13,10 +13,7 @@ from . import reading, render, targets
 from .field_options import with_options
 from .missions.page import report_mission
 from .missions.simulate import load_plant
-from .options import argument, command
-
-if TYPE_CHECKING:
-    from sysid.data.record import Record
+from .options import command
 
 DOCUMENTS = ("diagnosis.json", "page.json")
 """Files of a diagnosis."""
@@ -24,12 +21,10 @@ DOCUMENTS = ("diagnosis.json", "page.json")
 
 @command
 def report(
-    models: list[str] | None = argument(
+    models: list[str] | None = reading.ids(
         "[MODEL|MISSION|DIAGNOSIS]...",
         "Model ids; several are compared [the best model]. Or a mission (YAML), "
         "or the folder of a diagnosis.",
-        default=None,
-        autocompletion=reading.stored_models,
     ),
     output: Path | None = targets.target(
         "FILE.html", "Page [WORKSPACE/report.html].", "-o", suffixes=(".html",)
@@ -68,7 +63,7 @@ def report(
         _show(path, {"mission" if folder is None else "diagnosis": name}, json)
         return
     stored = [store.load(i) for i in dict.fromkeys(models or ())] or [store.chosen(None)]
-    records = judged_records(stored)
+    records = StoredData().judging(stored[0])
     if len(stored) == 1:
         (one,) = stored
         logs = StoredData().estimation(one)
@@ -94,12 +89,6 @@ def _show(path: Path, of: dict[str, Any], json: bool) -> None:
         render.document({"page": path, **of})
     else:
         render.files({"page": path}, page="Page")
-
-
-def judged_records(stored: list[StoredModel]) -> "tuple[Record, ...]":
-    """What judges models: the first one's validation log, else what it was fitted to."""
-    data = StoredData()
-    return data.validation(stored[0]) or data.estimation(stored[0]) or ()
 
 
 def command_of(stored: StoredModel) -> str:

@@ -14,8 +14,9 @@ from sysid.data.record import Record
 from sysid.errors import SysidError
 from sysid.estimation.assessment.figures import Start, outputs
 from sysid.estimation.pem import fit
+from sysid.estimation.selection.defaults import default_structures
 from sysid.estimation.selection.ranking import Entry
-from sysid.estimation.selection.select_structure import default_structures, select_structure
+from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.methods.held_out_error import free_run_error

@@ -41,11 +41,7 @@ class Hung:
     )
 
     def made(self) -> "tuple[Hanging, float | None]":
-        """What hangs and the period's own error, as the library takes them.
-
-        Raises:
-            UsageError: a number cannot be.
-        """
+        """What hangs and the period's own error, as the library takes them."""
         from sysid.testbench.pendulum.inertia import Hanging
 
         given = changed(self)

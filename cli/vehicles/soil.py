@@ -87,9 +87,7 @@ def _traction(
     from sysid.vehicle.wheels.description import load_tracks
 
     body = TrackedVehicle() if vehicle is None else load_tracks(vehicle)
-    spread = None
-    if wheels is not None:
-        spread = Pressure(Distribution.WHEELS, body.centre, wheels)
+    spread = None if wheels is None else Pressure(Distribution.WHEELS, body.centre, wheels)
     return Traction(_soil(ground, vehicle, numbers), body, spread)
 
 

@@ -115,7 +115,7 @@ def _apart(
     u = sampled(rows, record, search.scales)
     y = np.zeros((len(u), record.ny))
     drive = replace(record, u=u, y=y, pose=None, references=None, sha256="")
-    data = prepare([drive], search.scales, search.delay)
+    data = prepare([drive], search.scales, search.delay, later=search.later)
     runs = search.model.run(np.array([n.q for n in models]), data)
     sizes = np.maximum(floor, 1e-9 * np.max(np.abs(runs), initial=1e-9))
     return min(

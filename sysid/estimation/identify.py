@@ -18,10 +18,12 @@ from sysid.estimation.assessment.figures import require_samples
 from sysid.estimation.assessment.findings import Assessment, Policy, assess
 from sysid.estimation.offsets.choice import known_policy
 from sysid.estimation.pem import INSTRUMENTS
+from sysid.estimation.selection.defaults import structures_for
 from sysid.estimation.selection.grid import parse_grids
 from sysid.estimation.selection.ranking import Entry
 from sysid.estimation.selection.residual_check import valid_first
-from sysid.estimation.selection.select_structure import select_structure, structures_for
+from sysid.estimation.selection.select_structure import select_structure
+from sysid.estimation.two_stage import STAGES
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.structures.orders import orders_text
@@ -118,7 +120,7 @@ def identify(
         },
     )
     contest = select_structure(
-        names,
+        request.structures if grids is None else names,
         facts,
         options,
         request.detrend,
@@ -140,13 +142,13 @@ def identify(
         )
         for entry, criteria in contest.with_criteria(inside)
     )
-    leads = valid_first(judged, contest.reason, request.criterion)
+    leads = valid_first(judged, contest.reason, request.criterion, names)
     return Identification(*leads, contest.failed, inside, outside, tuple(findings))
 
 
 def _require_search(names: Sequence[str], options: FitOptions) -> None:
     usual = replace(options, method=Method.LEVENBERG_MARQUARDT, extra={})
-    if options.method in (usual.method, *INSTRUMENTS) or usual != FitOptions():
+    if options.method in (usual.method, *INSTRUMENTS, *STAGES) or usual != FitOptions():
         return
     if all(structure_class(n).traits.solved_at_once for n in names):
         raise UsageError(

@@ -16,7 +16,13 @@ from sysid.errors import DataError, UsageError
 from sysid.estimation.offsets.estimated_offset import FitWithOffset, fit_with_offset
 from sysid.estimation.offsets.offsets import Offsets
 from sysid.estimation.robust_fit import bounded_errors, fitter
-from sysid.estimation.two_stage import biased_by_feedback, in_two_stages, without_feedback
+from sysid.estimation.two_stage import (
+    STAGES,
+    as_asked,
+    biased_by_feedback,
+    in_two_stages,
+    without_feedback,
+)
 from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus, Initial, Parameter
@@ -87,14 +93,15 @@ def fit(
         plain = tuple(map(remove, records))
         return model_of(outcome, records, plain, options, offsets.detrend, offsets.operating_point)
 
+    if options.method in STAGES:
+        seen = as_asked(facts, options.method)
+        return in_two_stages(estimated(seen), facts, seen, options.method)
     model = estimated(facts)
     referenced = all(r.references is not None for r in records)
     if solver is not None or not referenced or not biased_by_feedback(model, facts, options):
         return model
-    seen = without_feedback(facts)
-    if seen is None:
-        return model
-    return in_two_stages(estimated(seen), facts, seen)
+    without = without_feedback(facts)
+    return model if without is None else in_two_stages(estimated(without), facts, without)
 
 
 def fit_prepared(
@@ -183,19 +190,7 @@ def constrained(structure: Structure, record: Record, options: FitOptions) -> tu
             f"{structure.name} has no input, so that its free run from rest stays at zero; fit it "
             "with the focus on prediction"
         )
-    if options.method is not Method.LEVENBERG_MARQUARDT and not method_of(structure).takes_method:
-        raise UsageError(
-            f"{structure.name} has a search of its own, on which `method` does not act; omit "
-            "`method`, or choose another structure"
-        )
-    method, able = options.method.value, INSTRUMENTS.get(options.method, (structure.name,))
-    if structure.name not in able:
-        raise UsageError(
-            f"`method='{method}'` fits {' and '.join(able)}, not {structure.name}: omit `method`, "
-            f"or fit {' or '.join(able)} alone"
-        )
-    if options.method is Method.SRIV and options.robust:
-        raise UsageError("`method='sriv'` knows no `robust`: omit one of them")
+    _require_method(structure, options)
     parameters = structure.parameters(record.inputs, record.outputs)
     names = [p.name for p in parameters]
     for name in (*options.fixed, *options.bounds):
@@ -215,6 +210,29 @@ def constrained(structure: Structure, record: Record, options: FitOptions) -> tu
             raise UsageError(f"{p.name} is fixed at {value:g}, outside its bounds {low:g}…{high:g}")
         constrained.append(replace(p, lower=low, upper=high, fixed=value))
     return tuple(constrained)
+
+
+def _require_method(structure: Structure, options: FitOptions) -> None:
+    """Refuse a method that does not fit a structure."""
+    if options.method is not Method.LEVENBERG_MARQUARDT and not method_of(structure).takes_method:
+        raise UsageError(
+            f"{structure.name} has a search of its own, on which `method` does not act; omit "
+            "`method`, or choose another structure"
+        )
+    method, able = options.method.value, INSTRUMENTS.get(options.method, (structure.name,))
+    if structure.name not in able:
+        raise UsageError(
+            f"`method='{method}'` fits {' and '.join(able)}, not {structure.name}: omit `method`, "
+            f"or fit {' or '.join(able)} alone"
+        )
+    traits = structure.traits
+    if options.method in STAGES and not (traits.linear and traits.takes_inputs):
+        raise UsageError(
+            f"`method='{method}'` fits linear structures with inputs, not {structure.name}: omit "
+            "`method`, or fit another structure"
+        )
+    if options.method is Method.SRIV and options.robust:
+        raise UsageError("`method='sriv'` knows no `robust`: omit one of them")
 
 
 def _check_length(

@@ -11,6 +11,11 @@ Automatica 29, 1523):
 follows from y − G u, not from the smaller y − G û that was minimised: the same noise moves Ŝ, as in
 two-stage least squares, whose instruments the slopes with û are. With white v the direct fit is
 unbiased and has the smaller errors: it stays where its residuals are white.
+
+Where nobody recorded r, what is new in u beside the past of u and y may stand for it: (u, y) is one
+time series that the innovations of u and of y drive, and what of u follows from its own does not
+hold v (joint input–output: Söderström & Stoica 1989, System Identification, §10.5). It takes a
+sample of delay in the plant. On request only: it errs more than a direct fit with a noise model.
 """
 
 from collections.abc import Sequence
@@ -22,11 +27,13 @@ from sysid.criteria.coloured import ar_fit
 from sysid.data.facts import LogFacts
 from sysid.data.filtering import lfilter
 from sysid.data.record import Array, Record
+from sysid.errors import DataError, UsageError
 from sysid.estimation.soundness import BIASED
+from sysid.fitting.marquardt import Method
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
 from sysid.fitting.uncertainty import portmanteau_white, uncertainty
-from sysid.structures.linear.long_arx import long_arx_output
+from sysid.structures.linear.long_arx import arx_errors, long_arx_output
 from sysid.structures.linear.predictor import RowLayout
 from sysid.structures.model import Model
 from sysid.structures.motion import initial_state_window
@@ -34,13 +41,22 @@ from sysid.structures.motion import initial_state_window
 EXPLAINED = 0.02
 """Share of an input's power that has to follow from the references."""
 
+LAGS = 20
+"""Lags of the regression whose errors are the innovations of the inputs, a tenth of the samples at
+most; with as many as a reference's steps last they stand for its clock instead."""
+
 STAGED = "inputs_by_reference"
 """What the provenance of a model has whose inputs were replaced."""
+
+STAGES = (Method.TWO_STAGE, Method.JOINT)
+"""Methods that replace the inputs."""
 
 SENTENCE = (
     "A controller was running and the direct fit's residuals are not white: the input was replaced "
     "by its part that follows from {names} (two stages), which biases it less."
 )
+
+ASKED = "The input was replaced by its part that follows from {names}, as `method='{way}'` asks."
 
 
 def biased_by_feedback(model: Model, facts: LogFacts, options: FitOptions) -> bool:
@@ -68,11 +84,15 @@ def marked(model: Model, facts: LogFacts, options: FitOptions) -> Model:
     return _with_option(model, BIASED, True) if biased else model
 
 
-def inputs_by_reference(records: Sequence[Record]) -> tuple[Record, ...] | None:
+def inputs_by_reference(
+    records: Sequence[Record], method: Method | None = None
+) -> tuple[Record, ...] | None:
     """The records with û in place of u; None where an input follows too little from references.
 
-    Both count from their first samples, before which the loop is taken to have rested.
+    Both count from their first samples, before which the loop is taken to have rested. By the
+    joint method the innovations of the inputs are the references, whatever is recorded.
     """
+    records = with_innovations(records) if method is Method.JOINT else records
     columns = []
     for j in range(records[0].nu):
         driven = [_as_system(r, j) for r in records]
@@ -109,14 +129,40 @@ def whitened(records: Sequence[Record], model: Model) -> tuple[Record, ...]:
     )
 
 
+def with_innovations(records: Sequence[Record]) -> tuple[Record, ...]:
+    """The records, their references what the past of all channels and y(t) leave of the inputs."""
+    swapped = [
+        _bare(r, np.column_stack([r.y - r.y[0], np.ones(len(r))]), r.u - r.u[0]) for r in records
+    ]
+    nu, n = records[0].nu, records[0].ny + 1
+    order = max(1, min(LAGS, sum(map(len, records)) // (10 * (nu + n))))
+    lags = (*(order + 1,) * (n - 1), 1)
+    each = [
+        arx_errors(
+            swapped, RowLayout(j, (order,) * nu, lags, (0,) * n, 0, 0, (0,) * n, constant=True)
+        )
+        for j in range(nu)
+    ]
+    names = tuple(f"innovations of {name}" for name in records[0].input_names)
+    return tuple(
+        replace(r, references=np.column_stack(columns), reference_names=names)
+        for r, columns in zip(records, zip(*each, strict=True), strict=True)
+    )
+
+
 def _as_system(record: Record, j: int) -> Record:
     """References → input j, with the constant 1."""
     assert record.references is not None
     r = record.references - record.references[0]
+    return _bare(record, np.column_stack([r, np.ones(len(r))]), record.u[:, [j]] - record.u[0, j])
+
+
+def _bare(record: Record, u: Array, y: Array) -> Record:
+    """A record of other inputs and outputs."""
     return replace(
         record,
-        u=np.column_stack([r, np.ones(len(r))]),
-        y=record.u[:, [j]] - record.u[0, j],
+        u=u,
+        y=y,
         inputs=(),
         outputs=(),
         weights=None,
@@ -134,15 +180,44 @@ def without_feedback(facts: LogFacts) -> LogFacts | None:
     return None if staged is None else LogFacts(staged, facts.reading)
 
 
-def in_two_stages(model: Model, facts: LogFacts, seen: LogFacts) -> Model:
-    """A model that was fitted to inputs by references, with its errors and a sentence on it."""
-    names = facts.records[0].reference_names
-    noted = _with_option(model, STAGED, list(names))
-    return replace(
-        noted,
-        covariance=_covariance(model, facts.records, seen.records),
-        warnings=(*model.warnings, SENTENCE.format(names=", ".join(names))),
-    )
+def as_asked(facts: LogFacts, method: Method) -> LogFacts:
+    """Facts of the records with û for u, by the method that was asked for.
+
+    Raises:
+        UsageError: the log holds no reference, from which two stages begin.
+        DataError: the inputs follow too little from what was to explain them.
+    """
+    way = method.value
+    if method is Method.TWO_STAGE and any(r.references is None for r in facts.records):
+        raise UsageError(
+            f"`method='{way}'` needs the controller's reference in every log, a column that "
+            "sysid inspect calls a set-point; `method='joint'` does without"
+        )
+    staged = inputs_by_reference(facts.records, method)
+    if staged is None:
+        source = "the reference" if method is Method.TWO_STAGE else "its own innovations"
+        raise DataError(
+            f"{facts.records[0].name}: under {100.0 * EXPLAINED:.0f} % of an input follows from "
+            f"{source}, too little for `method='{way}'`; omit `method`"
+        )
+    return LogFacts(staged, facts.reading)
+
+
+def in_two_stages(
+    model: Model, facts: LogFacts, seen: LogFacts, method: Method | None = None
+) -> Model:
+    """A model that was fitted to inputs by references, with its errors and a sentence on it.
+
+    Args:
+        method: what was asked for; None where the log decided.
+    """
+    names = list(facts.records[0].reference_names)
+    if method is Method.JOINT:
+        names = ["its own innovations"]
+    words = SENTENCE if method is None else ASKED
+    said = words.format(names=", ".join(names), way=method and method.value)
+    noted = replace(_with_option(model, STAGED, names), warnings=(*model.warnings, said))
+    return replace(noted, covariance=_covariance(model, facts.records, seen.records))
 
 
 def _covariance(model: Model, logged: Sequence[Record], seen: Sequence[Record]) -> Array:

@@ -59,13 +59,16 @@ NormalEquations = Callable[[Array, Array], tuple[Array, Array]]
 
 
 class Method(Enum):
-    """Which step an iteration takes; ``iv4`` and ``sriv`` are instrumental variables."""
+    """Which step an iteration takes; ``iv4`` and ``sriv`` are instrumental variables, ``two-stage``
+    and ``joint`` what of the input a log of a closed loop is fitted to, by the usual steps."""
 
     LEVENBERG_MARQUARDT = "levenberg-marquardt"
     GAUSS_NEWTON = "gauss-newton"
     GRADIENT = "gradient"
     IV4 = "iv4"
     SRIV = "sriv"
+    TWO_STAGE = "two-stage"
+    JOINT = "joint"
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +201,7 @@ class _Search:
     def _proposed(self, steps: "_Steps", share: float) -> tuple[Array, float]:
         """The next step in units of D, and its damping."""
         method = self._conditions.method
-        if method is not Method.LEVENBERG_MARQUARDT:
+        if method in (Method.GAUSS_NEWTON, Method.GRADIENT):
             return share * steps.undamped(method), 0.0
         if self._radius is not None:
             return steps.within(self._radius)

@@ -11,9 +11,11 @@ from scipy.signal import lfilter
 from sysid.data.preprocess import Detrend
 from sysid.data.record import Channel, Record
 from sysid.estimation.pem import fit
+from sysid.estimation.selection import final_fits
 from sysid.estimation.selection import select_structure as selection
+from sysid.estimation.selection.defaults import default_structures, usual_orders
 from sysid.estimation.selection.orders import Candidate, OrderSearch, search_orders
-from sysid.estimation.selection.select_structure import default_structures, select_structure
+from sysid.estimation.selection.select_structure import select_structure
 from sysid.fitting.holdout import hold_out
 from sysid.fitting.options import FitOptions
 from sysid.structures.base import Structure
@@ -46,7 +48,7 @@ def _asked(names: Sequence[str], record: Record, patch: pytest.MonkeyPatch) -> d
         return fit(plain, [record])
 
     patch.setattr(selection, "search_orders", searched)
-    patch.setattr(selection, "fit", fitted)
+    patch.setattr(final_fits, "fit", fitted)
     select_structure(names, [record], FitOptions(), Detrend.none(1, 1))
     return seen
 
@@ -114,3 +116,50 @@ def test_a_record_of_any_length_leaves_candidates(name: str) -> None:
     few = structure_class(name).candidate_orders(1, 1, 5, 1)
     assert few == (dict.fromkeys(structure_class(name).traits.order_names, 1),)
     assert len(structure_class(name).candidate_orders(2, 2, 2000, 1)) > 3
+
+
+def _two_outputs(samples: int) -> Record:
+    """Three states that two outputs share."""
+    rng = np.random.default_rng(5)
+    A = np.array([[0.8, 0.3, 0.0], [-0.3, 0.8, 0.2], [0.0, 0.0, 0.5]])
+    B, C = rng.standard_normal((3, 1)), np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0]])
+    u, x, y = rng.standard_normal((samples, 1)), np.zeros(3), np.zeros((samples, 2))
+    for k in range(samples):
+        y[k] = C @ x + 0.1 * rng.standard_normal(2)
+        x = A @ x + B @ u[k]
+    return Record(u, y, 0.1)
+
+
+def test_what_else_is_tried_follows_from_the_data() -> None:
+    """Process models where samples are few, state space of several outputs."""
+    few, many, two = _motor(80), _motor(260), _two_outputs(400)
+    assert usual_orders([few], FitOptions()) == {"process": ({"np": 1}, {"np": 2})}
+    assert usual_orders([many], FitOptions()) == {}
+    assert usual_orders([two], FitOptions()) == {"ss": ({"n": 3},)}
+    assert usual_orders([two], FitOptions(fixed={"a1": -0.9})) == {}
+    names = {e.model.structure.name for e in select_structure((), [few], FitOptions()).entries}
+    assert names == {*default_structures(True), "process"}
+    found = select_structure((), [two], FitOptions())
+    assert {e.model.structure.name for e in found.entries} == {*default_structures(True), "ss"}
+    assert all(e.error is not None for e in found.entries)
+
+
+def test_orders_whose_free_run_diverges_give_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    record = _motor()
+
+    def runaway(structure: Structure, *more: Any, **named: Any) -> Model:
+        model = fit(structure, *more, **named)
+        if structure.order_values()["na"] == 1:
+            return model
+        return replace(model, theta=np.where(np.arange(len(model.theta)) == 0, -1.5, model.theta))
+
+    monkeypatch.setattr(final_fits, "fit", runaway)
+    grid = [{"na": na, "nb": 1, "nk": 1} for na in (1, 2)]
+    usual = select_structure(("arx",), [record], FitOptions(), grid=grid)
+    model, notes = usual.entries[0].model, usual.entries[0].notes
+    assert model.structure.order_values()["na"] == 1
+    told = [n for n in notes if "free run diverges: na=1 nb=1 nk=1 is taken" in n]
+    search = search_orders("arx", grid, hold_out([record]), FitOptions())
+    assert bool(told) == (search.best.orders["na"] == 2)
+    alone = select_structure(("arx",), [record], FitOptions(), grid=grid[1:])
+    assert "Its free run does not settle (largest pole at radius" in alone.reason

@@ -9,7 +9,7 @@ follows anything: it is told only where no other shape explains half as much.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -90,19 +90,39 @@ def proven(fitted: Sequence[FittedShape], of_signals: Sequence[float]) -> tuple[
         if not passed:
             continue
         shown = max((s.share for s in passed if not s.shape.in_time), default=0.0)
-        passed = [
+        told = [
             s
             for s in passed
             if not s.shape.in_time
-            or (s.follows_anything and max(shown, of_signals[i]) < SHAPES.of_signals * s.share)
-            or (not s.follows_anything and of_signals[i] < s.share)
+            or (
+                s.drifts
+                and s.follows_anything
+                and max(shown, of_signals[i]) < SHAPES.of_signals * s.share
+            )
+            or (not (s.drifts and s.follows_anything) and of_signals[i] < s.share)
         ]
-        if not passed:
+        if not told:
             continue
-        near = [s for s in passed if s.score > passed[0].score - SHAPES.near]
+        near = [s for s in told if s.score > told[0].score - SHAPES.near]
         best = min(near, key=lambda s: s.numbers)
-        found.append(_found(best))
+        found.append(_beside_drift(best, passed) if best.follows_anything else _found(best))
     return tuple(found)
+
+
+def _beside_drift(best: FittedShape, passed: Sequence[FittedShape]) -> FoundShape:
+    """A free curve on a log of few moves, and a drift with clearly more evidence there, its many
+    numbers counted: either may be what happened."""
+    found = _found(best)
+    drift = next((s for s in passed if s.shape.in_time and s.share >= best.share), None)
+    if drift is not None and best.score > SHAPES.clearly_more * drift.score:
+        return found
+    if drift is None or best.shape.in_time:
+        return found
+    sentence = (
+        f"{found.sentence}; or {drift.says()[0]}: {best.track.command.name} moves only "
+        f"{best.track.moves} times here, too few to distinguish them"
+    )
+    return replace(found, place=f"{found.place} or {drift.shape.place.value}", sentence=sentence)
 
 
 def _found(shape: FittedShape, effect: str = "") -> FoundShape:

@@ -34,8 +34,14 @@ class Track:
 
     Attributes:
         starts: first row of each record, and N.
-        drive, other_drive: commands in units of full drive; the other one None without a track.
-        measured, other_speed: measurements, gaps bridged.
+        drive: command in units of full drive; of several inputs of one output their sum, in units
+            of the first.
+        inputs: what ``drive`` is the sum of, or the own command and those of others, (N, m).
+        commanded: the same as they were commanded, without delays.
+        channels: of ``inputs``.
+        adds_inputs: whether all of them act on the output.
+        measured, other_speed: measurements, gaps bridged; the other one None without a track.
+        other_output: the other track's output.
         run, error: free run of the candidate model, and measured minus simulated.
         speed: the speed that terms depend on.
         t: time since the start of each log [s].
@@ -52,9 +58,13 @@ class Track:
     starts: tuple[int, ...]
     dt: float
     drive: Array
-    other_drive: Array | None
+    inputs: Array
+    commanded: Array
+    channels: tuple[Channel, ...]
+    adds_inputs: bool
     measured: Array
     other_speed: Array | None
+    other_output: Channel | None
     run: Array
     speed: Array
     error: Array
@@ -121,7 +131,8 @@ class Track:
         if self.fixed:
             return np.empty((len(self.drive), 0))
         lags = range(len(self.f))
-        inputs = [self.past(self.drive, k) for k in lags]
+        acting = self.inputs.T if self.adds_inputs else [self.drive]
+        inputs = [self.past(d, k) for d in acting for k in lags]
         outputs = [self.past(self.speed, k) for k in lags]
         columns = [*inputs, *outputs, *([np.ones_like(self.drive)] if self.level else [])]
         return self.through(np.column_stack(columns))
@@ -147,6 +158,8 @@ def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track
     counts = [sum(d.lengths) for d in data]
     whole = [d.y[:n] for d, n in zip(data, counts, strict=True)]
     lengths = [n for d in data for n in d.lengths]
+    records = search.estimation if blocks else (*search.estimation, *search.holdout)
+    commanded = np.concatenate([r.u / search.scales for r in records])
     y, run = np.concatenate(whole), np.concatenate(runs)
     drive = np.concatenate([d.drive[:n] for d, n in zip(data, counts, strict=True)])
     t = np.concatenate([d.t[:n, 0] for d, n in zip(data, counts, strict=True)])
@@ -155,10 +168,12 @@ def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track
     model, first, tracks = search.model, search.estimation[0], []
     for i in range(model.tracks):
         gain, f, tail = model.core(candidate.q, i)
-        own = drive[:, i]
-        if model.inputs > model.tracks:  # of several inputs their sum, in units of the first
-            gains = candidate.q[[model.index["core", "gain", k] for k in range(model.inputs)]]
-            own = drive @ gains / gain if gain else own
+        adds = model.inputs > model.tracks
+        order = [i, *(k for k in range(drive.shape[1]) if k != i)]
+        inputs = drive[:, order]
+        if adds and gain:
+            gains = candidate.q[[model.index["core", "gain", k] for k in order]]
+            inputs = inputs * gains / gain
         b = np.append(1.0 + np.sum(f) - np.sum(tail), tail)
         j = 1 - i if model.tracks == 2 else None
         there = fitted[:, i] | judged[:, i]
@@ -168,10 +183,14 @@ def tracks_of(search: CandidateSearch, candidate: CandidateModel) -> tuple[Track
             Track(
                 starts,
                 model.dt,
-                own,
-                None if j is None else drive[:, j],
+                inputs.sum(axis=1) if adds else drive[:, i],
+                inputs,
+                commanded[:, [min(k, first.nu - 1) for k in order]],
+                tuple(first.inputs[min(k, first.nu - 1)] for k in order),
+                adds,
                 speed,
                 None if j is None else _bridged(y[:, j], fitted[:, j] | judged[:, j], starts),
+                None if j is None else first.outputs[j],
                 run[:, i],
                 run[:, i],
                 np.where(there, y[:, i] - run[:, i], np.nan),

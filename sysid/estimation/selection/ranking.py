@@ -188,6 +188,8 @@ def reason(order: StructureRanking, criterion: str, words: str, *, given: bool) 
             f"{doubts_about(order.passed.model).words}."
         )
     against = doubts_about(order.entries[0].model)
+    if against.unbounded and len(order.entries) == 1:
+        return f"{sentence} {against.words[0].upper()}{against.words[1:]}."
     if against.settled or len(order.entries) == 1:
         return sentence
     return f"{sentence} It leads although {against.words}: no settled model is as good."

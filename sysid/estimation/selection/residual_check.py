@@ -10,7 +10,10 @@ from sysid.structures.orders import orders_text
 
 
 def valid_first(
-    judged: Sequence[Assessment], reason: str, criterion: str = "fit"
+    judged: Sequence[Assessment],
+    reason: str,
+    criterion: str = "fit",
+    names: Sequence[str] = (),
 ) -> tuple[tuple[Assessment, ...], str]:
     """Assessments, one whose residuals do not follow the inputs first, and why it leads.
 
@@ -26,6 +29,8 @@ def valid_first(
         judged: the leader first.
         reason: why it leads.
         criterion: what ranked them; one of one-step errors has the last word itself.
+        names: structures that may come before others for it, all when empty: what nobody named
+            leads by its errors alone, since with many states it leaves no trace of a nonlinearity.
     """
     first = judged[0]
     ranks = table.criterion(criterion)
@@ -37,6 +42,7 @@ def valid_first(
             a
             for a in judged[1:]
             if a.residuals.passed
+            and (not names or a.model.structure.name in names)
             and bounded_run(a.model.structure, a.model.theta)
             and all(e <= limit for e, limit in zip(_errors(a), limits, strict=True))
         ),

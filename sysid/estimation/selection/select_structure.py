@@ -13,22 +13,21 @@ from sysid.data.record import Record
 from sysid.errors import DataError, ModelError, SysidError, UsageError
 from sysid.estimation.offsets.choice import choose_offsets
 from sysid.estimation.offsets.offsets import Offsets
-from sysid.estimation.pem import check_data, fit
+from sysid.estimation.pem import check_data
+from sysid.estimation.selection.defaults import Grid, default_structures, usual_orders
 from sysid.estimation.selection.delays import ChosenDelay, chosen_delay
+from sysid.estimation.selection.final_fits import Data, FinalFits, structure_of
 from sysid.estimation.selection.orders import (
     OrderSearch,
     ranked,
     search_orders,
 )
 from sysid.estimation.selection.ranking import Entry, common_criteria, ranked_entries, reason
-from sysid.estimation.soundness import bounded_run
-from sysid.estimation.two_stage import STAGED, inputs_by_reference, marked, whitened
-from sysid.fitting.holdout import HoldOut, hold_out, longest_of, tie_margin
+from sysid.estimation.two_stage import STAGES
+from sysid.fitting.holdout import hold_out, longest_of, tie_margin
 from sysid.fitting.options import FitOptions
 from sysid.fitting.problem import Focus
-from sysid.structures.base import Structure
-from sysid.structures.model import Model
-from sysid.structures.registry import structure_class, structure_classes
+from sysid.structures.registry import structure_class
 
 PARALLEL_WORK = 1_000_000
 """Candidates × samples from which a second process pays for its start: the usual orders of one pair
@@ -52,43 +51,10 @@ SHORT = 2000
 STILL_WORDS = " No input moves in {}: orders chosen there would be those of a level."
 
 
-def default_structures(with_inputs: bool) -> tuple[str, ...]:
-    """What is fitted to a log with or without inputs when the user names nothing."""
-    known = structure_classes().items()
-    return tuple(
-        n for n, c in known if c.traits.by_default and c.traits.takes_inputs is with_inputs
-    )
-
-
-def structures_for(names: Sequence[str], inputs: Sequence[str]) -> tuple[str, ...]:
-    """The structures to fit to a log with these inputs; the usual ones where none is named.
-
-    Raises:
-        UsageError: a structure needs inputs that the log has not, or has none for its inputs.
-    """
-    chosen = tuple(names) or default_structures(bool(inputs))
-    for name in chosen:
-        takes = structure_class(name).traits.takes_inputs
-        if takes and not inputs:
-            raise UsageError(
-                f"{name} needs an input but the log has none; choose from "
-                f"{', '.join(default_structures(False))}, or name the input column"
-            )
-        if inputs and not takes:
-            raise UsageError(
-                f"{name} is for a log without inputs, but this log is read with "
-                f"{', '.join(inputs)}; set the input to none, or use arx or armax"
-            )
-    return chosen
-
-
 Progress = Callable[[float, str], None]
 
 Delays = int | list[list[int]]
 """One delay [samples], or a matrix (outputs × inputs)."""
-
-Data = tuple[HoldOut, tuple[bool, ...]]
-"""What a structure's search sees, and by output whether it estimates an offset."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,10 +76,6 @@ class StructureSelection:
         return list(zip(self.entries, criteria, strict=True))
 
 
-Grid = Sequence[Mapping[str, Any]]
-"""Orders to try."""
-
-
 def select_structure(
     names: Sequence[str],
     data: Sequence[Record] | LogFacts,
@@ -128,6 +90,8 @@ def select_structure(
     """Search the orders of each structure on estimation data only, fit it, and rank them.
 
     Args:
+        names: what to fit; empty for the default ones, and others where the data suit them
+            (``usual_orders``).
         data: estimation data, or what is known of them.
         detrend: treatment of the records' offsets: a policy, or what was chosen before.
         grid: orders to try, for all or by structure; None, and where a structure is left out, for
@@ -143,12 +107,11 @@ def select_structure(
     facts = LogFacts.of(data)
     records, small = facts.records, facts.sample
     check_data(records)
-    given = _by_structure(names, grid)
+    names, given, beside = _named(names, grid, records, options)
     whole = len(given) == len(names)
     searched = not whole or any(len(g) > 1 for g in given.values())
     closed = (searched or len(names) > 1) and facts.closed_loop
-    offsets, chosen_delay = _offsets_and_delay(facts, detrend, search=not whole)
-    nk, notes = chosen_delay.nk, chosen_delay.notes
+    offsets, (nk, notes) = _offsets_and_delay(facts, detrend, search=not whole)
     if searched and facts.outliers.words:
         notes = (*notes, OUTLIERS.format(facts.outliers.words))
     ahead = closed and _may_be_judged_one_step(names, options)
@@ -162,7 +125,7 @@ def select_structure(
             name, records[0].nu, records[0].ny, cut.samples, delays, options
         )
         try:
-            made = [_structure(name, orders, records, options) for orders in chosen]
+            made = [structure_of(name, orders, records, options) for orders in chosen]
         except UsageError as error:
             if name in given and len(names) > 1:
                 raise UsageError(f"{error}; or name fewer structures with `structures`") from None
@@ -170,32 +133,28 @@ def select_structure(
         treatment = offsets.for_structure(made[0], small)
         seen[name] = (cut.of(treatment.detrend.remove), treatment.estimated)
         tasks.append((name, chosen))
+    final = FinalFits(facts, options, offsets, beside)
     searches, failed = _searches(tasks, seen, options, criterion, jobs, progress)
-    entries = _entries(tasks, searches, failed, facts, options, offsets, progress)
+    entries = _entries(tasks, searches, failed, final, progress)
     if not entries:
         raise DataError("; ".join(failed.values()) or "no structure could be fitted")
     if progress:
         progress(1.0, "done")
-    if closed:
-        entries = [
-            _without_feedback(e, dict(tasks), seen, facts, options, offsets, criterion)
-            for e in entries
-        ]
+    if closed or options.method in STAGES:
+        entries = [final.without_feedback(e, dict(tasks), seen, criterion) for e in entries]
     entries = [replace(e, notes=(*notes, *e.notes)) for e in entries]
     order = ranked_entries(
         entries, records, options, criterion, tie_margin(cut.holdout), cut.one_step
     )
-    why = reason(order, criterion, cut.words, given=whole) + STILL_WORDS.format(cut.words) * still
-    return StructureSelection(order.entries, why, failed)
+    why = reason(order, criterion, cut.words, given=whole)
+    return StructureSelection(order.entries, why + STILL_WORDS.format(cut.words) * still, failed)
 
 
 def _entries(
     tasks: Sequence[tuple[str, Grid]],
     searches: Mapping[str, tuple[OrderSearch, float]],
     failed: dict[str, str],
-    facts: LogFacts,
-    options: FitOptions,
-    offsets: Offsets,
+    final: FinalFits,
     progress: Progress | None,
 ) -> list[Entry]:
     """Every structure with its best orders fitted to all data; failures go into ``failed``."""
@@ -211,63 +170,28 @@ def _entries(
         # one candidate is fitted as asked for, alone and in company: what a structure that
         # searches within itself found on the part that was fitted only says how good it is
         orders = chosen[0] if len(chosen) == 1 or search is None else search.best.orders
-        structure = _structure(name, orders, facts.records, options)
-        started = perf_counter()
         try:
-            model, notes = _fitted(structure, facts, options, offsets)
+            entry = final.entry(name, orders, search)
         except (DataError, ModelError) as error:
             if len(tasks) == 1:
                 raise
             failed[name] = str(error)
         else:
-            entries.append(Entry(model, search, perf_counter() - started + seconds, notes))
+            entries.append(replace(entry, seconds=entry.seconds + seconds))
     return entries
 
 
-def _without_feedback(
-    entry: Entry,
-    grids: Mapping[str, Grid],
-    seen: Mapping[str, Data],
-    facts: LogFacts,
+def _named(
+    names: Sequence[str],
+    grid: Grid | Mapping[str, Grid] | None,
+    records: Sequence[Record],
     options: FitOptions,
-    offsets: Offsets,
-    criterion: str,
-) -> Entry:
-    """The entry of a log of a closed loop: where feedback biases its fit that is noted for the
-    ranking, and where its inputs were replaced its orders are searched on these, too.
-
-    On the inputs as logged a wrong order may follow the disturbance. The held-out error stays that
-    on the inputs as logged, as others have it.
-    """
-    if entry.search is None or STAGED not in entry.model.provenance.options:
-        return replace(entry, model=marked(entry.model, facts, options))
-    started, name = perf_counter(), entry.model.structure.name
-    data, estimated = seen[name]
-    whole = inputs_by_reference(data.whole)
-    if whole is None:
-        return entry
-    clean = data.same_cuts_of(whitened(whole, entry.model))
-    judged = replace(data.same_cuts_of(whole), whole=data.whole)
-    model, notes = entry.model, entry.notes
-    try:
-        search = search_orders(name, grids[name], clean, options, criterion, estimated=estimated)
-        best, *rest = search.candidates
-        logged = search_orders(name, [best.orders], judged, options, estimated=estimated).best
-        if best.orders != entry.search.best.orders:
-            structure = _structure(name, best.orders, facts.records, options)
-            model, notes = _fitted(structure, facts, options, offsets)
-    except (DataError, ModelError):
-        return entry
-    search = replace(search, candidates=(replace(best, error=logged.error), *rest))
-    model = marked(model, facts, options)
-    return Entry(model, search, entry.seconds + perf_counter() - started, notes)
-
-
-def _structure(
-    name: str, orders: Mapping[str, Any], records: Sequence[Record], options: FitOptions
-) -> Structure:
-    nu, ny = records[0].nu, records[0].ny
-    return structure_class(name).from_orders(dict(orders), nu, ny, options.structure_options)
+) -> tuple[tuple[str, ...], Mapping[str, Grid], tuple[str, ...]]:
+    """What to fit, with which orders, and what of it nobody named."""
+    chosen = tuple(names) or default_structures(bool(records[0].nu))
+    given = _by_structure(chosen, grid)
+    beside = {} if names or given else usual_orders(records, options)
+    return (*chosen, *beside), {**given, **beside}, tuple(beside)
 
 
 def _by_structure(
@@ -292,13 +216,14 @@ def _may_be_judged_one_step(names: Sequence[str], options: FitOptions) -> bool:
 
 def _offsets_and_delay(
     facts: LogFacts, detrend: Detrend | Offsets | str, *, search: bool
-) -> tuple[Offsets, ChosenDelay]:
+) -> tuple[Offsets, tuple[Delays, tuple[str, ...]]]:
     """The offsets, and the delay to search with, which that choice needs."""
     known = Offsets.of_detrend(detrend) if isinstance(detrend, Detrend) else detrend
     delay = ChosenDelay(1)
     if search and facts.records[0].nu:
         delay = chosen_delay(facts)
-    return choose_offsets(facts, known, delay.nk) if isinstance(known, str) else known, delay
+    offsets = choose_offsets(facts, known, delay.nk) if isinstance(known, str) else known
+    return offsets, (delay.nk, delay.notes)
 
 
 def _around(nk: Delays, samples: int) -> Sequence[Delays]:
@@ -306,25 +231,6 @@ def _around(nk: Delays, samples: int) -> Sequence[Delays]:
     if samples > SHORT or not isinstance(nk, int):
         return (nk,)
     return range(max(nk - EARLIER, 1), nk + 2)
-
-
-def _fitted(
-    structure: Structure, facts: LogFacts, options: FitOptions, detrend: Offsets
-) -> tuple[Model, tuple[str, ...]]:
-    """The fit; for output-error structures a second one with stable poles where it needs it.
-
-    An unstable predictor of OE or BJ cannot even be evaluated on a longer record, so stability
-    is part of what the structure means; for ARX and ARMAX it is reported and left to the user.
-    """
-    model = fit(structure, facts, options, detrend=detrend)
-    # a structure that chooses within itself knows its θ only when it is fitted
-    settled = bounded_run(model.structure, model.theta)
-    if settled or options.stable or not structure.traits.stable_by_meaning:
-        return model, ()
-    bounded = fit(structure, facts, replace(options, stable=True), detrend=detrend)
-    return bounded, (
-        "The unconstrained fit had an unstable pole; the poles were kept inside the unit circle.",
-    )
 
 
 def _grid(
@@ -347,11 +253,12 @@ def _searches(
     jobs: int,
     progress: Progress | None,
 ) -> tuple[dict[str, tuple[OrderSearch, float]], dict[str, str]]:
-    # a structure that searches within itself has one candidate: beside others it is judged as they
+    # one candidate, such as of a structure that searches within itself, is judged as others are
+    others = len(tasks) > 1 and any(len(grid) > 1 for _, grid in tasks)
     searched = [
         (name, grid)
         for name, grid in tasks
-        if len(grid) > 1 or (len(tasks) > 1 and not structure_class(name).traits.linear)
+        if len(grid) > 1 or others or (len(tasks) > 1 and not structure_class(name).traits.linear)
     ]
     searches: dict[str, tuple[OrderSearch, float]] = {}
     failed: dict[str, str] = {}

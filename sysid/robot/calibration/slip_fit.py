@@ -109,19 +109,15 @@ def fit_slip(
         more = _one_more(problem, fit, dropped)
         if more is None:
             return fit
-        needless = _needless(more)
+        # a later term may have made optional ones as good as nothing
+        away = np.abs(more.q - NULLS) / np.maximum(more.std_errors, 1e-300)
+        needless = {k for k in more.free if TERMS[k].optional and away[k] < MAYBE}
         dropped |= needless
         kept = tuple(k for k in more.free if k not in needless)
         if progress is not None:
             settled = len({*kept, *dropped}) - len(always)
             progress(settled / (len(TERMS) - len(always)))
         fit = _settled(replace(problem, free=kept), more.q) if needless else more
-
-
-def _needless(fit: SlipFit) -> set[int]:
-    """Optional terms that a later one has made as good as nothing."""
-    away = np.abs(fit.q - NULLS) / np.maximum(fit.std_errors, 1e-300)
-    return {k for k in fit.free if TERMS[k].optional and away[k] < MAYBE}
 
 
 def _one_more(problem: _SlipProblem, fit: SlipFit, dropped: set[int]) -> SlipFit | None:

@@ -126,10 +126,6 @@ def returned(
     Args:
         missed: measured end less the end by odometry, x along the first side, (n, 2) [m].
         side: of the square [m].
-        geometry: that the odometry used.
-
-    Raises:
-        DataError: the side is no length.
     """
     if not (math.isfinite(side) and side > 0.0):
         raise DataError(f"the side of the squares is {side:g} m; give a length above 0")
@@ -151,11 +147,6 @@ def read_returns(path: Path, side: float, geometry: Geometry) -> tuple[SquareRun
         path: CSV; x and y are where the vehicle ended less where its odometry says it did, x along
             the first side.
         side: of the square [m].
-        geometry: that the odometry used.
-
-    Raises:
-        DataError: a column or a number is missing.
-        UsageError: there is no such file.
     """
     text = read_bytes(path).decode("utf-8-sig", "replace")
     try:
@@ -186,9 +177,6 @@ def square_result(runs: Sequence[SquareRun]) -> SquareResult:
 
     Args:
         runs: closed squares; both ways, or the two cannot be distinguished.
-
-    Raises:
-        DataError: there is no run.
     """
     if not runs:
         raise DataError("the runs contain no closed square; drive squares both ways")

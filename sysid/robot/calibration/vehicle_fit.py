@@ -139,7 +139,10 @@ class VehicleFit:
         if not all(enough(h) for h in halves):
             return ()
         for fitted, judge in (halves, halves[::-1]):
-            model = _refitted(self.model, fitted)
+            if isinstance(self.model, DynamicFit):
+                model: MotionFit = fit_dynamics(fitted, self.model.geometry, self.model.powered)
+            else:
+                model = fit_slip(fitted, self.model.geometry, self.model.terms)
             before = PathErrors.of(Kinematic(self.known).errors(judge))
             values = {n.name: n.value for n in model.numbers(self.given) if n.in_model}
             folds.append(Fold(before, PathErrors.of(model.errors(judge)), values))
@@ -302,7 +305,11 @@ def fit_vehicle(
     check_enough(first, records[0].name)
     check_enough(second, (holdout or records)[0].name)
     lengths = lengths_of([t for t in trajectories.tracks if len(t.starts)], known)
-    start = _start(lengths)
+    # a width that the log does not determine scales with the radius
+    r, width = lengths.geometry.r, lengths.geometry.B
+    if lengths.std_errors[0] is not None and lengths.std_errors[1] is None:
+        width = lengths.assumed.B * r / lengths.assumed.r
+    start = Geometry(r, width)
     model: MotionFit
     if motion == "dynamic":
         every = (*records, *holdout)
@@ -313,20 +320,5 @@ def fit_vehicle(
     return VehicleFit(motion, trajectories, *parts, known, geometry, lengths, model)
 
 
-def _start(lengths: GeometryEstimate) -> Geometry:
-    """Where a fit starts: a width that the log does not determine scales with the radius."""
-    r, width = lengths.geometry.r, lengths.geometry.B
-    if lengths.std_errors[0] is not None and lengths.std_errors[1] is None:
-        width = lengths.assumed.B * r / lengths.assumed.r
-    return Geometry(r, width)
-
-
 def _slope(x: Array, y: Array) -> float:
     return max(float(x @ y) / max(float(x @ x), 1e-12), 1e-9)
-
-
-def _refitted(model: MotionFit, parts: Sequence[Part]) -> MotionFit:
-    """The same model with the same terms fitted to other windows."""
-    if isinstance(model, DynamicFit):
-        return fit_dynamics(parts, model.geometry, model.powered)
-    return fit_slip(parts, model.geometry, model.terms)

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from sysid.data.record import Array, Channel, Index
+from sysid.data.record import Array, Channel, Index, Record
 from sysid.data.unit_words import ratio
 from sysid.errors import UsageError
 from sysid.fitting.problem import Parameter
@@ -19,6 +19,9 @@ from sysid.structures.traits import Traits
 
 SHORTEST = 1e-9
 """Least time constant [s]."""
+
+FEW = 100
+"""Samples below which it is tried unasked: there its few numbers err less (decision 0040)."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +62,7 @@ class Process(ContinuousStructure):
     def from_orders(
         cls, raw: Mapping[str, Any], nu: int, ny: int, options: Mapping[str, str] | None = None
     ) -> Self:
-        """The structure with these orders, or of this type.
-
-        Raises:
-            UsageError: they do not fit.
-        """
+        """The structure with these orders, or of this type."""
         refuse_options(cls.name, options, tuple(cls.traits.options))
         given = dict(options or {})
         orders = {"np": 0, "nw": 0, "nz": 0, "ni": 0, **raw}
@@ -91,13 +90,17 @@ class Process(ContinuousStructure):
     def candidate_orders(
         cls, nu: int, ny: int, samples: int, delay: Any
     ) -> tuple[Mapping[str, Any], ...]:
-        """The usual kinds, the smallest first."""
         kinds = ("P1D", "P2D", "P2DZ", "P2DU", "P2DUZ", "P3D", "P1DI")
         return tuple({k: v for k, v in _of_type(kind)[0].items() if v} for kind in kinds)
 
     @classmethod
+    def usual_orders(cls, records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
+        """One and two time constants, where samples are few."""
+        few = records[0].ny == 1 and sum(map(len, records)) < FEW
+        return ({"np": 1}, {"np": 2}) if few else ()
+
+    @classmethod
     def orders_said(cls, options: Mapping[str, str]) -> Mapping[str, Any] | None:
-        """Those of a type."""
         orders = _of_type(options["type"])[0] if "type" in options else {}
         return {k: v for k, v in orders.items() if v} or None
 
@@ -114,7 +117,6 @@ class Process(ContinuousStructure):
         return self.nz
 
     def path_parameters(self, u: Channel, y: Channel) -> tuple[Parameter, ...]:
-        """K, T1 …, Tw, zeta, Tz, Td."""
         gain = ratio(y.unit, u.unit)
         table = [Parameter("K", f"{gain or '1'}/s" if self.ni else gain)]
         table += [Parameter(f"T{k + 1}", "s", SHORTEST) for k in range(self.np)]
@@ -153,7 +155,6 @@ class Process(ContinuousStructure):
         return top / bottom[-1], bottom[:-1] / bottom[-1], delay
 
     def path_numbers(self, found: Found) -> Array:
-        """The nearest numbers of this kind."""
         roots = np.roots([1.0, *found.den[::-1]])
         roots = roots[np.argsort(np.abs(roots))]
         num = np.asarray(found.num, dtype=np.float64)

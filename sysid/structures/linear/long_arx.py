@@ -104,12 +104,16 @@ def _long_layout(records: Sequence[Record], lay: RowLayout) -> RowLayout:
 
 def long_arx_errors(records: Sequence[Record], lay: RowLayout) -> list[Array]:
     """Errors of a long ARX, zero where its regressors reach before the record."""
-    long = _long_layout(records, lay)
-    theta = arx_row(records, long)
+    return arx_errors(records, _long_layout(records, lay))
+
+
+def arx_errors(records: Sequence[Record], lay: RowLayout) -> list[Array]:
+    """Errors of an ARX row by least squares, zero where its regressors reach before the record."""
+    theta = arx_row(records, lay)
     out = []
     for r in records:
-        e, terms = np.zeros(len(r)), long.weighed(theta)
-        e[long.start :] = ne.residual_row((*r.y.T, *r.u.T), long.start, lay.output, terms)
+        e, terms = np.zeros(len(r)), lay.weighed(theta)
+        e[lay.start :] = ne.residual_row((*r.y.T, *r.u.T), lay.start, lay.output, terms)
         out.append(e)
     return out
 

@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from sysid.data.preprocess import Detrend
 from sysid.data.record import Array, Channel, Record
 from sysid.data.unit_words import ratio
 from sysid.errors import UsageError
@@ -21,6 +22,9 @@ from sysid.structures.traits import Traits
 
 LARGEST = 30
 """Largest order that is accepted."""
+
+AN_OUTPUT = 3
+"""States an output at most where nobody asked for any: a fit of more takes too long for that."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,27 @@ class StateSpace(RealizedStructure):
         """One state an output, and up to four more an output."""
         most = min(4 * ny + 2, 10, max(ny, samples // (20 * (nu + ny))))
         return tuple({"n": n} for n in range(ny, most + 1))
+
+    @classmethod
+    def usual_orders(cls, records: Sequence[Record]) -> tuple[Mapping[str, Any], ...]:
+        """Of several outputs, the order that singular values show: least N σ²ₙ₊₁ + d(n) ln N.
+
+        N σ² stands as −N ln(1 − ρ²) of canonical correlations ρ of past and future, d(n) is the
+        count of numbers (Bauer 2001, Automatica 37, 1561).
+        """
+        nu, ny = records[0].nu, records[0].ny
+        tried = cls.candidate_orders(nu, ny, sum(map(len, records)), 1)
+        if ny == 1 or not tried:
+            return ()
+        plain = Detrend.means(records).remove
+        most = min(tried[-1]["n"], AN_OUTPUT * ny)
+        looked = cls((), nu, ny, most, 1).looked_at([plain(r) for r in records])
+        if looked is None:
+            return ()
+        samples = sum(map(len, looked.errors))
+        left = samples * np.log1p(np.append(looked.singular, 0.0) ** 2)
+        each = np.log(samples) * (nu + 2 * ny)
+        return ({"n": min(range(ny, most + 1), key=lambda n: left[n] + n * each)},)
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> Self:
@@ -157,6 +182,23 @@ class StateSpace(RealizedStructure):
         D = d.reshape(ny, nu) if self.nk == 0 else np.zeros((ny, nu))
         K = k.reshape(n, ny) if self.noise else None
         return Realization(A, b.reshape(n, nu), C, D, K, tuple(range(nu)), (0,) * nu, nu)
+
+    def matrix_slopes(self, theta: Array, ahead: bool) -> tuple[Array, Array, Array, Array]:
+        """Of Ā = A − K C, B̄ = [B − K D, K]: A, B, K and D are linear in θ, C is constant."""
+        n, nu, ny, r = self.n, self.nu, self.ny, self.realization(theta)
+        count = len(theta)
+        units = np.split(np.eye(count), np.cumsum(self._sizes), axis=1)
+        dA, dB, dD = (np.zeros((count, *shape)) for shape in ((n, n), (n, nu), (ny, nu)))
+        dA[:, np.cumsum(self._lengths) - 1] = units[0].reshape(count, ny, n)
+        dB[:, :, : self.inputs] = units[1].reshape(count, n, self.inputs)
+        if self.nk == 0:
+            dD[:, :, : self.inputs] = units[2].reshape(count, ny, self.inputs)
+        dD[:, np.flatnonzero(self.levels), -1] += units[4]
+        if ahead and self.noise:
+            dK = units[3].reshape(count, n, ny)
+            dA, dB = dA - dK @ r.C, np.concatenate([dB - dK @ r.D - r.K @ dD, dK], axis=2)
+            dD = np.concatenate([dD, np.zeros((count, ny, ny))], axis=2)
+        return dA, dB, np.zeros((count, ny, n)), dD
 
     def theta_of(self, matrices: tuple[Array, Array, Array, Array, Array]) -> Array | None:
         """θ of matrices in any basis; None where these outputs do not show the states."""

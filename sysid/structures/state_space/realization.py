@@ -122,10 +122,11 @@ class Realization:
     def free_responses(self, samples: int) -> Array:
         """Outputs of the unit states, (samples, ny, core)."""
         out = np.zeros((samples, *np.shape(self.C)))
-        power = self.C
-        for k in range(samples):
-            out[k] = power
-            power = power @ self.A
+        out[:1], power, known = self.C, self.A, 1
+        while known < samples:
+            more = out[known : 2 * known]
+            more[:] = out[: len(more)] @ power
+            power, known = power @ power, 2 * known
         return out
 
     def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -161,18 +162,19 @@ def run(matrices: tuple[Any, Any, Any, Any], u: Array, x0: Any = None) -> Any:
 
     Args:
         matrices: (…, n, n), (…, n, m), (…, ny, n), (…, ny, m); the same inputs drive them all.
-        u: (N, m).
+        u: (N, m); (…, N, m) for many inputs of one system.
     """
     A, B, C, D = matrices
     *many, n, m = B.shape
-    ny, samples = C.shape[-2], len(u)
+    *each, samples, _ = u.shape
+    ny = C.shape[-2]
     kind = np.result_type(A, B, C, D, u)
     if not samples:
-        return np.zeros((*many, 0, ny), dtype=kind)
-    L = min(SHORT if many else BLOCK, samples)
+        return np.zeros((*each, *many, 0, ny), dtype=kind)
+    L = min(SHORT if many or each else BLOCK, samples)
     blocks = -(-samples // L)
-    padded = np.zeros((blocks * L, m))
-    padded[:samples] = u
+    padded = np.zeros((*each, blocks * L, m))
+    padded[..., :samples, :] = u
     seen = np.empty((*many, L, ny, n), dtype=kind)  # C Aᵏ
     reach = np.empty((*many, L, n, m), dtype=kind)  # Aᵏ B
     seen[..., 0, :, :], reach[..., 0, :, :] = C, B
@@ -184,19 +186,21 @@ def run(matrices: tuple[Any, Any, Any, Any], u: Array, x0: Any = None) -> Any:
     markov[..., 1:L, :, :] = C[..., None, :, :] @ reach[..., :-1, :, :]
     later = np.subtract.outer(np.arange(L), np.arange(L))
     toeplitz = markov[..., np.where(later >= 0, later, L), :, :]  # (…, L, L, ny, m)
-    U = padded.reshape(blocks, L * m)
+    U = padded.reshape(*each, blocks, L * m)
     rows = np.moveaxis(toeplitz, -2, -1).swapaxes(-4, -3).swapaxes(-3, -2)
     y = U @ rows.reshape(*many, L * m, L * ny)
     drive = U @ reach[..., ::-1, :, :].swapaxes(-2, -1).reshape(*many, L * m, n)
     over = A @ np.linalg.matrix_power(A, L - 1)
-    states = np.empty((blocks, *many, n), dtype=np.result_type(kind, 0.0 if x0 is None else x0))
-    x = np.zeros((*many, n), dtype=states.dtype) + (0.0 if x0 is None else np.asarray(x0))
+    states = np.empty(
+        (blocks, *each, *many, n), dtype=np.result_type(kind, 0.0 if x0 is None else x0)
+    )
+    x = np.zeros((*each, *many, n), dtype=states.dtype) + (0.0 if x0 is None else np.asarray(x0))
     for b in range(blocks):
         states[b] = x
         x = (over @ x[..., None])[..., 0] + drive[..., b, :]
     out = seen.reshape(*many, L * ny, n).swapaxes(-2, -1)
     y = y + np.moveaxis(states, 0, -2) @ out
-    return y.reshape(*many, blocks * L, ny)[..., :samples, :]
+    return y.reshape(*each, *many, blocks * L, ny)[..., :samples, :]
 
 
 def moved(theta: Array) -> tuple[Any, Array]:

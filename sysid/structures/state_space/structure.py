@@ -1,7 +1,7 @@
 """Linear structures whose θ is turned into state-space matrices: runs, errors, slopes and steps."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -17,8 +17,10 @@ from sysid.structures.linear.base import LinearStructure
 from sysid.structures.linear.polynomial import pole_words
 from sysid.structures.linear.transfer import TransferMatrix
 from sysid.structures.motion import poles
-from sysid.structures.special_runs import readout
 from sysid.structures.state_space.realization import Realization, moved, run
+
+AT_ONCE = 1 << 20
+"""Numbers of the drives of slopes that are held at a time."""
 
 INTEGRATES = 1e-9
 """A pole so near to 1 is an integrator's."""
@@ -85,6 +87,18 @@ class RealizedStructure(LinearStructure, Searchable):
             nu=r.nu + 1,
         )
 
+    def matrix_slopes(self, theta: Array, ahead: bool) -> tuple[Array, Array, Array, Array]:
+        """∂(A, B, C, D)/∂θ_k of what is run, each with k first, by complex steps."""
+        thetas, steps = moved(theta)
+        every = [self.realization(row) for row in thetas]
+        if ahead:
+            every = [r if r.K is None else r.predictor() for r in every]
+        A, B, C, D = (
+            np.imag(np.array([getattr(r, name) for r in every])) / steps[:, None, None]
+            for name in "ABCD"
+        )
+        return A, B, C, D
+
     def with_constant(self, outputs: Sequence[bool]) -> Self:
         return replace(self, levels=tuple(bool(o) for o in outputs))
 
@@ -129,15 +143,6 @@ class RealizedStructure(LinearStructure, Searchable):
     def n_states(self, theta: Array) -> int:
         r = self.realization(np.asarray(theta))
         return r.core + sum(r.waiting)
-
-    def step(self, theta: Array) -> Callable[[Array, Array], tuple[Array, Array]]:
-        A, B, _, _ = self.matrices(theta)
-        read = readout(self, theta)
-
-        def advance(x: Array, u: Array) -> tuple[Array, Array]:
-            return A @ x + B @ u, read(x, u)
-
-        return advance
 
     def simulate(self, theta: Array, u: Array, x0: Array | None = None) -> Array:
         r = self.realization(np.asarray(theta))
@@ -214,14 +219,6 @@ class RealizedStructure(LinearStructure, Searchable):
 @poles.register
 def _(s: RealizedStructure, theta: Array) -> NDArray[np.complex128]:
     return np.linalg.eigvals(s.realization(np.asarray(theta)).A).astype(np.complex128)
-
-
-@readout.register
-def _(s: RealizedStructure, theta: Array) -> Callable[[Array, Array], Array]:
-    _, _, C, D = s.matrices(theta)
-    if not np.any(D):
-        return lambda x, u: C @ x
-    return lambda x, u: C @ x + D @ u
 
 
 def _one_step(r: Realization, u: Array, y: Array) -> tuple[Realization, Array]:
@@ -304,11 +301,27 @@ class RealizedErrors(RunErrors):
 def _slopes(
     structure: RealizedStructure, theta: Array, inputs: Array, x0: Array | None, ahead: bool
 ) -> Array:
-    """∂ŷ/∂θ of a run with known inputs from a known state, (len(θ), N, ny), by complex steps."""
-    thetas, steps = moved(np.asarray(theta, dtype=np.float64))
-    every = [structure.realization(row) for row in thetas]
-    if ahead:
-        every = [r if r.K is None else r.predictor() for r in every]
-    stacked = [np.stack([getattr(r, name) for r in every]) for name in "ABCD"]
-    A, B, C, D = stacked
-    return np.asarray(np.imag(run((A, B, C, D), inputs, x0)) / steps[:, None, None])
+    """∂ŷ/∂θ of a run with known inputs from a known state, (len(θ), N, ny).
+
+    With x of the run, ∂x(t+1) = A ∂x + (∂A x + ∂B u) and ∂y = C ∂x + (∂C x + ∂D u): one system that
+    all entries of θ drive.
+    """
+    theta = np.asarray(theta, dtype=np.float64)
+    r = structure.realization(theta)
+    r = r.predictor() if ahead and r.K is not None else r
+    dA, dB, dC, dD = structure.matrix_slopes(theta, ahead)
+    n, (samples, columns) = r.core, inputs.shape
+    x = run((r.A, r.B, np.eye(n), np.zeros((n, columns))), inputs, x0)
+    signals = np.hstack([x, inputs])
+    driven = np.concatenate([dA, dB], axis=2)
+    shown = np.concatenate([dC, dD], axis=2)
+    out = np.empty((len(theta), samples, len(r.C)))
+    of_state = (r.A, np.eye(n), r.C, np.zeros((len(r.C), n)))
+    part = max(1, AT_ONCE // max(samples * n, 1))
+    for k in range(0, len(theta), part):
+        drive = signals @ driven[k : k + part].reshape(-1, signals.shape[1]).T
+        drive = drive.reshape(samples, -1, n).swapaxes(0, 1)
+        out[k : k + part] = run(of_state, drive)
+    for entry in np.flatnonzero(np.any(shown, axis=(1, 2))):
+        out[entry] += signals @ shown[entry].T
+    return out

@@ -24,12 +24,16 @@ HARDLY = 0.5
 """Standard error over value from which a constant is weakly identifiable."""
 
 
-def missing_experiments(
+def require_experiments(
     tests: Sequence[SteadyTest], drives: Sequence[DriveLog], known: Mapping[str, object]
-) -> str:
-    """Which experiments are missing, as one sentence; empty where none is."""
+) -> None:
+    """Refuse experiments that do not determine every constant.
+
+    Raises:
+        DataError: which are missing, as one sentence.
+    """
     if any(d.current is not None for d in drives):
-        return ""
+        return
     lacks = []
     stalled = any(t.has("current") for t in tests if t.kind in (Kind.BLOCKED, Kind.STALL))
     turning = any(t.has("current", "speed") for t in tests)
@@ -44,12 +48,11 @@ def missing_experiments(
         lacks.append("Kem (no load: columns voltage_V, current_A, speed_rpm)")
     if not at_two and not {"f", "C0"} <= set(known):
         lacks.append("f and C0 (no load at two voltages or more, with current and speed)")
-    if not lacks:
-        return ""
-    return (
-        f"experiments are missing for {'; '.join(lacks)}; a log of voltage steps with the current "
-        "(time_s, voltage_V, current_A, speed_rpm) determines all of them"
-    )
+    if lacks:
+        raise DataError(
+            f"experiments are missing for {'; '.join(lacks)}; a log of voltage steps with the "
+            "current (time_s, voltage_V, current_A, speed_rpm) determines all of them"
+        )
 
 
 LEAST_CURRENT = 1e-3
@@ -58,11 +61,7 @@ coreless ones; mA for A is a factor of 1000."""
 
 
 def require_currents(tests: Sequence[SteadyTest], R: float) -> None:
-    """Refuse currents without load that are too small for any motor.
-
-    Raises:
-        DataError: they are next to nothing of those of the blocked rotor.
-    """
+    """Refuse currents without load that are next to nothing of those of the blocked rotor."""
     for t in tests:
         if t.kind is Kind.NO_LOAD and t.has("current"):
             share = float(np.nanmean(np.abs(t.of("current") * R / t.voltage)))
@@ -75,11 +74,7 @@ def require_currents(tests: Sequence[SteadyTest], R: float) -> None:
 
 
 def require_plausible(values: Mapping[str, float]) -> None:
-    """Refuse constants that no motor has, and name the likely slip.
-
-    Raises:
-        DataError: a constant is not positive, or Kc is not of the size of Kem.
-    """
+    """Refuse constants that no motor has, and name the likely slip."""
     words = {"R": "resistance", "Kem": "back-EMF constant", "Kc": "torque constant"}
     for name, meaning in words.items():
         if name in values and not values[name] > 0.0:

@@ -37,7 +37,6 @@ class PowerBench:
         batteries: one for each log of rests and loads.
         bridges: one for each staircase and side.
         full_current: current of both motors at full drive [A]: given, or the largest of the logs.
-        findings: what there is to say.
     """
 
     batteries: tuple[Battery, ...]
@@ -136,7 +135,6 @@ def bench_power(
 
     Raises:
         DataError: a file describes neither, or has too few rows.
-        UsageError: an argument cannot be.
     """
     if not paths:
         raise UsageError("no file is named: give logs of rests and loads, or of a staircase of PWM")

@@ -206,9 +206,6 @@ def write_runs(batch: MissionRuns, path: Path) -> Path:
 
     Args:
         path: the file; it appears complete or not at all.
-
-    Raises:
-        DataError: the file cannot be written there.
     """
     outcomes = [batch.figures.outcome(k) for k in range(batch.n)]
     numbers = (np.where(np.isfinite(column), column, np.nan) for column in batch.figures[1:])
