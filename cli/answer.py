@@ -1,5 +1,6 @@
 """An answer that fits a screen: at most 24 lines of the terminal's width, and where the rest is."""
 
+import re
 import shutil
 import sys
 import textwrap
@@ -143,19 +144,30 @@ def _first_sentence(text: str) -> str:
 
 
 def _wrapped(text: str, most: int) -> list[str]:
-    """A text in lines of the answer's width; what is longer ends in dots."""
+    """A text in lines of the answer's width; what is longer ends in dots, behind a sentence or a
+    part of one where that is in its second half."""
     lines: list[str] = []
     for part in text.splitlines():
         indent = " " * (len(part) - len(part.lstrip()) + (2 if part.startswith(HANGING) else 0))
-        lines += textwrap.wrap(
-            part,
-            width(),
-            subsequent_indent=indent,
-            break_long_words=False,
-            break_on_hyphens=False,
-            max_lines=most,
-            placeholder=" …",
-        ) or [""]
+
+        def filled(words: str, indent: str = indent) -> list[str]:
+            return textwrap.wrap(
+                words,
+                width(),
+                subsequent_indent=indent,
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+
+        whole = filled(part) or [""]
+        if len(whole) > most:
+            ends = [m.end() for m in re.finditer(r"[.;](?= )", part)]
+            cuts = [f"{part[:end]} …" for end in ends if end > most * width() // 2]
+            fitting = [c for c in map(filled, cuts) if len(c) <= most]
+            last = whole[most - 1]
+            last = last if len(last) <= width() - 2 else last[: last.rindex(" ")]
+            whole = fitting[-1] if fitting else [*whole[: most - 1], f"{last} …"]
+        lines += whole
     return lines
 
 

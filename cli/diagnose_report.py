@@ -46,7 +46,7 @@ def show(
             answer.say(f"  {len(rows) - shown} more rows: the page", "dim", 1)
     for line in (words.worst_sentence(result), words.left_sentence(result), result.description):
         if answer.room > 0:
-            answer.say(line, "", 2)
+            answer.say(line, "", min(answer.room, 2))
     if result.path.get("sentence") and answer.room > 1:
         answer.say(str(result.path["sentence"]), "", 2)
     answer.cautions([*result.changes, *result.warnings], "the page")

@@ -115,12 +115,12 @@ def fit(
         _document(stored, identification, followed, read_as, apart)
     else:
         page = _page(store, stored[0], identification)
-        said = [s for told in apart.values() for s in told.sentences]
+        said = [s for known in apart.values() for s in known.sentences]
         show(stored, identification, read_as, {"Page": page}, notes, said)
         if full:
             render.reading(notes)
-            for name, told in apart.items():
-                render.say(f"Before the fit, {name}: {told.words}")
+            for name, known in apart.items():
+                render.say(f"Before the fit, {name}: {known.words}")
             show_model(stored[0])
 
 
@@ -160,7 +160,7 @@ def _identify(
     request: "Request",
 ) -> "tuple[Identification, tuple[str, ...], tuple[Record, ...], Mapping[str, Identifiability]]":
     """The fitted models, notes on how the logs were read, the records of all, and what each grey
-    box could tell apart, which is said before time is spent.
+    box could distinguish, which is said before time is spent.
 
     Notes are only shown; a finding that needs an action is a warning, which the models store.
     """
@@ -180,8 +180,8 @@ def _identify(
     findings += resampled
     require_usable(records)
     apart = before_request(records, request)
-    for told in apart.values():
-        render.cautions(told.sentences)
+    for known in apart.values():
+        render.cautions(known.sentences)
     facts = LogFacts(records, findings)
     with render.stages("Fitting") as shown:
         identification = identify(
@@ -208,7 +208,7 @@ def _document(
     document["models"] = models
     document["read_as"] = read_as
     if apart:
-        document["before_fit"] = {name: told.to_json() for name, told in apart.items()}
+        document["before_fit"] = {name: known.to_json() for name, known in apart.items()}
     if followed is not None:
         document["live"] = followed.state.to_json() | {"log": str(followed.log)}
     render.document(document)

@@ -111,7 +111,8 @@ def _responses(answer: Answer, best: "Assessment") -> None:
         if any(UNSURE in cell for row in rows[:shown] for cell in row):
             more.append(f"{UNSURE} interval holds zero")
         if shown < len(paths):
-            more.append(f"{len(paths) - shown} more rows: sysid show")
+            left = len(paths) - shown
+            more.append(f"{left} more row{'s' * (left > 1)}: sysid show")
         answer.say("; ".join([*more, small] if small else more), "dim", 1)
     for line in mode_sentences(own_modes(best.model)):
         answer.say(line, "", 1)

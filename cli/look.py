@@ -156,7 +156,7 @@ def _linearity(name: str, found: "Look", i: int) -> str:
     from math import isfinite
 
     d, test, bent = found.distortions[i], found.nonlinearity[i], found.bent(i)
-    verdict = {None: "Linear or not: not to be told", True: "Nonlinear", False: "Linear"}[bent]
+    verdict = {None: "Linear or not: undecided", True: "Nonlinear", False: "Linear"}[bent]
     parts = []
     if d is not None:
         parts.append(f"noise {d.noise:.0f} dB")

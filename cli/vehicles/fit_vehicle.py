@@ -127,8 +127,9 @@ def fit_vehicle(
     records, findings = read_vehicle_logs(logs or [], read, steps)
     holdout, more = read_vehicle_logs(validation, read, steps) if validation else ((), ())
 
-    with render.progress("Fitting the vehicle"):
-        fitted = fit(records, holdout, given, motion, motors)
+    label = "Fitting the vehicle"
+    with render.stages(label, known=motion != "dynamic") as show:
+        fitted = fit(records, holdout, given, motion, motors, lambda share: show(label, share))
         judged = fitted.to_json()
     document: dict[str, Any] = {"logs": [str(p) for p in logs or []], **judged}
     document["read_as"] = decided((*records, *holdout))

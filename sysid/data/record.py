@@ -13,7 +13,7 @@ from sysid.data.column_words import is_drive, is_wheel_speed
 from sysid.data.decision import Decision
 from sysid.data.schema import Null
 from sysid.errors import DataError
-from sysid.outside_text import name_of
+from sysid.outside_text import html_lines, html_table, name_of
 
 Array = Annotated[NDArray[np.float64], Null()]
 Index = NDArray[np.intp]
@@ -253,6 +253,15 @@ class Record:
         if self.weights is None:
             return np.ones(len(self), dtype=bool)
         return np.asarray(np.all(self.weights == 1.0, axis=1))
+
+    def __repr__(self) -> str:
+        names = f"{', '.join(self.input_names)} → {', '.join(self.output_names)}"
+        return f"<Record {self.name}: {names}, {len(self)} samples, {self.dt:g} s>"
+
+    def _repr_html_(self) -> str:
+        signals = zip((*self.inputs, *self.outputs), np.hstack([self.u, self.y]).T, strict=True)
+        rows = [(c.name, c.unit, f"{min(x):.4g}", f"{max(x):.4g}") for c, x in signals]
+        return html_lines(repr(self)) + html_table(rows, ("channel", "unit", "least", "most"))
 
     def to_frame(self) -> Any:
         """A pandas ``DataFrame`` over time [s]: inputs, outputs and the pose, in the units here."""

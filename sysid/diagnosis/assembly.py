@@ -166,7 +166,9 @@ class _Assembly:
             before=old,
             after=new,
             residuals=tuple(r.verdict(name) for name, r in tests if r is not None),
-            description="; ".join(filter(None, (linear, self.description(bool(effects))))),
+            description="; ".join(
+                filter(None, ("" if self.shapes else linear, self.description(bool(effects))))
+            ),
             warnings=self.warnings(),
             traces=traces,
             geometry=pose.geometry if pose is not None else None,

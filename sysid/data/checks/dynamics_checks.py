@@ -234,8 +234,8 @@ def check_nonlinearity(tests: Sequence[NonlinearityTest] | None) -> list[Finding
     for t in (t for t in tests if t.p_value < NONLINEAR / len(tests)):
         predicted = f"{100.0 * t.share:.2g} %" if t.share >= TRACE else "a trace"
         text = (
-            f"Nonlinear response of {t.output} ({_chance(t.p_value)}): products of past inputs and "
-            f"outputs, mostly {t.shape}, predict {predicted} of the best linear predictor's errors."
+            f"Nonlinear response of {t.output} ({_chance(t.p_value)}): products of past signals, "
+            f"mostly {t.shape}, predict {predicted} of the best linear predictor's errors."
         )
         advice = _STRUCTURES_TO_COMPARE.get(t.shape, _STRUCTURES_TO_COMPARE[_BOTH])
         findings.append(Finding("nonlinearity", Severity.NOTE, text, advice, t.output))

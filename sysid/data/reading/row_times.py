@@ -41,7 +41,7 @@ class ColumnReader:
 MORE_DIGITS = "log it with more digits"
 
 MOST_SERIES = 50
-"""Names in a column beyond which it tells no machines apart."""
+"""Names in a column beyond which it separates no machines."""
 
 
 def still_clock_advice(table: Table, column: TimeColumn | None) -> str:
@@ -53,7 +53,7 @@ def still_clock_advice(table: Table, column: TimeColumn | None) -> str:
         keys, of = np.unique(table.texts(name), return_inverse=True)
         if time is not None and 1 < len(keys) <= MOST_SERIES and _rises_in_each(time, of):
             return (
-                f"column {name} tells {len(keys)} series apart ({', '.join(keys[:3])}) with a "
+                f"column {name} separates {len(keys)} series ({', '.join(keys[:3])}) with a "
                 "time each: write the rows of each to a file of its own"
             )
     columns = {n: read(n) for n in others}

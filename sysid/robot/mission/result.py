@@ -82,6 +82,9 @@ class MissionResult:
     sentence: str
     stuck: Stuck | None = None
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.outcome.value} after {self.time_s:.4g} s>"
+
     def _repr_html_(self) -> str:
         near = self.min_clearance_m
         rows = [

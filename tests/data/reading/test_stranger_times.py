@@ -202,7 +202,7 @@ def test_two_machines_in_one_table_are_said(tmp_path: Path) -> None:
     k, u, y = motor(120)
     pump = np.array(["P1", "P2"])[k % 2].tolist()
     path = put(tmp_path, "t,pump,u,y\n" + lines([whole(k // 2), pump, whole(u), point(y)]))
-    with pytest.raises(DataError, match=r"column pump tells 2 series apart \(P1, P2\)"):
+    with pytest.raises(DataError, match=r"column pump separates 2 series \(P1, P2\)"):
         read_file(path)
 
 
