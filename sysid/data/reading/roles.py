@@ -89,8 +89,8 @@ def roles(
     if {*found.inputs} != {*found.outputs}:
         return found
     moves = {n: np.count_nonzero(np.diff(c[np.isfinite(c)])) for n, c in columns.items()}
-    held_first = sorted(found.inputs, key=lambda f: sum(moves[n] for n in f))  # as a command is
-    return Roles(tuple(held_first), found.outputs)
+    held = tuple(sorted(found.inputs, key=lambda f: sum(moves[n] for n in f)))  # as commands are
+    return Roles(held, held)
 
 
 def _of(
