@@ -175,15 +175,15 @@ class LogFacts:
     @cached_property
     def changes(self) -> tuple[Change, ...]:
         """What changes within the log, by output: a gain or lags, with an unused column or, if
-        that does not explain it, at a time or all along."""
+        none explains as much, at a time or all along."""
         seen: list[Change] = []
         for j, fit in enumerate(self.processes):
             if fit is None:
                 continue
-            other, known = change_with_column(self._unfiltered, j, fit)
-            change = change_within(self._unfiltered, j, fit, known)
-            late = change is not None and not self._by_region(change)
-            seen += [c for c, told in ((other, True), (change, late)) if c is not None and told]
+            other = change_with_column(self._unfiltered, j, fit)
+            change = other or change_within(self._unfiltered, j, fit)
+            if change is not None and (other or not self._by_region(change)):
+                seen.append(change)
         return tuple(seen)
 
     def _by_region(self, change: Change) -> bool:

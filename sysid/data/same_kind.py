@@ -16,19 +16,14 @@ SAME_CLOCK = 0.01
 
 
 class Sampled(Protocol):
-    """What has channels and a sample time."""
+    """What has channels and a sample time [s]."""
 
     @property
-    def inputs(self) -> tuple[Channel, ...]:
-        """Input channels."""
-
+    def inputs(self) -> tuple[Channel, ...]: ...
     @property
-    def outputs(self) -> tuple[Channel, ...]:
-        """Output channels."""
-
+    def outputs(self) -> tuple[Channel, ...]: ...
     @property
-    def dt(self) -> float:
-        """Sample time [s]."""
+    def dt(self) -> float: ...
 
 
 def difference(record: Record, other: Sampled, called: str, unstated_fits: bool = False) -> str:

@@ -145,31 +145,34 @@ def test_warming_is_a_trend_and_no_step() -> None:
 
 
 def beside(kind: str, seed: int) -> tuple[Array, Array, Array]:
-    """Input, output and another column that acts on the gain or the level, or is a view of it."""
+    """Input, output and another column: it acts on gain or level, is a view of the output, or a
+    slow one beside a load that is engaged."""
     rng = np.random.default_rng([10, seed])
     u, rope = steps(rng, 3000, 25, -1.0, 1.0), lag(steps(rng, 3000, 400, 2.0, 9.0), 40.0)
-    acts = {"gain": (u * rope / 5.0, 0.0), "level": (u, 0.1 * lag(rope, 8.0))}
-    acting, level = acts.get(kind, (u, 0.0))
-    y = lag(acting, 8.0) + level + 0.02 * rng.standard_normal(3000)
+    load = np.where(np.arange(3000) < 1700, 1.0, 0.75)
+    gain = {"gain": rope / 5.0, "load": load}.get(kind, 1.0)
+    y = lag(u * gain, 8.0) + 0.02 * rng.standard_normal(3000)
+    y = y + 0.1 * lag(rope, 8.0) * (kind == "level")
     views = {"copy": y + 0.02 * rng.standard_normal(3000), "square": y**2, "late": lag(u, 20.0)}
-    return u, y, views.get(kind, rope)
+    return u, y, views.get(kind, np.cumsum(rng.standard_normal(3000)) if kind == "load" else rope)
 
 
-@pytest.mark.parametrize("kind", ["gain", "level", "copy", "square", "late", "rope"])
+@pytest.mark.parametrize("kind", ["gain", "level", "load", "copy", "square", "late", "rope"])
 def test_a_change_goes_with_an_unused_column_before_time(kind: str) -> None:
     """Of 700 other logs with a column that has no say (ten kinds) none is told."""
     for seed in range(2):
         u, y, column = beside(kind, seed)
         log = Record(u, y, 0.05, unused=column, unused_names=("rope",))
-        found = LogFacts((log,)).changes
-        assert [c.column is not None for c in found] == [True] * (kind in ("gain", "level"))
+        changes = LogFacts((log,)).changes
+        assert len(changes) == (kind in ("gain", "level", "load"))
+        assert all((c.column is None) == (kind == "load") == c.is_step for c in changes)
+        assert all(c.level == (kind == "level") for c in changes)
         if kind == "gain":
-            (part,) = found[0].parts
-            name, low, high = found[0].column or ("", 0.0, 0.0)
+            (part,) = changes[0].parts
+            name, low, high = changes[0].column or ("", 0.0, 0.0)
             assert name == "rope"
             # the product acts before the lag, and is fitted behind it
-            assert (part.before, part.after) == pytest.approx((low / 5.0, high / 5.0), rel=0.2)
-        assert [c.level for c in found] == [kind == "level"] * len(found)
+            assert (part.before, part.after) == pytest.approx((low / 5.0, high / 5.0), rel=0.1)
 
 
 def test_an_unused_column_in_rows_of_its_own_is_named(tmp_path: Path, capsys: Capture) -> None:

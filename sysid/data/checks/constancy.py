@@ -125,14 +125,11 @@ class Change:
         return bool(np.isfinite(self.at))
 
 
-def change_within(
-    records: Sequence[Record], j: int, fit: ProcessFit, known: Array
-) -> Change | None:
+def change_within(records: Sequence[Record], j: int, fit: ProcessFit) -> Change | None:
     """The change of output j; None where it is constant, or the log is too short to say.
 
     Args:
         records: what the process was fitted to.
-        known: what changes with another column than the time, (N, n).
     """
     n = len(fit.residual)
     first = max(round(EDGE * BLOCKS), int(np.ceil(MIN_LAGS * float(fit.lag.max()) / n * BLOCKS)))
@@ -147,7 +144,7 @@ def change_within(
     profiles = np.vstack(
         [np.arange(BLOCKS) >= inner[:, None], (np.arange(BLOCKS) + 0.5) / BLOCKS - 0.5]
     )
-    beside = np.hstack([fit.white.base, fit.responses, fit.slopes, curves(records, fit), known])
+    beside = np.hstack([fit.white.base, fit.responses, fit.slopes, curves(records, fit)])
     for more in (lambda: beside, lambda: np.hstack([beside, _ramps(records, fit)])):
         X, _ = orthonormal(white(more()), 1e-9)
         e = target - X @ (X.T @ target)
@@ -157,11 +154,7 @@ def change_within(
             return None
     best = int(np.argmax(stats[:, 0]))  # where the errors are least
     if stats[-1, 0] >= stats[best, 0] - WITHIN:
-        effect, error = (x[-1, :-1] / size[:-1] for x in (effects, errors))
-        r, main = records[0], main_input(fit)
-        values = np.append(fit.gain, fit.lag[main] * r.dt)
-        parts = between_ends(r, main, values, effect, error, (-0.5, 0.5))
-        return _said(r, j, parts, np.nan, np.nan, p)
+        return _trend(records, j, fit, effects[-1] / size, errors[-1] / size, p)
     return _step(records, j, fit, int(edges[inner[best]]), p)
 
 
@@ -302,21 +295,24 @@ def main_input(fit: ProcessFit) -> int:
     return int(np.argmax(fit.responses.std(axis=0)))
 
 
-def between_ends(
-    r: Record, main: int, values: Array, effect: Array, error: Array, ends: tuple[float, float]
-) -> list[Part]:
-    """Gains and lags that change in proportion to what goes from one end to the other.
-
-    Args:
-        values: of each gain and of the lags [s] of the main input, where that is zero.
-        effect, error: relative change per unit of it.
-    """
-    sizes = np.maximum(1.0 + np.outer(ends, effect), 1e-3).T
-    names = (*r.input_names, r.input_names[main])
-    return [
-        Part(name, i < r.nu, float(v * a), float(v * b), float(e / a))
-        for i, (name, v, (a, b), e) in enumerate(zip(names, values, sizes, error, strict=True))
+def _trend(
+    records: Sequence[Record], j: int, fit: ProcessFit, effect: Array, error: Array, p: float
+) -> Change | None:
+    """Gains and lags that change in proportion to time, at both ends of the log."""
+    nu, dt, main = len(fit.gain), records[0].dt, main_input(fit)
+    ends = np.maximum(1.0 + np.outer([-0.5, 0.5], effect), 1e-3)
+    values = [*fit.gain, fit.lag[main] * dt]
+    parts = [
+        Part(
+            records[0].input_names[i if i < nu else main],
+            i < nu,
+            float(v * ends[0, i]),
+            float(v * ends[1, i]),
+            float(error[i] / ends[0, i]),
+        )
+        for i, v in enumerate(values)
     ]
+    return _said(records[0], j, parts, np.nan, np.nan, p)
 
 
 def _said(

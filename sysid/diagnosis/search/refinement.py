@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from sysid.data.record import Array
+from sysid.diagnosis.policies import RULE
 from sysid.diagnosis.search.batched_search import FLAT, best_tracks, search
 from sysid.diagnosis.search.full_model import FullModel
 from sysid.diagnosis.search.prepared import Data
@@ -222,7 +223,8 @@ def between_levels(
     """An item whose edges suit the held-out samples as far as the others leave them open.
 
     Between two neighbouring levels of the command an edge, and what jumps there, may move together
-    without any change of the run on ``data``; a level of ``holdout`` in between decides.
+    without any change of the run on ``data``; a level of ``holdout`` in between decides, where it
+    matters to it.
     """
     rows = [q]
     for i, edges, jumps in _by_track(model, free):
@@ -238,7 +240,11 @@ def between_levels(
             row = q.copy()
             row[[*edges, *jumps]] += shift
             rows.append(row)
-    return _best(model, [np.array(rows)], holdout)[0] if len(rows) > 1 else q
+    if len(rows) == 1:
+        return q
+    moved = _best(model, [np.array(rows)], holdout)[0]
+    now, then = np.sqrt(holdout.squared_error(model.run(np.array([q, moved]), holdout)).sum(axis=1))
+    return moved if RULE.tie * then < now else q
 
 
 def _open(drive: Array, now: float) -> tuple[float, float]:

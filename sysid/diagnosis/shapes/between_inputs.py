@@ -1,12 +1,14 @@
 """Shapes between signals: an input that acts later than the others, and one whose effect goes with
 another signal."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from sysid.data.record import Array, Channel
 from sysid.diagnosis.shapes.shape import Curve, Shape, ShapePlace, Terms
 from sysid.diagnosis.shapes.smoother import Fit
-from sysid.diagnosis.shapes.track import Track
+from sysid.diagnosis.shapes.track import Signal, Track
 
 LAGS, DELAYS = 10, 12
 """Time constants and dead times of one input that are tried."""
@@ -16,6 +18,9 @@ LONGEST = 5.0
 
 MOST_SHARE = 0.05
 """… and up to this share of the log."""
+
+ALONE = -1
+"""For an input: the other signal acts by itself."""
 
 IN_PROPORTION = 0.2
 """Share of its effect that an input has left where the other signal is zero: below, it is in
@@ -60,36 +65,46 @@ def later(track: Track) -> Terms | None:
 
 
 def with_another(track: Track) -> Terms | None:
-    """G(q) K d_i c_j: the effect of an input goes with another one, lagged or not, or with what is
-    measured of the other track; scanned."""
+    """G(q) K d_i c: the effect of an input goes with another signal, lagged or not; scanned."""
+    return _with(track, track.others)
+
+
+def with_unused(track: Track) -> Terms | None:
+    """The same with a column that is not used, which may also act by itself: G(q) c."""
+    return _with(track, track.unused, acts=True)
+
+
+def _with(track: Track, others: Sequence[Signal], acts: bool = False) -> Terms | None:
     own = track.inputs.shape[1] if track.adds_inputs else 1
-    others = [(c.name, track.commanded[:, j], True) for j, c in enumerate(track.channels)]
-    if track.other_output is not None and track.other_speed is not None:
-        others.append((track.other_output.name, track.other_speed, False))
     ways: list[tuple[int, str]] = []
     columns = []
-    for i in range(own):
-        for j, (name, signal, lags) in enumerate(others):
-            size = float(np.max(np.abs(signal), initial=0.0))
-            if i == j or size == 0.0:
+    for name, signal in others:
+        size = float(np.max(np.abs(signal), initial=0.0))
+        if size == 0.0:
+            continue
+        late = [signal, *(_lagged(track, signal, n) for n in _samples(track, LAGS))]
+        for i in (*range(own), *([ALONE] if acts else [])):
+            if i != ALONE and track.channels[i].name == name:
                 continue
-            late = [_lagged(track, signal, n) for n in _samples(track, LAGS)] if lags else []
-            for c in (signal, *late):
-                ways.append((i, name))
-                columns.append(track.inputs[:, i] * c / size)
+            ways += [(i, name)] * len(late)
+            drive = 1.0 if i == ALONE else track.inputs[:, i]
+            columns += [drive * c / size for c in late]
     if not ways:
         return None
 
     def says(fit: Fit, k: int, noise: float) -> tuple[str, Curve | None]:
         i, name = ways[k]
+        called = f"{name}, which is not used here" if acts else name
+        if i == ALONE:
+            return f"{track.output.name} also follows {called}", None
         n = 0 if track.fixed else len(track.f)
         alone = 1.0 + float(np.sum(fit.own[i * n : (i + 1) * n])) / track.gain
         more = float(fit.coefficients[0])
         words = f"the effect of {track.channels[i].name} on {track.output.name} "
         if abs(alone) < IN_PROPORTION * abs(more):
-            return f"{words}is in proportion to {name}", None
+            return f"{words}is in proportion to {called}", None
         times = f"{1.0 + more / alone:.2g} times that at 0"
-        return f"{words}goes with {name}: where that is largest it is {times}", None
+        return f"{words}goes with {called}: where that is largest it is {times}", None
 
     moved = track.through(track.gain * np.column_stack(columns))
     return Terms(moved.T[:, :, None], says, np.zeros(len(ways)))
@@ -98,4 +113,5 @@ def with_another(track: Track) -> Terms | None:
 SHAPES = (
     Shape("input-later", ShapePlace.COMMAND, later),
     Shape("input-product", ShapePlace.COMMAND, with_another),
+    Shape("unused-column", ShapePlace.UNUSED, with_unused),
 )

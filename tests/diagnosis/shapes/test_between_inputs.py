@@ -1,5 +1,7 @@
 """Shapes of several inputs: an effect that goes with another input, and an input that is late."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -44,6 +46,23 @@ def test_a_car_turns_by_its_speed_and_its_steering() -> None:
     assert shape.share > 0.8
     assert "steering on yaw is in proportion to throttle" in shape.sentence
     assert not found.grown
+
+
+def test_a_column_that_is_not_used_comes_before_time() -> None:
+    """The same car by its steering alone: its gain does not wander with time."""
+    rng = np.random.default_rng(4)
+    steering, throttle = _held(rng, 2000, 20, 80), 0.55 + 0.4 * _held(rng, 2000, 60, 150)
+    speed = _lagged(throttle, 0.6)
+    yaw = speed * 2.0 * _lagged(steering, 0.08) + rng.normal(0.0, 0.01, 2000)
+    inputs, outputs = (Channel("steering", ""),), (Channel("yaw", "rad/s"),)
+    log = Record(steering[:, None], yaw[:, None], DT, inputs, outputs)
+    copied = yaw + rng.normal(0.0, 0.01, 2000)  # a second gyro says the same
+    unused = np.column_stack([copied, speed + rng.normal(0.0, 0.02, 2000)])
+    found = diagnose([replace(log, unused=unused, unused_names=("gyro_2", "speed"))])
+    (shape,) = found.shapes
+    assert shape.place == "unused column"
+    assert shape.sentence.endswith("is in proportion to speed, which is not used here")
+    assert all(s.place != "unused column" for s in diagnose([log]).shapes)
 
 
 @pytest.mark.slow
