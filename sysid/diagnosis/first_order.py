@@ -29,7 +29,8 @@ def or_on_first_order(
     if session.base.search.model.order == 1 or session.required_ratio() == 0.0:
         return result
     kept, _ = confirmed(session, selection)
-    if kept.selected and session.gap(kept).closed_percent >= VERDICT.nearly_all:
+    closed = session.gap(kept).closed_percent >= VERDICT.nearly_all
+    if kept.selected and closed and not session.far_above_noise(kept):
         return result
     try:
         base = fit_baseline(facts, holdout, chain_effects(), highest=1)
