@@ -455,7 +455,9 @@ def _linear(facts: LogFacts, least: int) -> tuple[Model, tuple[int, ...]]:
     delays = every[0] if several else np.max(every, keepdims=True)[0]
     delays = np.maximum(delays, 1) if least else np.zeros_like(delays)
     each = delays.tolist() if several else delays[:1].tolist()
-    tried = sorted(set(product(*({d, least} for d in each))))
+    # what is read off is a sample short at times, and a numerator that all share cannot mend it
+    beyond = 1 if several else 0
+    tried = sorted(set(product(*({least, d, d + beyond * (d > least)} for d in each))))
     grid = [
         {"nb": n, "nf": n, "nk": [list(d)] if several else d[0]}
         for d in tried

@@ -155,8 +155,8 @@ def _fitted(shape: Shape, track: Track, rows: Mask) -> tuple[Terms, int, Fit] | 
         at, _ = best_of_scan(track.error, _own(track, terms), terms.columns, rows)
     seen, best = track, None
     for _ in range(ROUNDS):
-        # terms of the speed already hold what the core's own numbers would do to it
-        own = _own(track if shape.of_speed else seen, terms)
+        # curves of the speed already hold what the core's own numbers would do to it
+        own = _own(track if shape.of_speed and not shape.in_time else seen, terms)
         if not (np.isfinite(own).all() and np.isfinite(terms.columns[at]).all()):
             break  # a simulated speed that grows without end
         result = fit(track.error, own, terms.columns[at], terms.penalty, rows)

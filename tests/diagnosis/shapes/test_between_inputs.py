@@ -71,7 +71,11 @@ def test_each_input_has_a_dead_time_of_its_own() -> None:
     rng = np.random.default_rng(5)
     valve, weather = _held(rng, 4000, 80, 300), _lagged(rng.normal(0.0, 3.0, 4000), 40.0, 1.0)
     late = np.append(np.full(40, valve[0]), valve[:-40])
-    y = 20.0 + 9.0 * _lagged(late, 60.0, 1.0) + 4.0 * _lagged(weather, 60.0, 1.0)
+    y = (
+        20.0
+        + 9.0 * (late[0] + _lagged(late - late[0], 60.0, 1.0))
+        + 4.0 * _lagged(weather, 60.0, 1.0)
+    )
     log = _record(
         np.column_stack([valve, weather]),
         y + rng.normal(0.0, 0.05, 4000),
@@ -80,10 +84,26 @@ def test_each_input_has_a_dead_time_of_its_own() -> None:
     )
     found = diagnose([log])
     assert found.verdict == "no-missing-effect"
-    assert "one sample of delay, 39 more from valve" in found.base_words
+    assert "one sample of delay, 40 more from valve" in found.base_words
     model = found.before
     assert model.structure.order_values()["nk"] == 1
     again = type(model).from_json(model.to_json())
     x0 = model.structure.fitted_state(model.theta, log.u, log.y, 0)
     run = again.structure.simulate(again.theta, log.u, x0)[:, 0]
     assert np.sqrt(np.mean((y - run)[400:] ** 2)) < 0.05
+
+
+def test_a_load_that_is_engaged_changes_gain_and_time_constant_by_what_it_does() -> None:
+    """Both numbers come from fits with the speed simulated: a third less, 0.18 to 0.26 s."""
+    rng = np.random.default_rng(6)
+    n, dt, at = 2400, 0.02, 1400
+    u, w, y = 12.0 + 10.0 * _held(rng, n, 20, 80), 0.0, np.zeros(n)
+    for k in range(n):
+        y[k] = w
+        gain, tau = (12.0, 0.18) if k < at else (8.0, 0.26)
+        w += (1.0 - np.exp(-dt / tau)) * (gain * u[k] - w)
+    inputs, outputs = (Channel("volts", "V"),), (Channel("shaft", "rad/s"),)
+    log = Record(u[:, None], (y + rng.normal(0.0, 0.5, n))[:, None], dt, inputs, outputs)
+    (shape,) = diagnose([log]).shapes
+    assert shape.id == "plant-step"
+    assert "falls by 33 % and its time constant goes from 0.18 to 0.26" in shape.sentence
